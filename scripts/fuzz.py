@@ -51,7 +51,11 @@ READERS = "fuzz:readers"
 WALL_FACTOR = 6
 """Wall-clock limit over the CPU limit, for busy machines on which a process may have to wait."""
 
+CORPUS_VERSION = "0"
+"""Version of wrt in the header of parts in the corpus; other versions are refused."""
+
 _MEMORY = re.compile(r"memory|allocat|bad_alloc", re.IGNORECASE)
+_PROCESSES = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 _LONGEST = 1000
 
@@ -92,7 +96,11 @@ def readers(kind: str) -> list[Reader]:
     import wrt
     from wrt.describe.scene import scene_text
     from wrt.io.images import load_environment, load_image
+    from wrt.parts import part
+    from wrt.parts.merge import merge
     from wrt.rendering.checkpoint import read_checkpoint
+
+    part.__version__ = CORPUS_VERSION
 
     def loaded(path: Path) -> None:
         scene_text(wrt.load(path))
@@ -109,6 +117,8 @@ def readers(kind: str) -> list[Reader]:
         return [with_material]
     if kind == "ckpt":
         return [read_checkpoint]
+    if kind == "wrt":
+        return [lambda path: merge([path])]
     if kind in ("vol", "nvdb"):
         return [wrt.load_density]
     if kind == "bsdf":
@@ -209,9 +219,11 @@ def work(pipe: Any, make_readers: str, seeds: Path, folder: Path, seconds: float
         path.write_bytes(data)
         result = Outcome("fine")
         for read in find(kind):
-            spent = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+            spent, of_children = (sum(resource.getrusage(who)[:2]) for who in _PROCESSES)
             resource.setrlimit(resource.RLIMIT_CPU, (int(spent + seconds) + 1, resource.RLIM_INFINITY))
             outcome = judge(read, path, (InputError, InputWarning))
+            if sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) > of_children + seconds:
+                outcome = Outcome("failed", f"hang: more than {seconds:g} s in another process")
             if noise.seek(0, 2):
                 noise.seek(0)
                 outcome = Outcome("failed", f"output from below: {_short(noise.read().decode(errors='replace'))}")

@@ -395,25 +395,28 @@ def _member(rng: Random, data: bytes, others: Sequence[bytes]) -> bytes:
     """Damage a file within a ZIP archive as one of its kind, and write a whole archive of it and the rest."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = {info.filename: archive.read(info) for info in archive.infolist()}
+            members = {info: archive.read(info) for info in archive.infolist()}
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError, RuntimeError):
         return data
     # Models matter more than images.
-    name = rng.choice([name for name in members for _ in range(1 if name.endswith(".png") else 2)] or [""])
-    if not name:
+    places = [info for info in members for _ in range(1 if info.filename.endswith(".png") else 2)]
+    if not places:
         return data
-    ways = _WAYS["png" if name.endswith(".png") else "xml"]
-    members[name] = rng.choice(ways)(rng, members[name], (members[name],))
+    place = rng.choice(places)
+    kind = place.filename.rpartition(".")[2]
+    ways = _WAYS[kind if kind in ("png", "npy", "usda", "usdc") else "xml"]
+    members[place] = rng.choice(ways)(rng, members[place], (members[place],))
     held = io.BytesIO()
-    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
-        for each, content in members.items():
-            archive.writestr(zipfile.ZipInfo(each), content)
+    with zipfile.ZipFile(held, "w") as archive:
+        for info, content in members.items():
+            archive.writestr(zipfile.ZipInfo(info.filename), content, info.compress_type)
     return held.getvalue()
 
 
 _WAYS = {
-    "3mf": (*_BINARY, *(_member,) * 20),
-    **dict.fromkeys(("obj", "mtl", "off"), (*_TEXT, _bom)),
+    **dict.fromkeys(("3mf", "npz", "ckpt", "wrt", "usdz"), (*_BINARY, *(_member,) * 20)),
+    **dict.fromkeys(("obj", "mtl", "off", "usda"), (*_TEXT, _bom)),
+    "usdc": _BINARY,
     **dict.fromkeys(("ply", "stl", "hdr", "npy"), _MIXED),
     "gltf": (*_TEXT, *(_json,) * 12, _json_copies, _bom),
     "glb": (*_BINARY, *(_json,) * 10),

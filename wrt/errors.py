@@ -24,6 +24,15 @@ def one_line(text: str) -> str:
     return words if len(words) <= LONGEST_MESSAGE else f"{words[: half - 5]} ... {words[-half:]}"
 
 
+def is_utf8(path: object) -> bool:
+    """Return whether a path is UTF-8, which libraries need; Python stands in surrogates for other bytes."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 class InputError(ValueError):
     """A file, value or scene cannot be used; the message is one line that says which and why."""
 

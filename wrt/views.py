@@ -7,13 +7,13 @@ import dataclasses
 import operator
 import threading
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.backend.slices import INTERRUPT_SECONDS
+from wrt.backend.slices import INTERRUPT_SECONDS, Threads
 from wrt.errors import InputError
 from wrt.scene.camera import Camera, require_camera
 
@@ -139,20 +139,20 @@ class _Views:
         self._count = count
         begun: collections.deque[Future[View]] = collections.deque()
         together = self._together
-        with ThreadPoolExecutor(together, thread_name_prefix="wrt-view") as pool:
-            try:
-                for index, camera in enumerate(cameras):
-                    if len(begun) > together:  # one waits, so that no thread does
-                        yield self._wait(begun.popleft())
-                    begun.append(pool.submit(self._render, index, camera))
-                while begun:
+        pool = Threads(together, "wrt-view")
+        try:
+            for index, camera in enumerate(cameras):
+                if len(begun) > together:  # one waits, so that no thread does
                     yield self._wait(begun.popleft())
-            finally:
-                self._ended.set()
-                if begun:
-                    self._device.cancelled.set()
-                pool.shutdown(wait=True, cancel_futures=True)
-                self._device.cancelled.clear()
+                begun.append(pool.submit(self._render, index, camera))
+            while begun:
+                yield self._wait(begun.popleft())
+        finally:
+            self._ended.set()
+            if begun:
+                self._device.cancelled.set()
+            pool.end()
+            self._device.cancelled.clear()
 
     def _wait(self, view: Future[View]) -> View:
         while True:  # an unlimited wait cannot be interrupted on every system

@@ -118,8 +118,42 @@ def gltf(image: bytes, *, binary: bool) -> bytes:
         "buffers": [{"byteLength": len(data)} if binary else {"byteLength": len(data), "uri": encoded}],
     }
     text = json.dumps(tree, indent=None if binary else 1).encode()
-    if not binary:
-        return text
+    return _glb(text, data) if binary else text
+
+
+def draco() -> bytes:
+    """Return a GLB file of a coloured tetrahedron whose mesh is compressed by Draco."""
+    import DracoPy
+
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.uint32)
+    colors = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [99, 99, 99]], np.uint8)
+    packed = DracoPy.encode(points, faces, colors=colors, tex_coord=points[:, :2].astype(float), preserve_order=True)
+    in_draco = {"POSITION": 2, "COLOR_0": 0, "TEXCOORD_0": 1}
+    extension = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": in_draco}}
+    primitive = {"attributes": {"POSITION": 0, "COLOR_0": 1, "TEXCOORD_0": 2}, "indices": 3, "extensions": extension}
+    tree: dict[str, Any] = {
+        "asset": {"version": "2.0"},
+        "extensionsUsed": list(extension),
+        "extensionsRequired": list(extension),
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": [
+            {"componentType": 5126, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 1]},
+            {"componentType": 5121, "count": 4, "type": "VEC3", "normalized": True},
+            {"componentType": 5126, "count": 4, "type": "VEC2"},
+            {"componentType": 5125, "count": 12, "type": "SCALAR"},
+        ],
+        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": len(packed)}],
+        "buffers": [{"byteLength": len(packed)}],
+    }
+    return _glb(json.dumps(tree).encode(), packed + b"\0" * (-len(packed) % 4))
+
+
+def _glb(text: bytes, data: bytes) -> bytes:
+    """Return a GLB file of JSON and a whole number of words."""
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

@@ -52,7 +52,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/lights/lights.py",
         "image_pdf(scene.environment, receiver, point) * probability",
         "image_pdf(scene.environment, receiver, point)",
-        "tests/lights/test_environment_sampling.py -k chosen",
+        "tests/lights/test_irradiance.py -k chosen",
     ),
     Mutant(
         "power-heuristic",

@@ -69,7 +69,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/dielectric.py",
         "(component(shares, channel) * eta * eta)",
         "(eta * eta)",
-        "tests/materials/test_dispersion.py -k 'prism or lost'",
+        "tests/materials/test_dispersion.py -k snells",
     ),
     Mutant(
         "dispersion-density",
@@ -77,7 +77,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/bsdf/lobes/dispersion.py",
         "density += share * pdf_one(",
         "density += pdf_one(",
-        "tests/materials/test_dispersion.py -k three_indices",
+        "tests/materials/test_reflection_models.py -k 'follow and prism'",
     ),
     Mutant(
         "cauchy-line",

@@ -37,7 +37,7 @@ FAULTS: tuple[Mutant, ...] = (
         "kernels/camera/camera.py",
         "return camera.shutter_open + x * (camera.shutter_close - camera.shutter_open)",
         "return camera.shutter_open",
-        "tests/geometry/test_shutter.py",
+        "tests/geometry/test_motion_blur.py",
     ),
     # Files and films
     Mutant(

@@ -32,22 +32,18 @@ def whole(name, device, sampler="sobol"):
     return wrt.render(stage(name), **SIZE, spp=3, device=device, sampler=sampler)
 
 
-@pytest.mark.parametrize("crop", [(0, 0, 48, 30), (0, 0, 1, 1), (7, 11, 40, 12), (20, 3, 48, 30)], ids=str)
-@pytest.mark.parametrize("name", CAMERAS)
-def test_a_part_has_the_bits_of_the_whole(name, crop, device):
-    assert_is_part(whole(name, device), wrt.render(stage(name), **SIZE, spp=3, device=device, crop=crop), crop)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("sampler", SAMPLERS)
-def test_a_part_has_the_bits_of_the_whole_by_every_sampler(sampler, device):
-    crop = (7, 11, 40, 12)
-    part = wrt.render(stage("perspective"), **SIZE, spp=3, device=device, crop=crop, sampler=sampler)
-    assert_is_part(whole("perspective", device, sampler), part, crop)
-
-
-def assert_is_part(picture, part, crop):
+@pytest.mark.parametrize("crop", [(0, 0, 1, 1), (7, 11, 40, 12), (20, 3, 48, 30)], ids=str)
+@pytest.mark.parametrize(
+    ("name", "sampler"),
+    [
+        *((name, "sobol") for name in CAMERAS),
+        *(pytest.param("perspective", s, marks=pytest.mark.slow) for s in SAMPLERS),
+    ],
+)
+def test_a_part_has_the_bits_of_the_whole(name, sampler, crop, device):
+    picture = whole(name, device, sampler)
     x0, y0, x1, y1 = crop
+    part = wrt.render(stage(name), **SIZE, spp=3, device=device, sampler=sampler, crop=crop)
     np.testing.assert_array_equal(part, picture[y0:y1, x0:x1])
     assert picture.any()
 
@@ -70,7 +66,6 @@ def test_a_part_goes_on_from_its_checkpoint(tmp_path):
     [
         ((0, 0, 49, 30), r"crop must lie inside the picture: \(49, 30\) is beyond its 48x30 pixels"),
         ((5, 5, 3, 6), "crop must not be empty"),
-        ((-1, 0, 3, 3), r"crop\[0\] must be between 0 and 65536, not -1"),
         ((0, 0, 0.5, 0.5), r"crop\[2\] must be a whole number, not 0.5"),
         ("0123", "crop must be four whole numbers"),
     ],

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial import ConvexHull
 from support.cameras import camera_rays
 from support.kernels import uniforms
-from support.small_scenes import image_of
 from support.statistics import chi_square_test
 
 import wrt
@@ -17,8 +16,7 @@ RADIUS, FOV, FOCUS = 0.3, 35.0, 4.0
 # Options, corners (0 for a disk), and where a corner lies in degrees from the right, counter-clockwise.
 SHAPES = {
     "disk": ({}, 0, 0.0),
-    "square": ({"aperture": "square"}, 4, 45.0),
-    "square turned": ({"aperture": "square", "aperture_rotation_degrees": 20.0}, 4, 65.0),
+    "square": ({"aperture": "square", "aperture_rotation_degrees": 20.0}, 4, 65.0),
     "triangle": ({"aperture": "polygon", "aperture_blades": 3}, 3, 90.0),
     "pentagon": ({"aperture": "polygon", "aperture_blades": 5, "aperture_rotation_degrees": 31.0}, 5, 121.0),
     "nonagon": ({"aperture": "polygon", "aperture_blades": 9}, 9, 90.0),
@@ -70,35 +68,34 @@ def test_openings_are_uniform_over_their_area(shape, device, report):
         assert not uniformity(points, corners, first + 2.0, 1).passed
 
 
-def diameter(depth, fov=FOV):
+def diameter(depth):
     """Return the blur at a depth by the thin-lens formula, in picture heights, and a picture's height there."""
-    height = 2.0 * math.tan(math.radians(fov / 2.0)) * depth
+    height = 2.0 * math.tan(math.radians(FOV / 2.0)) * depth
     return 2.0 * RADIUS * abs(depth - FOCUS) / (height * FOCUS), height
 
 
-def mean_square(corners):
-    """Return the mean square of the radius over a regular polygon, or a disk, of radius 1."""
-    return (2.0 + math.cos(2.0 * math.pi / corners)) / 6.0 if corners else 0.5
+def crossings(rays, depth):
+    """Return where rays cross the plane at a depth."""
+    return (rays.origins + (-depth - rays.origins[:, 2:]) / rays.directions[:, 2:] * rays.directions)[:, :2]
 
 
-@pytest.mark.parametrize("depth", [1.5, 6.0, 40.0])
+@pytest.mark.parametrize("depth", [1.5, 40.0])
 @pytest.mark.parametrize("shape", ["disk", "pentagon", "square"])
 def test_blurs_have_the_diameter_of_the_formula(shape, depth, device, report):
     """Where rays of one film point cross the point's plane, as seen from the middle of the lens."""
     shift = {"shift_x": 0.3, "shift_y": -0.1}
     film = np.tile([5.0, 2.5], (2**16, 1))
     expected, height = diameter(depth)
-
-    def crossings(rays):
-        return (rays.origins + (-depth - rays.origins[:, 2:]) / rays.directions[:, 2:] * rays.directions)[:, :2]
-
     rays = camera_rays(camera(shape, **shift), 8, 8, film, uniforms(2**16, 2, seed=6), device=device)
     pinhole = camera_rays(camera(shape, aperture_radius=0.0, **shift), 8, 8, film[:1], device=device)
-    blur = (crossings(rays) - crossings(pinhole)) / height
+    blur = (crossings(rays, depth) - crossings(pinhole, depth)) / height
     found = 2.0 * np.hypot(*blur.T).max()
     report(f"{shape} at {depth:g} m: diameter, picture heights", found, expected)
     assert found == pytest.approx(expected, rel=0.01)
-    assert np.mean(blur**2) * 2.0 == pytest.approx(mean_square(SHAPES[shape][1]) * (0.5 * expected) ** 2, rel=0.01)
+    # The mean square of the radius over a regular polygon, or a disk, of radius 1.
+    corners = SHAPES[shape][1]
+    mean_square = (2.0 + math.cos(2.0 * math.pi / corners)) / 6.0 if corners else 0.5
+    assert np.mean(blur**2) * 2.0 == pytest.approx(mean_square * (0.5 * expected) ** 2, rel=0.01)
 
 
 @pytest.mark.parametrize("depth", [3.0, 10.0])
@@ -106,40 +103,5 @@ def test_blurs_of_an_orthographic_camera(depth, device):
     lens = {"aperture_radius": RADIUS, "focus_distance": FOCUS}
     chosen = wrt.OrthographicCamera((0, 0, 0), (0, 0, -1), view_height=2.0, **lens)
     rays = camera_rays(chosen, 8, 8, np.tile([5.0, 2.0], (2**14, 1)), uniforms(2**14, 2, seed=7), device=device)
-    t = (-depth - rays.origins[:, 2]) / rays.directions[:, 2]
-    points = (rays.origins + t[:, None] * rays.directions)[:, :2] - [0.25, 0.5]
-    assert np.hypot(*points.T).max() == pytest.approx(RADIUS * abs(depth - FOCUS) / FOCUS, rel=0.01)
-
-
-def picture_of_a_speck(shape, depth, device, side, size):
-    """Return (H, W) a picture of a small shining square in the middle."""
-    scene = wrt.Scene(camera=camera(shape, fov_degrees=14.0))
-    scene.environment = wrt.ImageEnvironment(np.zeros((1, 1, 3)))
-    speck = wrt.quad((-side / 2, -side / 2, -depth), (side, 0, 0), (0, side, 0))
-    scene.add(speck, material=wrt.Diffuse(0.0), emission=1.0)
-    renderer = wrt.Renderer(scene, width=size, height=size, device=device, max_depth=1, filter="box", seed=11)
-    return image_of(renderer, 1024)[..., 0].astype(np.float64)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("shape", "depth"), [("disk", 3.0), ("pentagon", 4.6), ("pentagon", 6.0)])
-def test_rendered_blurs_have_that_size(shape, depth, device, report):
-    """By the mean square of the distance from its middle; what the speck and the pixels add is taken off."""
-    side, size = 0.08, 64
-    image = picture_of_a_speck(shape, depth, device, side, size)
-    place = (np.arange(size) + 0.5 - size / 2) / size
-    x, y = np.meshgrid(place, -place)
-    expected, height = diameter(depth, 14.0)
-    found = float((image * (x**2 + y**2)).sum() / image.sum()) - (side / height) ** 2 / 6.0 - 1.0 / (6.0 * size**2)
-    found = 2.0 * math.sqrt(found / mean_square(SHAPES[shape][1]))
-    report(f"{shape} at {depth:g} m: diameter, picture heights", found, expected)
-    assert found == pytest.approx(expected, rel=0.01)
-    assert image[[0, -1]].max() == image[:, [0, -1]].max() == 0.0
-
-
-@pytest.mark.slow
-def test_lights_beyond_the_focus_show_the_opening_upright(device):
-    """A triangle with its corner up is wider below its middle; before the plane in focus it is upside down."""
-    for depth, sign in ((3.0, -1.0), (6.0, 1.0)):
-        rows = picture_of_a_speck("triangle", depth, device, 0.08, 32).sum(axis=1)
-        assert sign * float((rows * (15.5 - np.arange(32)) ** 3).sum()) > 0.0
+    blur = crossings(rays, depth) - [0.25, 0.5]
+    assert np.hypot(*blur.T).max() == pytest.approx(RADIUS * abs(depth - FOCUS) / FOCUS, rel=0.01)

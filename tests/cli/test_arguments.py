@@ -23,10 +23,8 @@ SIZES |= {"720p": (1280, 720), "1080P": (1920, 1080), "4K": (3840, 2160)}
 NO_SIZES = {
     "640": "must have a width and a height, such as 640x640, not '640'",
     "big": "must be WIDTHxHEIGHT, such as 640x480, or one of 720p, 1080p,",
-    "640x480x3": "must be WIDTHxHEIGHT",
     "640x": "must be a whole number in digits, not ''",
     "6.5x4": "must be a whole number in digits, not '6.5'",
-    "0x4": "must be at least 1, not 0",
     "-4x4": "must be at least 1, not -4",
 }
 
@@ -91,25 +89,18 @@ def test_a_file_that_is_not_there(name: str, folder: Path) -> None:
 
 TYPED = {
     "rendr x": "there is no command 'rendr' (did you mean 'render'?)",
-    "Render x": "there is no command 'Render' (did you mean 'render'?)",
     "cornel-box": "there is no command 'cornel-box' (did you mean 'render cornell-box'?)",
-    "teapot --spp 4": "'teapot' is not a command; to render it, type: wrt render teapot --spp 4",
     "'my bunny.obj'": "'my bunny.obj' is not a command; to render it, type: wrt render 'my bunny.obj'",
     "--spp 4 bunny.obj": "--spp goes after a command, such as: wrt render ... --spp 4",
-    "--vers": "there is no option --vers (see 'wrt --help')",
     "render --ssp=4 x": "there is no option --ssp (did you mean '--spp'?)",
-    "render x --max_depth 4": "there is no option --max_depth (did you mean '--max-depth'?)",
-    "render x --SIZE 4x4": "there is no option --SIZE (did you mean '--size'?)",
     "render x --samples 4": "there is no option --samples (did you mean '--spp'?)",
     "render x --width=40": "there is no option --width (did you mean '--size'?)",
     "render y.obj -x.obj": "'-x.obj' begins like an option; to name the file, type ./-x.obj",
     "render x --xyzzy": "there is no option --xyzzy (see 'wrt render --help')",
-    "info x --samples=4": "there is no option --samples (see 'wrt info --help')",
     "info x y": "unexpected argument 'y' (see 'wrt info --help')",
     "completion bsh": "argument SHELL: must be one of bash, zsh, fish, not 'bsh' (did you mean 'bash'?)",
     "render x -o a.png -o b.png": "argument -o/--output: given twice, as 'a.png' and as 'b.png'",
     "materials difuse": "there is no material 'difuse' (did you mean 'diffuse'?)",
-    "materials xyzzy": "there is no material 'xyzzy'; 'wrt materials' lists them",
 }
 NAMES = {"integrator pth": "path", "sampler sobl": "sobol", "device cdua": "cuda", "device cuda0": "cuda:0"}
 NAMES |= {"layers albedo,nromal": "normal", "material steel": "stainless-steel"}

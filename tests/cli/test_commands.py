@@ -3,30 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import resource
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.caches import copy_of_warm_cache
-from support.commands import (
-    CAMERA,
-    ENVIRONMENT,
-    QUAD,
-    SMALL,
-    modules_imported,
-    run,
-    start,
-    summary_of,
-    without_progress,
-)
+from support.commands import CAMERA, ENVIRONMENT, QUAD, SMALL, modules_imported, run, without_progress
 
 from wrt import meshes
 from wrt.cli import main
-from wrt.cli.arguments.options import parse
-from wrt.progress.terminal import columns_of
 
 BOX = ["render", "cornell-box", "--size", "32x32"]
 
@@ -38,7 +24,6 @@ FILES = {
 }
 
 ERRORS = {
-    "absent.ply": ["render", "absent.ply"],
     "broken.ply": ["render", "broken.ply"],
     "dir.png: is a directory": ["render", "dir.png"],
     "text.toml: not TOML": ["render", "text.toml"],
@@ -46,20 +31,13 @@ ERRORS = {
     "dir.png": [*BOX, "-o", "dir.png"],
     "nowhere": [*BOX, "-o", "nowhere/out.png"],
     "out.webm": [*BOX, "-o", "out.webm"],
-    "60000x60000": ["render", "cornell-box", "--size", "60000x60000"],
-    "--crop": [*BOX, "--crop", "0,0,32"],
     "crop must lie inside": [*BOX, "--crop", "0,0,9999,9"],
     "--spp": [*BOX, "--spp", "0"],
-    "spp": [*BOX, "--spp", "3000000000"],
-    "exposure": [*BOX, "--exposure", "1e9"],
     "seed": [*BOX, "--seed", "4294967296"],
-    "tpu": [*BOX, "--device", "tpu"],
     "cuda:99": [*BOX, "--device", "cuda:99"],
     "--checkpoint": [*BOX, "--resume"],
     "not-a-checkpoint: ": [*BOX, "--checkpoint", "not-a-checkpoint", "--resume"],
-    "folder": [*BOX, "--checkpoint", "folder"],
     "text.toml": ["render", "text.toml", "--checkpoint", "text.toml"],
-    "triangles": [*BOX, "--triangles", "10"],
     "up": [*BOX, "--up", "z"],
     "COMMAND": [],
 }
@@ -69,7 +47,6 @@ ERRORS = {
 def write_unusable(folder: Path) -> list[Path]:
     for name, text in FILES.items():
         (folder / name).write_text(text)
-    (folder / "folder").mkdir()
     (folder / "dir.png").mkdir()
     return sorted(folder.rglob("*"))
 
@@ -103,7 +80,7 @@ def test_the_program_says_the_same(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_full_disk_is_one_line_and_status_1(tmp_path: Path) -> None:
-    summary_of(run(tmp_path, *BOX, "--spp", "1", "--json", "-o", "small.png"))  # kernels are in the cache from here
+    assert run(tmp_path, *BOX, "--spp", "1", "-o", "small.png").returncode == 0  # kernels are in the cache from here
     # Else Python would leave truncated modules in its cache for all later processes.
     environment = {**ENVIRONMENT, "PYTHONDONTWRITEBYTECODE": "1"}
     for size, *options in ((1000, "-o", "x.png"), (1000, "-o", "x.exr"), (20_000, "--checkpoint", "state", "--quiet")):
@@ -174,7 +151,7 @@ def test_scenes_lists_every_scene_with_its_description(capsys) -> None:
     assert listed == meshes.scene_descriptions()
 
 
-@pytest.mark.parametrize("arguments", [["render", "--help"], ["--version"], ["scenes"], ["materials", "diffuse"]])
+@pytest.mark.parametrize("arguments", [["render", "--help"], ["scenes"]])
 def test_short_answers_import_nothing_heavy(arguments: list[str]) -> None:
     imported = modules_imported(*arguments)
     heavy = {"warp", "trimesh", "PIL", "tqdm", "OpenEXR", "OpenImageIO", "scipy", "wrt.kernels", "argcomplete"}
@@ -186,60 +163,3 @@ def test_short_answers_import_nothing_heavy(arguments: list[str]) -> None:
         assert own <= {f"wrt.{name}" for name in allowed}
     assert "wrt.cli" in imported
     assert not imported & heavy
-
-
-def shown_on_terminal(folder: Path, columns: int, *arguments: str) -> list[str]:
-    """Return what is sent to a terminal of some width, by lines and frames; width 0 means unknown."""
-    import fcntl
-    import pty
-    import struct
-    import termios
-
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
-    environment = {name: value for name, value in ENVIRONMENT.items() if name != "COLUMNS"}
-    process = start(folder, *arguments, stderr=theirs, env=environment)
-    os.close(theirs)
-    shown = b""
-    try:
-        while part := os.read(ours, 4096):
-            shown += part
-    except OSError:  # how Linux says that the other side of a pseudo-terminal is closed
-        pass
-    os.close(ours)
-    process.communicate(timeout=60)
-    assert process.returncode == 0
-    return re.split(r"[\r\n]+", shown.decode())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("columns", [120, 40, 12, 0])
-def test_the_bar_fits_the_terminal_and_is_wiped(columns: int, tmp_path: Path) -> None:
-    name = "x.png" if columns == 120 else "a-long-name-絵絵絵絵絵絵絵絵-of-a-picture-that-takes-more-than-there-is.png"
-    *frames, last, _ = shown_on_terminal(tmp_path, columns, *BOX, "--time", "0.6", "-o", name)
-    assert any("%" in frame for frame in frames)
-    assert all(columns_of(frame) < (columns or 80) for frame in frames)
-    assert f"{name}  32x32" in last, "the summary stands alone on the last line"
-    if columns == 120:
-        bar = r"x\s+\d+%\|.*\| +\d+/1 s  \d+ spp  pass \d+  .*paths/s"
-        assert any(re.match(bar, frame) for frame in frames), frames
-
-
-def test_up_axis_may_be_negative() -> None:
-    for axis in ("x", "-x", "-z"):
-        for arguments in (["--up", axis], [f"--up={axis}"]):
-            assert parse(["render", "mesh.ply", *arguments]).up == axis
-
-
-@pytest.mark.machinery
-def test_seconds_of_compiling_are_those_waited_for(tmp_path: Path) -> None:
-    # With a cache of its own, in which the kernel of the picture is missing.
-    copy_of_warm_cache(tmp_path / "cache", but_for=("wrt.render.",))
-    environment = {**ENVIRONMENT, "XDG_CACHE_HOME": str(tmp_path / "cache"), "WARP_CACHE_PATH": ""}
-    command = [*BOX, "--spp", "1", "--json"]
-    cold, warm, again = (summary_of(run(tmp_path, *command, env=environment)) for _ in range(3))
-    assert cold["seconds_compile"] > 0.5 * cold["seconds_total"]
-    for summary in (warm, again):
-        assert summary["seconds_compile"] < 0.1 * cold["seconds_compile"]
-        assert summary["seconds_total"] - summary["seconds_compile"] > 0.8 * summary["seconds_total"]
-    assert cold["mean_radiance"] == warm["mean_radiance"]

@@ -146,6 +146,7 @@ def test_never_writes_it_only_at_the_end_and_the_same(monkeypatch: pytest.Monkey
     [
         ("save", OSError(28, "No space left on device"), "No space left on device; rendering continues"),
         ("image", MemoryError(), "not enough memory for the picture; rendering continues"),
+        ("image", RuntimeError("CUDA error"), "RuntimeError: CUDA error (test_renewal.py, line "),
     ],
 )
 def test_what_fails_in_a_renewal_is_one_warning_and_the_picture_comes_at_the_end(

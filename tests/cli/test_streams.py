@@ -15,9 +15,6 @@ from wrt.cli import main
 
 PRINTING = {
     "--help": ["--help"],
-    "scenes": ["scenes"],
-    "one material": ["materials", "diffuse"],
-    "completion": ["completion", "bash"],
     "info": ["info", "möbius.toml"],
     "render --json": ["render", "möbius.toml", *SMALL, "--json"],
 }
@@ -28,8 +25,8 @@ WRITING = {"convert": ["convert", "teapot", "teapot.toml"], "render": ["render",
 COMMANDS = {**PRINTING, **WRITING, **UNUSABLE}
 
 STATES = ("stdout full", "ascii:strict", "both closed", "stdout closed", "stderr closed", "stdout broken")
-STATES += ("both broken", "stderr full", "utf-16", "C")
-THOROUGH = {"--help": 10, "no file": 10, "render": 5, "render --json": 6}
+STATES += ("stderr full", "utf-16", "C")
+THOROUGH = {"--help": 6, "no file": 9, "render": 3, "render --json": 1}
 """In how many states these commands are tried; others share their code, and are tried in the first two."""
 
 QUICK = {"--help": ("stdout full", "stdout closed", "stdout broken"), "no file": STATES[1:3]}
@@ -87,13 +84,12 @@ def test_streams_in_every_state(command: str, state: str, tmp_path: Path) -> Non
         assert done.stderr.startswith(rb"wrt: error: ab\xdfent.obj: no such file")
 
 
-@pytest.mark.parametrize("command", ["info", pytest.param("render", marks=pytest.mark.slow)])
-def test_names_that_are_no_text(command: str, tmp_path: Path) -> None:
-    name, arguments = os.fsdecode(b"m\xff\xe9.toml"), SMALL if command == "render" else ()
+def test_names_that_are_no_text(tmp_path: Path) -> None:
+    name = os.fsdecode(b"m\xff\xe9.toml")
     (tmp_path / name).write_text(ROOM)
-    done = run(tmp_path, command, *arguments, name, text=False)
+    done = run(tmp_path, "info", name, text=False)
     assert done.returncode == 0, done.stderr
-    absent = run(tmp_path, command, *arguments, os.fsdecode(b"\xfe") + name, text=False)
+    absent = run(tmp_path, "info", os.fsdecode(b"\xfe") + name, text=False)
     assert absent.returncode == 2
     assert absent.stderr.startswith(rb"wrt: error: \udcfem\udcff\udce9.toml: no such file")
 

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import warp as wp
-from support.feature_sets import MODELS, SHADING, declared_kernels, kernel_modules, other_models
+from support.feature_sets import FEATURES, MODELS, SHADING, declared_kernels, kernel_modules
 from support.films_of_devices import FILMS, OPTIONS, film_cases
 
 import wrt
 import wrt.kernels
 from wrt.backend.warp_backend import initialize_warp
-from wrt.kernels import regeneration
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.features import Features
-from wrt.kernels.integrators import path
 from wrt.kernels.integrators.path import has_panes
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
@@ -68,6 +66,7 @@ THREE = [
         composite="mixed",
         uv2_alpha=True,
         mipmapped=True,
+        clamped=True,
         regularized=True,
         instances="deforming",
         exact="quadrics",
@@ -82,20 +81,13 @@ COMPILED = [
     Features(
         ("diffuse", "null", "thin_dielectric"), False, "constant", aovs=True, media="absorbing", light_shapes=ALL_LIGHTS
     ),
-    Features(("diffuse",), False, "none", composite="mixed", aovs=True),
-    Features(("diffuse",), False, "none", instances="moving", exact="spheres"),
-    Features(("diffuse",), False, "none", exact="quadrics", clamped=True, composite="mixed"),
-    *SHADING,
-    *(
-        Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
-        for name in INTEGRATORS
-        if name not in ("path", "aov")
-    ),
     Features(("diffuse",), False, "none", integrator="aov", aovs=True, guides=True),
+    *(f for f in FEATURES if f.integrator not in ("path", "aov") or f.exact == "spheres" or f.composite == "mixed"),
+    *SHADING,
+    FEATURES[-1],
 ]
 """What no kernel has that test_cuda_films.py compiles for its films; see test_every_feature_is_compiled."""
 
-COMPILED.append(other_models(COMPILED))
 MODULES = sorted({kernel.module.name for kernel in declared_kernels().values()})
 
 
@@ -137,16 +129,15 @@ def test_modules_compile(name: str, tmp_path: Path) -> None:
             assert f".visible .entry {kernel.get_mangled_name()}" in text
 
 
-@pytest.mark.machinery
-@pytest.mark.parametrize("instances", ["none", "still", "deforming"])
-def test_kernels_that_look_around_compile(instances: str, tmp_path: Path) -> None:
-    compile_for_cuda(make_count_crossings(instances).module, tmp_path)
+OTHERS = [(make_count_crossings, instances) for instances in ("none", "still", "deforming")]
+OTHERS += [(make_kernel, "ggx", "smith") for make_kernel in TABLE_KERNELS]
 
 
 @pytest.mark.machinery
-@pytest.mark.parametrize("make_kernel", TABLE_KERNELS, ids=lambda make_kernel: make_kernel.__name__)
-def test_kernels_of_tables_compile(make_kernel: Callable[[str, str], wp.Kernel], tmp_path: Path) -> None:
-    compile_for_cuda(make_kernel("ggx", "smith").module, tmp_path)
+@pytest.mark.parametrize("made", OTHERS, ids=lambda made: "-".join((made[0].__name__, *made[1:])))
+def test_kernels_that_look_around_or_fill_tables_compile(made: tuple[Any, ...], tmp_path: Path) -> None:
+    make_kernel, *arguments = made
+    compile_for_cuda(make_kernel(*arguments).module, tmp_path)
 
 
 @wp.func_native("return __builtin_elementwise_max(a, 1.0f);")
@@ -179,8 +170,6 @@ VALUES = {
 }
 """What each feature can be that is not true or false; names that a kernel can have several of are listed one by one."""
 
-ASKED = "media", "grid_media", "nested", "opacity", "mixed", "clamped", "light_shapes", "geometry", "models"
-"""The features that the loops along a path ask for: the rest is in functions that both loops call."""
 
 CHOSEN = {"cameras", "slot_loop", "shadows_meet", "tiles"}
 """Features from outside, and those that `make_gpu_render_kernel` chooses."""
@@ -211,19 +200,6 @@ def test_every_feature_is_compiled(render_kernels_when_launched: None) -> None:
         assert {pair for pair in asked if pair[0] in ("media", "grid_media", "nested", "opacity", "clamped")} <= found
         assert {True, False} == {features.mixed for features in loop} == {bool(each.light_shapes) for each in loop}
         assert {True, False} == {has_panes(features.models) for features in loop}
-
-
-def test_three_kernels_have_all_features_that_are_on_or_off() -> None:
-    on = {name for features in THREE for name in FLAGS if getattr(features, name)}
-    assert on >= FLAGS - {"guides"}
-
-
-def test_the_loop_asks_for_nothing_else() -> None:
-    asked: set[str] = set()
-    for module in (path, regeneration):
-        asked |= set(re.findall(r"\bfeatures\.(\w+)", Path(str(module.__file__)).read_text(encoding="utf-8")))
-    # The source of random numbers is a function too, bodies are media or nested, and layers have no such kernel.
-    assert asked - {"sampler", "bodies", "integrator", "aovs"} == set(ASKED)
 
 
 def test_no_kernel_is_left_out() -> None:
@@ -274,13 +250,6 @@ def test_values_of_all_models_are_read_in_one_loop_and_shadow_rays_may_meet_hole
     fog = replace(holes, media="absorbing")
     negative = "media would count a way of negative length"
     assert make_gpu_render_kernel(fog) is make_regenerating_kernel(replace(fog, slot_loop=True)), negative
-
-
-def test_threads_of_a_gpu_take_pixels_tile_by_tile_with_every_kernel() -> None:
-    for features in (replace(PLAIN, aovs=True), replace(PLAIN, integrator="ao"), replace(PLAIN, integrator="whitted")):
-        assert make_gpu_render_kernel(features) is make_render_kernel(replace(features, slot_loop=True, tiles=True))
-    of_paths = make_gpu_render_kernel(PLAIN, regenerates=False)
-    assert of_paths is make_render_kernel(replace(PLAIN, slot_loop=True, tiles=True))
 
 
 def test_no_source_asks_for_the_architecture() -> None:

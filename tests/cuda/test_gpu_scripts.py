@@ -8,9 +8,8 @@ from typing import Any
 
 import gpu_check
 import gpu_model
-import profile_cpu
 import pytest
-from conftest import ROOT, Report
+from conftest import Report
 from support import films_of_devices
 from support.emulated_cuda.backend import GPU, emulated_cuda
 
@@ -46,10 +45,3 @@ def test_the_check_of_a_gpu_says_whether_films_agree(agree: float, tmp_path: Pat
     assert (status, results["agrees"]) == ((0, True) if agree else (1, False))
     assert page.endswith("Everything agrees.\n" if agree else "Something does not agree, see above.\n")
     assert [(row["scene"], row["device"]) for row in results["speed"]] == [("cornell-box", GPU), ("cornell-box", "cpu")]
-
-
-def test_every_file_of_kernels_has_a_phase_in_the_profile() -> None:
-    for path in (ROOT / "kernels").rglob("*.py"):
-        profile_cpu.phase_of_file(path)
-    phases = profile_cpu.phases_of_functions()
-    assert [phases[name] for name in ("bvh_hit", "trace_path")] == ["traversal", "path"]

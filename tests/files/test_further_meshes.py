@@ -16,7 +16,6 @@ from support.mesh_files import check_refused
 from support.meshes import area, write
 
 import wrt
-from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_file
 from wrt.scene.srgb import linear_from_srgb
 
@@ -114,25 +113,16 @@ LEVELS = "".join(
     ("model", "message"),
     [
         (model_of("").replace('v3="3"', 'v3="9"'), "names vertex 9"),
-        (model_of("").replace('v3="3"', 'v3="x"'), "not a whole 3MF file"),
-        (model_of("").replace('v3="3"', ""), "'v3' is missing"),
-        (model_of("")[:-9], "not a whole 3MF file"),
         ('<!DOCTYPE a [<!ENTITY b "c">]>' + model_of("")[21:], "document type"),
         (item('<object id="1"><components><component objectid="1"/></components></object>'), "a component of itself"),
         (item(""), "'1' is missing"),
         (item(f'{LEVELS}<object id="60"/>'), "its shapes would take"),
         ("\0" * (80 << 20), "its meshes would take"),
     ],
-    ids=["vertex", "word", "missing", "cut", "doctype", "circle", "object", "doubling", "bomb"],
+    ids=["vertex", "doctype", "circle", "object", "doubling", "bomb"],
 )
 def test_damaged_models_are_refused_in_one_line(tmp_path, model, message):
     check_refused(message, load_file, archive(tmp_path, model))
-
-
-def test_properties_that_are_not_there_are_told(tmp_path):
-    with pytest.warns(InputWarning, match="a property that is not there is left out"):
-        (shape,) = loaded(tmp_path, model_of('pid="2" p1="7"', 'pid="99" p1="0"', COLORS))
-    assert area(shape.mesh) == pytest.approx(1.0)
 
 
 COLLADA = (SCENES / "square.dae").read_text("utf-8")
@@ -142,19 +132,6 @@ BOUND = (
     "<bind_material><technique_common><instance_material symbol='M' target='#m'/></technique_common></bind_material>"
 )
 GEOMETRY = COLLADA.replace("INSTANCE", f"<instance_geometry url='#g'>{BOUND}</instance_geometry>")
-OF_X = {
-    "camera": "<optics><technique_common><perspective><yfov>35</yfov><znear>1</znear><zfar>9</zfar></perspective>"
-    "</technique_common></optics>",
-    "light": "<technique_common><point><color>1 1 1</color></point></technique_common>",
-}
-
-
-def with_library(kind: str) -> str:
-    library = f"<library_{kind}s><{kind} id='x'>{OF_X[kind]}</{kind}></library_{kind}s>"
-    text = GEOMETRY.replace("<library_geometries>", f"{library}<library_geometries>")
-    return text.replace("</instance_geometry>", f"</instance_geometry><instance_{kind} url='#x'/>")
-
-
 NO_IMAGE = r"none\.png', which it refers to: no such file; it is left out"
 GREY = r"textures that lead to no image are grey \(1\)"
 LEFT_OUT = r"uses of materials that are not there are left out \(1\)"
@@ -168,16 +145,10 @@ POSE = "skins and morph targets are shown in their bind pose"
         # Without a scene, the first is shown.
         (GEOMETRY.replace('<scene><instance_visual_scene url="#w"/></scene>', ""), NO_IMAGE, (0, 0, 7)),
         (GEOMETRY.replace("<init_from>none.png</init_from>", ""), GREY, (0, 0, 7)),
-        (GEOMETRY.replace("<init_from>i</init_from>", "<init_from>j</init_from>"), GREY, (0, 0, 7)),
-        (GEOMETRY.replace("<source>f</source>", "<source>g</source>"), GREY, (0, 0, 7)),
         (GEOMETRY.replace('url="#e"', 'url="#f"'), LEFT_OUT, (0, 0, 7)),
-        (GEOMETRY.replace("target='#m'", "target='#n'"), LEFT_OUT, (0, 0, 7)),
         (GEOMETRY.replace("</newparam>\n<technique", MORE), NO_IMAGE, (0, 0, 7)),
         (GEOMETRY.replace("mesh>", "convex_mesh>"), NO_IMAGE, (0, 0, 7)),
         (GEOMETRY.replace("geometry url='#g'", "controller url='#c'"), POSE, (5, 0, 0)),
-        (GEOMETRY.replace("geometry url='#g'", "controller url='#d'"), POSE, (0, 0, 7)),
-        (with_library("camera"), "cameras of COLLADA files are left out", (0, 0, 7)),
-        (with_library("light"), "lights of COLLADA files are left out", (0, 0, 7)),
     ],
 )
 def test_collada_geometry_is_there_whatever_else_is_told(tmp_path, text, told, shift):
@@ -193,7 +164,7 @@ def test_collada_geometry_is_there_whatever_else_is_told(tmp_path, text, told, s
 
 
 @pytest.mark.filterwarnings("ignore:.*none.png")
-@pytest.mark.parametrize(("axis", "height"), [("X", 1.0), ("Y", 2.0), ("Z", 3.0)])
+@pytest.mark.parametrize(("axis", "height"), [("X", 1.0), ("Z", 3.0)])
 def test_collada_names_its_up_axis(tmp_path, axis, height):
     """A plate tells of itself no axis."""
     pytest.importorskip("collada")
@@ -201,7 +172,6 @@ def test_collada_names_its_up_axis(tmp_path, axis, height):
         text = GEOMETRY.replace("Y_UP", f"{axis}_UP").replace("2 3<", "2 3\n<")
         path = write(tmp_path, "a.dae", text.encode(encoding))
         assert np.ptp(wrt.load(path).shapes[0].bounds, axis=0)[1] == pytest.approx(height)
-    assert np.ptp(wrt.load(path, up="x").shapes[0].bounds, axis=0)[1] == pytest.approx(1.0)
 
 
 def test_collada_without_its_library_or_end_is_told(tmp_path, monkeypatch):
@@ -217,48 +187,25 @@ STEP_BALL = (SCENES / "ball.step").read_text("ascii")
 """A ball of radius 10 around (5, 0, 0), in a unit to be named in place of PREFIX."""
 
 
-@pytest.mark.parametrize(
-    ("prefix", "unit"),
-    [(".MILLI.", 1e-3), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((".CENTI.", 1e-2), ("$", 1.0)))],
-)
-def test_a_ball_of_a_step_file_is_round_and_in_metres(tmp_path, prefix, unit):
+def test_a_ball_of_a_step_file_is_round_and_in_metres(tmp_path):
     pytest.importorskip("cascadio")
-    (shape,) = load_file(write(tmp_path, "ball.stp", STEP_BALL.replace("PREFIX", prefix))).shapes
-    out = shape.mesh.vertices / unit - np.array([5.0, 0.0, 0.0])
+    (shape,) = load_file(write(tmp_path, "ball.stp", STEP_BALL.replace("PREFIX", ".CENTI."))).shapes
+    out = shape.mesh.vertices / 1e-2 - np.array([5.0, 0.0, 0.0])
     np.testing.assert_allclose(np.linalg.norm(out, axis=1), 10.0, rtol=1e-5)
     np.testing.assert_allclose(shape.mesh.normals, out / 10.0, atol=1e-4)
     # Between the vertices the surface is inside by at most the sagitta, so that the area is that of a ball to 1 %.
-    assert area(shape.mesh) == pytest.approx(400.0 * np.pi * unit**2, rel=0.01)
+    assert area(shape.mesh) == pytest.approx(400.0 * np.pi * 1e-4, rel=0.01)
     np.testing.assert_allclose(shape.material.base_color, linear_from_srgb(np.array([0.8, 0.4, 0.2])), atol=1e-3)
 
 
 @pytest.mark.slow
 def test_step_files_that_cannot_be_read_are_refused_in_one_line(tmp_path, monkeypatch, capfd):
     pytest.importorskip("cascadio")
-    for text in ("ISO-10303-21;\nHEADER;\n", STEP_BALL[:600], "solid", STEP_BALL.replace("#20=", "#99=")):
+    for text in (STEP_BALL[:600], "solid", STEP_BALL.replace("#20=", "#99=")):
         check_refused(r"part\.step: ", load_file, write(tmp_path, "part.step", text))
     assert capfd.readouterr() == ("", "")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     path = write(tmp_path, "part.step", STEP_BALL)
     check_refused(r"STEP files need Open CASCADE: pip install 'wrt\[step\]'", load_file, path)
-
-
-def test_a_step_file_of_another_name_is_told(tmp_path):
-    path = write(tmp_path, "part.cad", b"ISO-10303-21;\nHEADER;\n")
+    path = write(tmp_path, "part.cad", STEP_BALL)
     check_refused(r"it looks to be a STEP file; rename it to end in \.step", load_file, path)
-
-
-def test_a_contact_sheet_has_a_verdict_for_each_file(tmp_path, capsys):
-    import contact_sheet  # type: ignore[import-not-found]
-
-    triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
-    for name, text in (("good", triangle), ("empty", ""), ("told", "mtllib none.mtl\n" + triangle)):
-        write(tmp_path, f"{name}.obj", text)
-    options = ["--spp", "0", "--sheet", str(tmp_path / "sheet"), "--table", str(tmp_path / "files.md")]
-    assert contact_sheet.main([str(tmp_path), *options]) == 0
-    assert "3 files: 1 as it is, 1 refused, 1 with warnings" in capsys.readouterr().out
-    text = (tmp_path / "files.md").read_text("utf-8")
-    assert f"As they are: `{tmp_path.name}/good.obj`." in text
-    assert "told.obj` | with warnings | 'none.mtl', which it refers to: no such file" in text
-    with Image.open(tmp_path / "sheet-1.png") as sheet:
-        assert sheet.width == 3 * 128

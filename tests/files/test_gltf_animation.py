@@ -10,12 +10,11 @@ import pytest
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 from support.mesh_files import add, attributes, check_refused, saved
-from support.meshes import gltf_box, write
+from support.meshes import gltf_box
 
 import wrt
 from wrt.cli import main
 from wrt.io.load_mesh import load_file
-from wrt.studio.reach import reach_of
 
 BOX = wrt.box((0, 0, 0), (1, 1, 1))
 POINTS = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
@@ -57,20 +56,20 @@ def corners(path: Path, time: float | None) -> np.ndarray:
 TIMES = np.array([1.0, 2.0, 4.0])
 
 
-@pytest.mark.parametrize(
-    ("seconds", "linear", "step"),
-    [
+def test_lines_and_steps(tmp_path: Path) -> None:
+    values = [[0, 1, 0], [2, 1, 0], [6, -3, 0]]
+    linear, step = (
+        saved(tmp_path, animated((0, "translation", method, TIMES, values)), f"{method}.gltf")
+        for method in ("LINEAR", "STEP")
+    )
+    for seconds, between, before in (
         (0.0, [0, 1, 0], [0, 1, 0]),
         (1.25, [0.5, 1, 0], [0, 1, 0]),
-        (2.0, [2, 1, 0], [2, 1, 0]),
         (3.0, [4, -1, 0], [2, 1, 0]),
         (99.0, [6, -3, 0], [6, -3, 0]),
-    ],
-)
-def test_lines_and_steps(seconds: float, linear: list[float], step: list[float], tmp_path: Path) -> None:
-    for method, expected in (("LINEAR", linear), ("STEP", step)):
-        channel = (0, "translation", method, TIMES, [[0, 1, 0], [2, 1, 0], [6, -3, 0]])
-        np.testing.assert_allclose(corners(saved(tmp_path, animated(channel)), seconds) - POINTS, [expected] * 8)
+    ):
+        np.testing.assert_allclose(corners(linear, seconds) - POINTS, [between] * 8)
+        np.testing.assert_allclose(corners(step, seconds) - POINTS, [before] * 8)
 
 
 def test_a_cubic_spline_follows_the_cubic_that_made_it(tmp_path: Path) -> None:
@@ -78,7 +77,7 @@ def test_a_cubic_spline_follows_the_cubic_that_made_it(tmp_path: Path) -> None:
     keys = np.zeros((3, 3, 3))
     keys[:, :, 0] = np.stack([slope, polyval(TIMES, cubic), slope], axis=1)
     path = saved(tmp_path, animated((0, "translation", "CUBICSPLINE", TIMES, keys.reshape(9, 3))))
-    for seconds in (0.0, 1.0, 1.3, 2.0, 2.5, 3.99, 5.0):
+    for seconds in (0.0, 1.3, 2.5, 5.0):
         expected = polyval(np.clip(seconds, 1.0, 4.0), cubic)
         np.testing.assert_allclose(corners(path, seconds)[:, 0] - POINTS[:, 0], expected, atol=2e-6)
     # Tangents that differ on both sides of a key: in-tangent first.
@@ -88,18 +87,13 @@ def test_a_cubic_spline_follows_the_cubic_that_made_it(tmp_path: Path) -> None:
     np.testing.assert_allclose(corners(path, 1.0)[:, 0] - POINTS[:, 0], 0.5, atol=1e-6)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("first", "last"), [(10.0, 130.0), (0.0, 0.01)])
-def test_rotations_have_a_steady_speed_along_the_shorter_arc(
-    first: float, last: float, sign: float, tmp_path: Path
-) -> None:
-    def about_z(degrees: float) -> np.ndarray:
-        return np.array([0.0, 0.0, math.sin(math.radians(degrees) / 2), math.cos(math.radians(degrees) / 2)])
-
-    keys = np.stack([about_z(first), sign * about_z(last)])
+@pytest.mark.parametrize(("last", "sign"), [(130.0, 1.0), (130.0, -1.0), (10.01, 1.0)])
+def test_rotations_have_a_steady_speed_along_the_shorter_arc(last: float, sign: float, tmp_path: Path) -> None:
+    first, last = math.radians(10.0), math.radians(last)
+    keys = np.array([[0, 0, s * math.sin(a / 2), s * math.cos(a / 2)] for a, s in ((first, 1.0), (last, sign))])
     linear = saved(tmp_path, animated((0, "rotation", "LINEAR", [0, 1], keys)), "linear.gltf")
-    for part in (0.0, 0.2, 0.5, 0.9):
-        angle = math.radians(first + (last - first) * part)
+    for part in (0.0, 0.2, 0.9):
+        angle = first + (last - first) * part
         turn = np.array([[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
         np.testing.assert_allclose(corners(linear, part), POINTS @ turn, atol=1e-6)
     spline = np.stack([np.zeros((2, 4)), keys, np.zeros((2, 4))], axis=1).reshape(6, 4)
@@ -108,19 +102,16 @@ def test_rotations_have_a_steady_speed_along_the_shorter_arc(
 
 
 def test_nodes_move_turn_and_grow(tmp_path: Path) -> None:
-    tree = box(scenes=[{"nodes": [0]}], nodes=[{"children": [1], "scale": [1, 1, 1]}, {"mesh": 0}])
+    channels: list[Channel] = [
+        (0, "translation", "LINEAR", [0, 2], [[0, 0, 0], [4, 0, 0]]),
+        (0, "rotation", "LINEAR", [0, 1], [[0, 0, 0, 1], [0, HALF, 0, HALF]]),
+        (1, "scale", "STEP", [0, 0.5], [[1, 1, 1], [1, 2, 3]]),
+    ]
     path = saved(
-        tmp_path,
-        animated(
-            (0, "translation", "LINEAR", [0, 2], [[0, 0, 0], [4, 0, 0]]),
-            (0, "rotation", "LINEAR", [0, 1], [[0, 0, 0, 1], [0, HALF, 0, HALF]]),
-            (1, "scale", "STEP", [0, 0.5], [[1, 1, 1], [1, 2, 3]]),
-            tree=tree,
-        ),
+        tmp_path, animated(*channels, tree=box(scenes=[{"nodes": [0]}], nodes=[{"children": [1]}, {"mesh": 0}]))
     )
     np.testing.assert_allclose(corners(path, 0.0), POINTS, atol=1e-6)
     x, y, z = (POINTS * [1, 2, 3]).T
-    np.testing.assert_allclose(corners(path, 1.0), np.stack([z + 2, y, -x], axis=1), atol=1e-6)
     c, s = math.cos(math.radians(67.5)), math.sin(math.radians(67.5))
     turned = np.stack([c * x + s * z + 1.5, y, c * z - s * x], axis=1)
     np.testing.assert_allclose(corners(path, 0.75), turned, atol=1e-6)
@@ -143,18 +134,17 @@ def test_morph_targets_follow_their_weights(tmp_path: Path) -> None:
     tree = box()
     up, out = POINTS * [0, 1, 0], POINTS * [0, 0, 2]
     tree["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": add(tree, each)} for each in (up, out)]
-    path = saved(tmp_path, animated((0, "weights", "LINEAR", [0, 1], [0.0, 0.0, 1.0, 0.5]), tree=tree))
+    tree = animated((0, "weights", "LINEAR", [0, 1], [0.0, 0.0, 1.0, 0.5]), tree=tree)
+    tree["meshes"][0]["weights"] = [0.5, 0.0]  # those at rest
+    path = saved(tmp_path, tree)
+    np.testing.assert_allclose(corners(path, None), POINTS + 0.5 * up, atol=1e-6)
     for time in (0.0, 0.5, 1.0):
         np.testing.assert_allclose(corners(path, time), POINTS + time * up + 0.5 * time * out, atol=1e-6)
-    flat = np.zeros((2, 3, 2))
-    flat[:, 1] = [[0, 0], [1, 0.5]]
-    path = saved(tmp_path, animated((0, "weights", "CUBICSPLINE", [0, 1], flat.ravel()), tree=tree))
-    share = 3 * 0.25**2 - 2 * 0.25**3
-    np.testing.assert_allclose(corners(path, 0.25), POINTS + share * (up + 0.5 * out), atol=1e-6)
 
 
 def test_a_skin_bends_with_its_joints(tmp_path: Path) -> None:
-    tree = box(nodes=[{"mesh": 0, "skin": 0}, {"children": [2]}, {"translation": [0, 1, 0]}])
+    """The place of its mesh does not count."""
+    tree = box(nodes=[{"mesh": 0, "skin": 0, "translation": [9, 9, 9]}, {"children": [2]}, {"translation": [0, 1, 0]}])
     shares = np.zeros((8, 4))
     shares[:, 1] = POINTS[:, 1] * 0.75  # the upper corners follow joint 1 by three quarters
     shares[:, 0] = 1.0 - shares[:, 1]
@@ -177,26 +167,14 @@ def test_camera_and_studio_stay(tmp_path: Path, up: str | None) -> None:
     path = saved(tmp_path, animated((0, "translation", "LINEAR", [0, 1], [[0, 0, 0], [0, 0, -6]])))
     scenes = [wrt.load(path, time=time, up=up) for time in (0.0, 0.5, 1.0)]
     assert len({scene.camera for scene in scenes}) == 1
-    for scene in scenes[1:]:
-        for shape, first in zip(scene.shapes[1:], scenes[0].shapes[1:], strict=True):
-            np.testing.assert_array_equal(shape.mesh.vertices, first.mesh.vertices)
+    studios = [[shape.mesh.vertices for shape in scene.shapes[1:]] for scene in scenes]
+    for first, second in zip(studios[0], studios[-1], strict=True):
+        np.testing.assert_array_equal(first, second)
     lows = [scene.shapes[0].bounds[0] for scene in scenes]
     step = [0, 0, -3] if up is None else [0, -3, 0]
     np.testing.assert_allclose(np.diff(lows, axis=0), [step] * 2, atol=1e-5)
     assert scenes[0].shapes[1].bounds[0][1] == pytest.approx(min(low[1] for low in lows))  # the ground is below all
     assert scenes[0].camera != wrt.load(path, up=up).camera  # which frames the box alone
-
-
-def test_the_reach_of_a_round_shape_is_nearly_its_own() -> None:
-    ball = wrt.sphere(radius=2.0, subdivisions=5)
-    reach = reach_of([wrt.Scene([wrt.Shape(ball)])])
-    assert len(reach.points) <= 256 < len(ball.vertices)
-    np.testing.assert_allclose(reach.bounds, ball.bounds, atol=1e-12)
-    directions = np.random.default_rng(1).normal(size=(2000, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    seen = (directions @ reach.points.T).max(axis=1)
-    assert seen.min() > 1.96  # 1 % of its size
-    assert seen.max() < 2.001
 
 
 def test_a_camera_is_kept_or_framed_anew_for_all_times(tmp_path: Path) -> None:
@@ -215,28 +193,18 @@ def test_a_camera_is_kept_or_framed_anew_for_all_times(tmp_path: Path) -> None:
 def test_frames_of_a_file_are_its_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     path = saved(tmp_path, animated(SLIDE))
-
-    def check(number: int) -> None:
+    command = ["render", path.name, *("--size", "24x18", "--spp", "1", "--quiet", "--fps", "4", "-o", "box_%d.exr")]
+    assert main([*command, "--frames", "0-1"]) == 0
+    kept = (tmp_path / "box_1.exr").stat().st_mtime_ns
+    assert main([*command, "--frames", "0-2", "--resume"]) == 0
+    assert (tmp_path / "box_1.exr").stat().st_mtime_ns == kept
+    for number in range(3):
         expected = wrt.render(wrt.load(path, time=number / 4, aspect=24 / 18), width=24, height=18, spp=1)
         np.testing.assert_array_equal(wrt.load_image(tmp_path / f"box_{number}.exr"), expected)
 
-    small = ["--size", "24x18", "--spp", "1", "--quiet", "--fps", "4", "-o", "box_%d.exr"]
-    assert main(["render", path.name, "--frames", "0-2", *small]) == 0
-    for number in range(3):
-        check(number)
-    kept = (tmp_path / "box_1.exr").stat().st_mtime_ns
-    for frames in ("0-3", "4-4"):
-        assert main(["render", path.name, "--frames", frames, *small, "--resume"]) == 0
-    assert (tmp_path / "box_1.exr").stat().st_mtime_ns == kept
-    assert (tmp_path / "box_3.exr").exists()
-    check(4)
-
 
 def test_sources_without_animations_have_no_times(tmp_path: Path) -> None:
-    obj = write(tmp_path, "plain.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    for source in (saved(tmp_path, box()), obj):
-        with pytest.raises(wrt.InputError, match=rf"{source.name}: it has no animation, so there is no time to choose"):
-            wrt.load(source, time=0.0)
+    check_refused("it has no animation", lambda path: wrt.load(path, time=0.0), saved(tmp_path, box()))
     for other in ("cornell-box", wrt.Scene(), wrt.sphere()):
         with pytest.raises(wrt.InputError, match="a time is for glTF files with an animation"):
             wrt.load(other, time=0.0)
@@ -248,9 +216,7 @@ def test_sources_without_animations_have_no_times(tmp_path: Path) -> None:
     ("channel", "words"),
     [
         ((0, "translation", "LINEAR", [1, 0], [[0, 0, 0], [6, 0, 0]]), "do not increase"),
-        ((0, "translation", "LINEAR", [0, 1], [[0, 0, 0], [math.nan, 0, 0]]), "are not finite"),
         ((0, "translation", "BEZIER", [0, 1], [[0, 0, 0], [6, 0, 0]]), "interpolated by 'BEZIER'"),
-        ((0, "rotation", "LINEAR", [0, 1], [[0, 0, 0], [6, 0, 0]]), "do not have 4 numbers"),
         ((0, "translation", "CUBICSPLINE", [0, 1], [[0, 0, 0], [6, 0, 0]]), "do not have 3 numbers"),
         ((7, "translation", "LINEAR", [0, 1], [[0, 0, 0], [6, 0, 0]]), "damaged or not as specified"),
     ],
@@ -266,7 +232,4 @@ def test_what_cannot_be_animated_is_told(tmp_path: Path) -> None:
     target = {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": "/materials/0/alphaCutoff"}}}
     tree["animations"][0]["channels"].append({"sampler": 0, "target": target})
     with pytest.warns(UserWarning, match="KHR_animation_pointer stays as it is at rest"):
-        load_file(saved(tmp_path, tree), time=0.5)
-    tree["nodes"][0]["matrix"] = np.eye(4).ravel().tolist()
-    with pytest.raises(wrt.InputError, match="node 0 is animated, but placed by a matrix, which glTF forbids"):
         load_file(saved(tmp_path, tree), time=0.5)

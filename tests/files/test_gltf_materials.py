@@ -35,14 +35,12 @@ def png(codes: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def file_with(material: dict[str, Any], *, uvs: bool = True, colors: np.ndarray | None = None) -> dict[str, Any]:
+def file_with(material: dict[str, Any], *, uvs: bool = True) -> dict[str, Any]:
     """Return a triangle of one material. Texture 0 is the image CODES, texture 1 too, but held and not smoothed."""
     tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     tree["meshes"][0]["primitives"][0]["material"] = 0
     if uvs:
         attributes(tree)["TEXCOORD_0"] = add(tree, UVS)
-    if colors is not None:
-        attributes(tree)["COLOR_0"] = add(tree, colors)
     return tree | {
         "materials": [material],
         "images": [{"uri": data_uri(png(CODES), "image/png")}],
@@ -66,15 +64,6 @@ def extensions(**values: dict[str, Any]) -> dict[str, Any]:
     return {"extensions": {f"KHR_materials_{name}": value for name, value in values.items()}}
 
 
-def film(**values: Any) -> dict[str, Any]:
-    return extensions(iridescence={f"iridescence{name}": value for name, value in values.items()})
-
-
-def thick(least: float, most: float) -> dict[str, Any]:
-    images = {"Texture": IMAGE, "ThicknessTexture": IMAGE}
-    return film(Factor=0.5, **images, ThicknessMinimum=least, ThicknessMaximum=most)
-
-
 BASE = {"baseColorTexture": IMAGE, "baseColorFactor": [0.5, 0.25, 1.0, 0.75]}
 PBR = {**BASE, "metallicRoughnessTexture": {"index": 1}, "roughnessFactor": 0.5}
 SPECULAR = {"specularFactor": 0.8, "specularTexture": IMAGE, "specularColorFactor": [2.0, 1.0, 0.5]}
@@ -84,6 +73,8 @@ BRUSHED = {"anisotropyStrength": 0.7, "anisotropyRotation": 0.2}
 SHEET = {"transmission": {"transmissionFactor": 0.9, "transmissionTexture": IMAGE}}
 BODY = {"volume": {"thicknessFactor": 0.1}}
 DISPERSION = {"dispersion": {"dispersion": 0.36}}
+FILM = {"iridescenceFactor": 0.5, "iridescenceIor": 2.0, "iridescenceTexture": IMAGE}
+THICK = {"iridescenceThicknessTexture": IMAGE, "iridescenceThicknessMinimum": 200.0}
 GLOSS = {"diffuseFactor": [0.2, 0.4, 0.6, 0.5], "specularFactor": [0.04, 0.4, 1.0], "glossinessFactor": 0.75}
 STRONG = extensions(emissive_strength={"emissiveStrength": 4.0})
 TINT = np.array([1.0, 10.0, 25.0])
@@ -108,16 +99,12 @@ RED, GREEN, BLUE = np.moveaxis(NUMBERS, 2, 0)
         (extensions(**SHEET), {"transmission": 0.9 * RED, "thin_walled": True}),
         (extensions(**SHEET, **BODY), {"thin_walled": False, "interior": None, "dispersion": 0.0}),
         (extensions(**SHEET, **BODY, **DISPERSION), {"dispersion": 0.36}),
-        (extensions(**SHEET, **DISPERSION), {"dispersion": 0.0}),
-        (extensions(**SHEET, **BODY, dispersion={}), {"dispersion": 0.0}),
         # Iridescence is a film, whose index has another name in drafts.
-        (film(Factor=0.5), {"film": 0.5, "film_ior": 1.3, "film_thickness": 400.0}),
-        (film(Ior=2.0), {"has_film": False}),
-        (film(Factor=1.0, Ior=2.0), {"film_ior": 2.0}),
-        (film(Factor=1.0, IOR=1.7), {"film_ior": 1.7}),
-        (film(Factor=1.0, ThicknessMinimum=200.0, ThicknessMaximum=800.0), {"film_thickness": 800.0}),
-        (thick(200.0, 800.0), {"film": 0.5 * RED, "film_thickness": 200.0 + 600.0 * GREEN}),
-        (thick(800.0, 200.0), {"film_thickness": 800.0 - 600.0 * GREEN}),
+        (extensions(iridescence={"iridescenceFactor": 0.5}), {"film": 0.5, "film_ior": 1.3, "film_thickness": 400.0}),
+        (extensions(iridescence={"iridescenceIor": 2.0}), {"has_film": False}),
+        (extensions(iridescence={"iridescenceFactor": 1.0, "iridescenceIOR": 1.7}), {"film_ior": 1.7}),
+        (extensions(iridescence={**FILM, **THICK, "iridescenceThicknessMaximum": 800.0}),
+         {"film": 0.5 * RED, "film_ior": 2.0, "film_thickness": 200.0 + 600.0 * GREEN}),
         # Specular and glossiness are a dielectric with a tint.
         ({"alphaMode": "BLEND", **extensions(pbrSpecularGlossiness=GLOSS)},
          {"base_color": (0.2, 0.4, 0.6), "metallic": 0, "opacity": 0.5, "roughness": 0.25, "specular_color": TINT}),
@@ -141,81 +128,52 @@ def test_samplers_normal_maps_and_interiors(tmp_path):
     volume = {"volume": {"thicknessFactor": 0.1, "attenuationDistance": 0.5, "attenuationColor": [0.25, 0.5, 1.0]}}
     absorption = np.array(made(tmp_path, extensions(**SHEET, **volume)).interior.absorption)
     np.testing.assert_allclose(np.exp(-0.5 * absorption), [0.25, 0.5, 1.0], rtol=1e-6)  # what half a metre leaves
-    # One copy of what two textures, or two images of the same bytes, hold.
     assert material.metallic.pixels is rough.pixels
-    described |= {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 1}}
-    tree = file_with(described) | {"textures": [{"source": 0}, {"source": 1}]}
-    tree["images"] *= 2
-    material = shape_of(tmp_path, tree).material
-    assert material.emission.pixels is material.base_color.pixels
 
 
-@pytest.mark.parametrize(
-    ("mode", "cutoff"), [({"alphaMode": "MASK"}, 0.5), ({"alphaMode": "MASK", "alphaCutoff": 0.2}, 0.2)]
-)
-def test_masks_and_textures_without_coordinates(tmp_path, mode, cutoff):
-    opacity = made(tmp_path, {"pbrMetallicRoughness": BASE, **mode}).opacity
-    assert opacity.cutoff == cutoff
-    np.testing.assert_allclose(values_of(opacity), 0.75 * ALPHA, atol=1e-6)
+def test_masks_and_textures_without_coordinates(tmp_path):
+    for more, cutoff in (({}, 0.5), ({"alphaCutoff": 0.2}, 0.2)):
+        opacity = made(tmp_path, {"pbrMetallicRoughness": BASE, "alphaMode": "MASK", **more}).opacity
+        assert opacity.cutoff == cutoff
+        np.testing.assert_allclose(values_of(opacity), 0.75 * ALPHA, atol=1e-6)
     message = "the textures of material 0 are left out: its mesh has no texture coordinates"
-    for bare, expected in ((mode, 1.0), ({"alphaMode": "BLEND"}, 0.75)):
+    for mode, expected in (("MASK", 1.0), ("BLEND", 0.75)):
         with pytest.warns(InputWarning, match=message):
-            assert made(tmp_path, {"pbrMetallicRoughness": BASE, **bare}, uvs=False).opacity == expected
-
-
-UNLIT = extensions(unlit={})
+            assert made(tmp_path, {"pbrMetallicRoughness": BASE, "alphaMode": mode}, uvs=False).opacity == expected
 
 
 @pytest.mark.parametrize("double", [False, True])
 def test_what_shines_does_so_without_light_and_on_both_sides_where_it_has_two(tmp_path, double):
-    shape = shape_of(tmp_path, file_with({"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1]}, **UNLIT}))
+    described = {"doubleSided": double, "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0.125, 1]}}
+    assert not shape_of(tmp_path, file_with(described)).two_sided_emission
+    shape = shape_of(tmp_path, file_with({**described, "emissiveFactor": [1, 1, 1]}))
+    assert shape.two_sided_emission == double
+    shape = shape_of(tmp_path, file_with({**described, **extensions(unlit={})}))
     assert shape.material == wrt.Emissive((0.5, 0.25, 0.125))
     assert shape.emission == (0.5, 0.25, 0.125)
-    for described in (UNLIT, {"emissiveFactor": [1, 1, 1]}):
-        assert shape_of(tmp_path, file_with({"doubleSided": double, **described})).two_sided_emission == double
-        for line, expected in (("", double), ("two_sided_emission = false", False)):
-            text = f'[[shapes]]\ntype = "mesh"\nfile = "a.gltf"\n{line}'
-            assert wrt.load(write(tmp_path, "one.toml", text)).shapes[0].two_sided_emission == expected
-    assert not shape_of(tmp_path, file_with({"doubleSided": True})).two_sided_emission
+    for line, expected in (("", double), ("two_sided_emission = false", False)):
+        text = f'[[shapes]]\ntype = "mesh"\nfile = "a.gltf"\n{line}'
+        assert wrt.load(write(tmp_path, "one.toml", text)).shapes[0].two_sided_emission == expected
 
 
-@pytest.mark.parametrize("laid", [{}, {"baseColorTexture": IMAGE}])
-def test_vertex_colors_multiply(tmp_path, laid):
-    colors = np.array([[1.0, 0.5, 0.25]] * 3)
-    described = {"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.5, 0.1, 1.0], **laid}}
-    shape = shape_of(tmp_path, file_with(described, colors=colors))
-    base = shape.material.base_color
-    assert (base.vertex_colors and base.factor == (1.0, 1.0, 1.0)) if laid else base == wrt.VertexColor()
-    np.testing.assert_allclose(shape.mesh.colors, colors * [0.5, 0.5, 0.1], rtol=1e-6)
-
-
-def test_texture_transforms_and_second_coordinates(tmp_path):
+def test_one_transform_of_all_textures_moves_the_coordinates_of_the_mesh(tmp_path):
     transform = {"offset": [0.2, -0.4], "rotation": 0.7, "scale": [2.0, 0.5]}
     c, s = np.cos(0.7), np.sin(0.7)  # the matrices that the extension's text gives, v downwards
     in_file = UVS * transform["scale"] @ np.array([[c, s], [-s, c]]).T + transform["offset"]
     expected = in_file * [1, -1] + [0, 1]
     placed = {"index": 0, "extensions": {"KHR_texture_transform": transform}}
-    # One for all textures: in the mesh, where normal maps find it too.
     for number in (0, 1):
         tree = file_with({"pbrMetallicRoughness": {"baseColorTexture": {**placed, "texCoord": number}}}, uvs=False)
         attributes(tree)[f"TEXCOORD_{number}"] = add(tree, UVS)
         shape = shape_of(tmp_path, tree)
         np.testing.assert_allclose(shape.mesh.uvs, expected, atol=1e-6)
         assert shape.material.base_color.offset == (0.0, 0.0)
-    # Of several: each its own.
-    both = {"baseColorTexture": placed, "metallicRoughnessTexture": IMAGE}
-    shape = shape_of(tmp_path, file_with({"pbrMetallicRoughness": both}))
-    np.testing.assert_allclose(shape.mesh.uvs, UVS * [1, -1] + [0, 1], atol=1e-6)
-    matrix = shape.material.base_color.placement
-    np.testing.assert_allclose(shape.mesh.uvs @ matrix[:, :2].T + matrix[:, 2], expected, atol=1e-6)
-    np.testing.assert_allclose(shape.material.roughness.placement, np.eye(2, 3))
 
 
 def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
     tree = file_with({"pbrMetallicRoughness": {"baseColorTexture": IMAGE, "baseColorFactor": [0.5, 0.5, 0.5, 1]}})
     for uri, message in (
         ("missing.png", r"missing\.png', which it refers to: no such file"),
-        (tree["images"][0]["uri"][:60], "image 0 left out: it cannot be decoded|a data URI in it is damaged"),
         (data_uri(b"no image"), "image 0 left out: it cannot be decoded"),
     ):
         tree["images"][0]["uri"] = uri
@@ -223,9 +181,6 @@ def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
             assert shape_of(tmp_path, tree).material.base_color == (0.5, 0.5, 0.5)
     with pytest.warns(InputWarning, match="diffuse transmission of material 0 is left out"):
         made(tmp_path, extensions(diffuse_transmission={}))
-    variants = {"KHR_materials_variants": {"variants": [{"name": "red"}, {"name": "blue"}]}}
-    with pytest.warns(InputWarning, match=r"material variants are left out \('red', 'blue'\)"):
-        shape_of(tmp_path, file_with({}) | {"extensions": variants})
     tree = file_with({"pbrMetallicRoughness": {"baseColorTexture": {"index": 12}}})
     check_refused("damaged or not as specified", load_shapes, saved(tmp_path, tree))
 
@@ -256,18 +211,18 @@ def ktx2_file(image: bytes) -> dict[str, Any]:
     return tree
 
 
-@pytest.mark.parametrize(("data", "off"), [(ETC1S, 6), (UASTC_ZSTANDARD, 0)], ids=["etc1s", "uastc"])
-def test_ktx2_images_are_decoded_and_damaged_ones_left_out(tmp_path, data, off):
+@pytest.mark.parametrize(("data", "most"), [(ETC1S, 6), (UASTC_ZSTANDARD, 0)], ids=["etc1s", "uastc"])
+def test_ktx2_images_are_decoded_and_damaged_ones_left_out(tmp_path, data, most):
     """ETC1S has base colours of 5 bits, UASTC exact ones."""
     pytest.importorskip("opengl_basisu")
     material = shape_of(tmp_path, ktx2_file(data)).material
     opened = np.asarray(open_ktx2(data))
-    quarters = opened.reshape(2, 8, 2, 12, 4)
-    assert np.abs(quarters.astype(int) - QUARTERS[:, None, :, None]).max() <= off
+    off = np.abs(opened.reshape(2, 8, 2, 12, 4).astype(int) - QUARTERS[:, None, :, None])
+    assert off.max() <= most
     np.testing.assert_allclose(material.base_color.pixels, linear_from_srgb(opened[:, :, :3] / 255.0), atol=1e-6)
     np.testing.assert_allclose(material.opacity.pixels[:, :, 0], opened[:, :, 3] / 255.0, atol=1e-6)
     random = np.random.default_rng(1)
-    for _ in range(200):
+    for _ in range(100):
         damaged = bytearray(data)
         damaged[random.integers(12, len(data))] = random.integers(256)
         with contextlib.suppress(InputError):
@@ -276,20 +231,11 @@ def test_ktx2_images_are_decoded_and_damaged_ones_left_out(tmp_path, data, off):
         shape_of(tmp_path, ktx2_file(data[:-30]))
 
 
-def test_without_the_decoder_one_line_says_what_to_install(tmp_path, monkeypatch, recwarn):
+def test_without_the_decoder_one_line_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "opengl_basisu", None)
     tree = ktx2_file(ETC1S)
-    with pytest.warns(InputWarning) as caught:
+    with pytest.warns(InputWarning, match=r"KTX2 images are left out, which need a decoder: pip install 'wrt\[ktx2\]'"):
         assert shape_of(tmp_path, tree).material.base_color == (1.0, 1.0, 1.0)
-    (line,) = {str(each.message) for each in caught}
-    assert line.endswith("a.gltf: textures in KTX2 images are left out, which need a decoder: pip install 'wrt[ktx2]'")
-    with pytest.raises(InputError, match=r"needs a decoder: pip install 'wrt\[ktx2\]'"):
-        open_ktx2(ETC1S)
-    tree["textures"][0]["source"] = 1  # for programs without a decoder
-    tree["images"].append({"uri": data_uri(png(CODES))})
-    recwarn.clear()
-    assert shape_of(tmp_path, tree).material.base_color.pixels.shape == (3, 4, 3)
-    assert not recwarn.list
 
 
 @pytest.mark.parametrize(
@@ -298,7 +244,6 @@ def test_without_the_decoder_one_line_says_what_to_install(tmp_path, monkeypatch
         (IDENTIFIER, "truncated"),
         (ETC1S[:20] + (2**20).to_bytes(4, "little") * 2 + ETC1S[28:], "too large"),
         (ETC1S[:20] + bytes(4) + ETC1S[24:], "no flat image"),
-        (ETC1S[:36] + b"\6\0\0\0" + ETC1S[40:], "no flat image"),
     ],
 )
 def test_headers_of_ktx2_are_checked_before_the_decoder(data, message):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.mesh_files import INDICES, XYZ, ply
-from support.meshes import check_message, write
+from support.meshes import write
 
 import wrt
 from wrt.errors import InputWarning
@@ -76,33 +76,23 @@ def read(folder: Path, data: bytes, index: int = 0, color: str = "", more: str =
     return shape_of(folder, "serialized", inside + (attribute(color) if color else "")).mesh
 
 
-@pytest.mark.parametrize("double", [False, True])
-@pytest.mark.parametrize("version", [3, 4])
-def test_all_arrays_of_each_mesh_are_read(version: int, double: bool, tmp_path: Path) -> None:
-    data = together(*(mesh(version, double=double, shift=float(k)) for k in range(3)), version=version)
-    for k in range(3):
-        found = read(tmp_path, data, k, "vertex_color")
-        expected = VERTICES + k, FACES, NORMALS, UVS, COLORS
-        for array, values in zip(
-            (found.vertices, found.faces, found.normals, found.uvs, found.colors), expected, strict=True
-        ):
+@pytest.mark.parametrize(
+    ("version", "double", "flags"),
+    [(3, False, 0xB), (4, True, 0xB), (4, False, 0x0), (4, False, 0x2), (4, False, 0x10), (4, False, 0x9)],
+)
+def test_arrays_of_each_mesh_are_read_as_its_flags_say(version: int, double: bool, flags: int, tmp_path: Path) -> None:
+    meshes = (mesh(version, double=double, flags=flags, shift=shift) for shift in (0.0, 1.0))
+    data = together(*meshes, version=version)
+    found = read(tmp_path, data, 1, "vertex_color" if flags & 0x8 else "")
+    np.testing.assert_allclose(found.vertices[found.faces], (VERTICES + 1.0)[FACES], atol=1e-6)
+    for flag, array, values in ((0x1, found.normals, NORMALS), (0x2, found.uvs, UVS), (0x8, found.colors, COLORS)):
+        if flags & flag:
             np.testing.assert_allclose(array, values, atol=1e-6)
-    with pytest.raises(wrt.InputError, match="'shape_index' is 3, but its meshes are numbered from 0 to 2"):
-        read(tmp_path, data, 3)
+        else:  # normals are made where flags do not forbid them
+            assert (array is None) == (flag != 0x1 or bool(flags & 0x10))
+    with pytest.raises(wrt.InputError, match="'shape_index' is 2, but its meshes are numbered from 0 to 1"):
+        read(tmp_path, data, 2)
     assert read(tmp_path, data, more='<boolean name="face_normals" value="true"/>').normals is None
-
-
-@pytest.mark.parametrize("flags", [0, 0x1, 0x2, 0x8, 0x10, 0x1 | 0x8])
-def test_flags_say_which_arrays_there_are(flags: int, tmp_path: Path) -> None:
-    data = together(mesh(flags=flags))
-    found = read(tmp_path, data)
-    np.testing.assert_array_equal(found.vertices[found.faces], VERTICES.astype(np.float32)[FACES])
-    assert (found.normals is None) == bool(flags & 0x10)
-    assert (found.uvs is not None) == bool(flags & 0x2)
-    if flags & 0x1:
-        np.testing.assert_allclose(found.normals, NORMALS, atol=1e-7)
-    if flags & 0x8:
-        np.testing.assert_allclose(read(tmp_path, data, color="vertex_color").colors, COLORS, atol=1e-6)
 
 
 def test_the_newest_version_has_attributes_of_faces_and_vertices(tmp_path: Path) -> None:
@@ -128,10 +118,7 @@ CORNERS = VERTICES.astype("<f4").tobytes() + b"\xff" * 24
         (header(7) + b"abcdefgh", 0, "version 7"),
         (WHOLE[:60], 0, "truncated"),
         (WHOLE[:-4], 1, "more than the file can hold|numbered from 0|begins at byte"),
-        (header(4) + b"\x78\x9cgarbage!", 0, "cannot be decompressed"),
-        (WHOLE[:-12] + struct.pack("<QI", 2**63, 2), 1, "begins at byte"),
         (WHOLE[:-4] + struct.pack("<I", 2**32 - 1), 1, "more than the file can hold"),
-        (packed(struct.pack("<QQ", 2**40, 2**40)), 0, "truncated"),
         (packed(struct.pack("<QQ", 60_000_000, 1) + bytes(2**20), level=9), 0, "truncated"),
         (packed(struct.pack("<QQ", 4, 2) + CORNERS), 0, "a face names vertex"),
     ],
@@ -139,18 +126,6 @@ CORNERS = VERTICES.astype("<f4").tobytes() + b"\xff" * 24
 def test_damaged_files_are_refused(data: bytes, index: int, message: str, tmp_path: Path) -> None:
     with pytest.raises(wrt.InputError, match=rf"a\.serialized: .*({message})[^\n]*$"):
         read(tmp_path, data, index)
-
-
-def test_truncation_and_flipped_bytes_never_surprise(tmp_path: Path) -> None:
-    random = np.random.default_rng(5)
-    for trial in range(150):
-        data = bytearray(WHOLE if trial % 3 else WHOLE[: random.integers(len(WHOLE))])
-        for place in random.integers(0, max(len(data), 1), 3 if trial % 3 else 0):
-            data[place] = random.integers(0, 256)
-        try:
-            read(tmp_path, bytes(data), trial % 2)
-        except wrt.InputError as error:
-            check_message(error, tmp_path / "scene.xml")
 
 
 def test_attributes_of_ply_have_mitsuba_names(tmp_path: Path) -> None:

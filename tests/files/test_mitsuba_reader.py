@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Report
-from PIL import Image
 from support.mesh_files import check_refused
 from support.meshes import write
-from support.mitsuba_files import SCENES, write_files
-from support.same_scenes import differences
+from support.mitsuba_files import write_files
 
 import wrt
 import wrt.scene.materials.presets
@@ -51,17 +49,11 @@ def material(folder: Path, bsdf: str) -> wrt.Material:
     return loaded(folder, sensor(at(5.0)) + f'<shape type="sphere">{bsdf}</shape>').shapes[0].material
 
 
-@pytest.fixture(scope="module")
-def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("scenes")
-    write_files(folder)
-    return folder
-
-
-@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.xml")))
-def test_scenes_of_the_tests_are_read_without_a_warning(name: str, scenes: Path) -> None:
-    if name not in ("view", "lamp"):  # which have nothing to see
-        assert wrt.load(scenes / f"{name}.xml", strict=True).shapes
+def test_scenes_of_the_tests_are_read_without_a_warning(tmp_path: Path) -> None:
+    write_files(tmp_path)
+    for path in sorted(tmp_path.glob("*.xml")):
+        if path.stem not in ("view", "lamp"):  # which have nothing to see
+            assert wrt.load(path, strict=True).shapes
 
 
 def test_settings(tmp_path: Path) -> None:
@@ -71,6 +63,10 @@ def test_settings(tmp_path: Path) -> None:
     settings = loaded(tmp_path, path + sensor(sampler, film='<rfilter type="tent"/>') + BALL).settings
     assert (settings.width, settings.height, settings.spp) == (320, 200, 16)
     assert (settings.max_depth, settings.filter, settings.sampler) == (7, "tent", "sobol")
+    # As Mitsuba 0.6 wrote it.
+    old = (path + sensor()).replace("max_depth", "maxDepth") + BALL
+    assert wrt.load(written(tmp_path, old, version="0.6.0")).settings.max_depth == 7
+    assert loaded(tmp_path, '<integrator type="direct"/>' + BALL).settings.integrator == "direct"
     settings = loaded(tmp_path, '<integrator type="depth"/>' + BALL).settings
     assert (settings.integrator, settings.layers) == ("aov", ("depth",))
     names = '<string name="aovs" value="a:albedo,n:sh_normal"/>'
@@ -78,10 +74,7 @@ def test_settings(tmp_path: Path) -> None:
     assert loaded(tmp_path, aovs + BALL).settings.layers == ("albedo", "normal")
 
 
-@pytest.mark.parametrize(
-    ("axis", "divisor"),
-    [("x", 1.6), ("y", 1.0), ("smaller", 1.0), ("larger", 1.6), ("diagonal", np.hypot(1.6, 1.0))],
-)
+@pytest.mark.parametrize(("axis", "divisor"), [("smaller", 1.0), ("larger", 1.6), ("diagonal", np.hypot(1.6, 1.0))])
 def test_field_of_view(axis: str, divisor: float, tmp_path: Path) -> None:
     fov = f'<float name="fov" value="40"/><string name="fov_axis" value="{axis}"/>'
     camera = loaded(tmp_path, sensor(fov) + BALL).camera
@@ -98,17 +91,16 @@ def test_a_sensor_is_chosen_by_its_number(tmp_path: Path) -> None:
         wrt.load(path, sensor=2)
     with pytest.warns(InputWarning, match="the first of 2 sensors is the camera"):
         wrt.load(path)
-    with pytest.raises(wrt.InputError, match="only for Mitsuba scenes"):
-        wrt.load("cornell-box", sensor=0)
+    for option in ({"sensor": 0}, {"parameters": {"a": 1}}):
+        with pytest.raises(wrt.InputError, match="only for Mitsuba scenes"):
+            wrt.load("cornell-box", **option)
 
 
 def test_materials_and_defaults_are_mitsuba_s(tmp_path: Path) -> None:
     assert isinstance(material(tmp_path, '<bsdf type="conductor"/>'), wrt.Mirror)
-    named = '<bsdf type="conductor"><string name="material" value="{}"/></bsdf>'
-    assert material(tmp_path, named.format("Au")) == wrt.Conductor(*named_conductor("Au"))  # type: ignore[misc]
+    unknown = '<bsdf type="conductor"><string name="material" value="Uuo"/></bsdf>'
     with pytest.warns(InputWarning, match="'Uuo' is not known; aluminium stands in"):
-        other = material(tmp_path, named.format("Uuo"))
-    assert other == wrt.Conductor(*named_conductor("Al"))  # type: ignore[misc]
+        assert material(tmp_path, unknown) == wrt.Conductor(*named_conductor("Al"))  # type: ignore[misc]
     glass = material(tmp_path, '<bsdf type="roughdielectric"/>')
     assert glass == wrt.RoughDielectric(1.5046, 1.000277, 0.1, "beckmann", "walter")
     coat = material(tmp_path, '<bsdf type="roughplastic"/>')
@@ -118,11 +110,6 @@ def test_materials_and_defaults_are_mitsuba_s(tmp_path: Path) -> None:
     mask = '<bsdf type="mask"><float name="opacity" value="0.25"/><bsdf type="diffuse"/></bsdf>'
     found = loaded(tmp_path, f'<shape type="rectangle">{mask}</shape>').shapes[0].material
     assert [part.opacity for part in found.parts] == [0.25, 0.25]
-    # A texture may be called a spectrum, as in Mitsuba 2.
-    inner = '<{0} name="reflectance" type="checkerboard"><rgb name="color0" value="1 0 0"/></{0}>'
-    text = f'<bsdf type="diffuse">{inner}</bsdf>'
-    one, other = (material(tmp_path, text.format(word)).reflectance for word in ("texture", "spectrum"))
-    np.testing.assert_array_equal(one.pixels, other.pixels)
 
 
 def test_parameters(tmp_path: Path) -> None:
@@ -133,92 +120,62 @@ def test_parameters(tmp_path: Path) -> None:
         loaded(tmp_path, body, parameters={"s": 3})
     with pytest.raises(wrt.InputError, match=r"line 2: the parameter \$s has no value"):
         loaded(tmp_path, body.replace("$r", "${s}"))
-    with pytest.raises(wrt.InputError, match="parameters are only for Mitsuba scenes"):
-        wrt.load("cornell-box", parameters={"a": 1})
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # pytest makes errors of them
 def test_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    size = '<default name="size" value="64"/>\n' + sensor(at(4.0)).replace('"320"', '"$size"').replace("200", "$size")
-    path = written(tmp_path, size + '\n<shape type="sphere"><emitter type="area"/></shape><shape type="heightfield"/>')
+    size = '<default name="size" value="64"/>' + sensor(at(4.0)).replace('"320"', '"$size"').replace("200", "$size")
+    path = written(tmp_path, size + '<shape type="sphere"><emitter type="area"/></shape><shape type="heightfield"/>')
     command = ["render", str(path), "-D", "size=8", "--spp", "1", "-o", str(tmp_path / "a.npy")]
     assert main(command) == 0
     assert np.load(tmp_path / "a.npy").shape == (8, 8, 3)
-    told = capfd.readouterr().err
-    assert told.count("warning") == 1
-    assert "line 4: shape 'heightfield': this kind of shape is not known; left out" in told
+    assert "shape 'heightfield': this kind of shape is not known; left out" in capfd.readouterr().err
     assert main([*command, "--strict"]) == 2
-    assert "heightfield" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize("kind", ["sphere", "cylinder"])
-def test_outlines_are_off_by_less_than_half_a_pixel(kind: str, tmp_path: Path, report: Report) -> None:
-    fov = '<float name="fov" value="30"/>' + at(4.0)
-    place = '<transform name="to_world"><scale x="1" y="1.001" z="1"/></transform>'
-    shape = f'<shape type="{kind}">{place}</shape>'
-    mesh = loaded(tmp_path, sensor(fov, size=(4000, 4000)) + shape).shapes[0].mesh
-    assert not isinstance(mesh, Analytic)
-    vertices = (mesh.vertices / (1.0, 1.001, 1.0))[:, : 3 if kind == "sphere" else 2]
-    points = vertices[mesh.faces].astype(np.float64)
-    if kind == "sphere":
-        inside = 1.0 - np.linalg.norm(points.mean(axis=1), axis=-1)
-    else:
-        # A cylinder's triangles have an upright edge, on the circle.
-        inside = (1.0 - np.linalg.norm(0.5 * (points + np.roll(points, 1, axis=1)), axis=-1)).max(axis=1)
+def test_outlines_are_off_by_less_than_half_a_pixel(tmp_path: Path, report: Report) -> None:
+    view = sensor('<float name="fov" value="30"/>' + at(4.0), size=(4000, 4000))
+    place = '<transform name="to_world"><scale x="1" y="1.001" z="1"/></transform>'  # a sphere would stay exact
+    mesh = loaded(tmp_path, f'{view}<shape type="sphere">{place}</shape>').shapes[0].mesh
+    middles = (mesh.vertices / (1.0, 1.001, 1.0))[mesh.faces].astype(np.float64).mean(axis=1)
     pixel = 2.0 * np.tan(np.radians(15.0)) * 3.0 / 4000.0
-    report(f"{kind}: depth of faces, pixels", float(inside.max() / pixel), "< 0.5")
-    assert 0.1 < inside.max() / pixel < 0.5
-    assert np.allclose(np.linalg.norm(vertices, axis=-1).max(), 1.0)
-
-
-def test_what_is_too_near_or_clipped_is_told(tmp_path: Path) -> None:
-    near = sensor('<float name="near_clip" value="1e-7"/>' + at(-1.000001).replace("-9", "0"), size=(4000, 4000))
-    wide = '<shape type="cylinder"><transform name="to_world"><scale x="2"/></transform></shape>'
-    with pytest.warns(InputWarning, match="limited to 768 segments"):
-        loaded(tmp_path, near + wide)
-    far = sensor('<float name="far_clip" value="{}"/>' + at(5.0))
-    loaded(tmp_path, far.format(7.0) + BALL, strict=True)
-    with pytest.warns(InputWarning, match="near_clip"):
-        loaded(tmp_path, far.format(5.0) + BALL)
+    depth = float((1.0 - np.linalg.norm(middles, axis=-1)).max() / pixel)
+    report("depth of faces, pixels", depth, "< 0.5")
+    assert 0.1 < depth < 0.5
 
 
 PLACE = '<transform name="to_world"><scale {}/><rotate x="1" angle="30"/><translate x="2"/></transform>'
+TUBE = '<point name="p0" x="1"/><point name="p1" x="1" z="3"/><float name="radius" value="0.5"/>'
 FLIP = '<boolean name="flip_normals" value="true"/>'
 
 
-def test_round_shapes_stay_such(tmp_path: Path) -> None:
-    """A disk under any map, spheres and cylinders as long as they are round; others are triangles without a word."""
-    ball = '<point name="center" x="1"/><float name="radius" value="0.5"/>'
-    tube = '<point name="p0" x="1"/><point name="p1" x="1" z="3"/><float name="radius" value="0.5"/>'
-    turned = np.array([[1.0, 0.0, 0.0], [0.0, np.sqrt(0.75), -0.5], [0.0, 0.5, np.sqrt(0.75)]])
-    front = turned @ (0.0, 0.0, 1.0)
-    expected = [
-        ("disk", 'value="2"', "", 4 * np.pi, front),
-        ("disk", 'x="1" y="-2" z="3"', FLIP, 2 * np.pi, -front),
-        ("cylinder", 'x="2" y="2" z="-1"', tube, 6 * np.pi, -front),
-        ("cylinder", 'value="2"', tube + FLIP, 12 * np.pi, front),
-        ("cylinder", 'x="1" y="2" z="1"', tube, None, None),
-        ("sphere", 'value="-2"', ball, None, (0.0, 0.0, 0.0)),
-        ("sphere", 'x="2" y="-2" z="2"', ball + FLIP, None, (4.0, 0.0, 0.0)),
-        ("sphere", 'x="1" y="2" z="1"', ball, None, None),
-    ]
-    body = "".join(f'<shape type="{kind}">{PLACE.format(size)}{more}</shape>' for kind, size, more, *_ in expected)
-    meshes = [shape.mesh for shape in loaded(tmp_path, body, strict=True).shapes]
-    for mesh, (kind, _, more, area, place) in zip(meshes, expected, strict=True):
-        if place is None:
-            assert not isinstance(mesh, Analytic)
-            continue
-        assert isinstance(mesh, Spheres if kind == "sphere" else Quadrics)
-        assert np.all(mesh.inside_out == (FLIP in more))
-        if kind == "sphere":
-            assert np.allclose(mesh.centers, [place], atol=1e-6)
-            assert np.allclose(mesh.radii, 1.0)
-        else:
-            assert mesh.areas == pytest.approx(area, rel=1e-5)
-            assert np.allclose(mesh.fronts, [place], atol=1e-6)
-    middle = np.array([2.0, 0.0, 0.0]) + turned @ (2.0, 0.0, 3.0)
-    assert np.allclose(meshes[3].bounds.mean(axis=0), middle, atol=1e-5)
+@pytest.mark.parametrize(
+    ("kind", "size", "more", "front", "area"),
+    [
+        ("disk", 'value="2"', "", 1.0, 4.0 * np.pi),
+        ("disk", 'x="1" y="-2" z="3"', FLIP, -1.0, 2.0 * np.pi),
+        ("cylinder", 'x="2" y="2" z="-1"', TUBE, -1.0, 6.0 * np.pi),
+        ("cylinder", 'value="2"', TUBE + FLIP, 1.0, 12.0 * np.pi),
+        ("sphere", 'x="2" y="-2" z="2"', '<point name="center" x="1"/>' + FLIP, None, 16.0 * np.pi),
+        ("cylinder", 'x="1" y="2" z="1"', "", None, None),
+        ("sphere", 'x="1" y="2" z="1"', "", None, None),
+    ],
+)
+def test_round_shapes_stay_such(kind: str, size: str, more: str, front: float, area: float, tmp_path: Path) -> None:
+    """A disk under any map, spheres and cylinders as long as they are round; others are triangles."""
+    (shape,) = loaded(tmp_path, f'<shape type="{kind}">{PLACE.format(size)}{more}</shape>', strict=True).shapes
+    mesh = shape.mesh
+    if area is None:
+        assert not isinstance(mesh, Analytic)
+        return
+    assert isinstance(mesh, Spheres if kind == "sphere" else Quadrics)
+    assert mesh.areas == pytest.approx(area, rel=1e-5)
+    assert np.all(mesh.inside_out == (FLIP in more))
+    if front:
+        np.testing.assert_allclose(mesh.fronts, [[0.0, -0.5 * front, np.sqrt(0.75) * front]], atol=1e-6)
+    else:
+        np.testing.assert_allclose(mesh.centers, [[4.0, 0.0, 0.0]], atol=1e-6)
 
 
 def test_instances_share_a_mesh_and_comments_may_hold_hyphens(tmp_path: Path) -> None:
@@ -236,10 +193,8 @@ def test_instances_share_a_mesh_and_comments_may_hold_hyphens(tmp_path: Path) ->
 SPECTRA = [
     '<spectrum name="{}" value="0.5"/>',
     '<spectrum name="{}" value="400:0.1, 500:0.2, 600:0.8, 700:0.3"/>',
-    '<spectrum name="{}" value="380:0.9 480:0.7 520:0.2 780:0.1"/>',
     '<spectrum name="{}" type="d65"/>',
     '<rgb name="{}" value="0.2 0.4 0.6"/>',
-    '<float name="{}" value="0.3"/>',
 ]
 
 
@@ -251,28 +206,18 @@ def test_colours_are_mitsuba_s(text: str, tmp_path: Path, report: Report) -> Non
     mi = load_mitsuba()
     si = mi.SurfaceInteraction3f()
     si.wi = mi.Vector3f(0, 0, 1)
-    xml = '<{0} version="3.0.0" type="{1}">{2}</{0}>'
-    scene = loaded(tmp_path, f'<emitter type="constant">{text.format("radiance")}</emitter>' + BALL)
-    light = np.array(mi.load_string(xml.format("emitter", "constant", text.format("radiance"))).eval(si))
-    surface = mi.load_string(xml.format("bsdf", "diffuse", text.format("reflectance")))
-    reflected = np.pi * np.array(surface.eval(mi.BSDFContext(), si, mi.Vector3f(0, 0, 1)))
-    ours = material(tmp_path, f'<bsdf type="diffuse">{text.format("reflectance")}</bsdf>').reflectance
+    emitter = f'<emitter version="3.0.0" type="constant">{text.format("radiance")}</emitter>'
+    surface = f'<bsdf version="3.0.0" type="diffuse">{text.format("reflectance")}</bsdf>'
+    reflected = np.pi * np.array(mi.load_string(surface).eval(mi.BSDFContext(), si, mi.Vector3f(0, 0, 1)))
+    light = np.array(mi.load_string(emitter).eval(si))
+    unversioned = (part.replace(' version="3.0.0"', "") for part in (emitter, surface))
+    scene = loaded(tmp_path, next(unversioned) + BALL)
     for claim, own, expected, error in (
         ("light", scene.environment.radiance, light, 2e-3),
-        ("reflectance", ours, reflected, 4e-3),
+        ("reflectance", material(tmp_path, next(unversioned)).reflectance, reflected, 4e-3),
     ):
         report(claim, np.round(own, 4).tolist(), np.round(expected, 4).tolist())
         assert np.array(own) == pytest.approx(expected, rel=error, abs=error)
-
-
-def test_a_black_body_is_as_bright_as_its_temperature_says(tmp_path: Path) -> None:
-    """At 6504 K it is nearly D65; the Y of its colour, ∫ B y dλ / ∫ y dλ, is about Planck's B at 555 nm."""
-    spectrum = '<spectrum name="radiance" type="blackbody"><float name="temperature" value="6504"/></spectrum>'
-    radiance = np.array(loaded(tmp_path, f'<emitter type="constant">{spectrum}</emitter>' + BALL).environment.radiance)
-    assert radiance.max() / radiance.min() < 1.12
-    h, c, k, metres = 6.62607015e-34, 299792458.0, 1.380649e-23, 555e-9
-    planck = 1e-9 * 2 * h * c**2 / metres**5 / np.expm1(h * c / (metres * k * 6504))
-    assert radiance @ (0.2126, 0.7152, 0.0722) == pytest.approx(planck, rel=0.02)
 
 
 def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
@@ -282,67 +227,37 @@ def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
     level = mi.logger().log_level()
     mi.set_log_level(mi.LogLevel.Error)  # it tells of colours outside of its gamut
     names = {path.name.split(".")[0] for path in (Path(mi.__file__).parent / "data" / "ior").glob("*.spd")}
-    assert {"Ag", "Cu_palik", "a-C"} <= names
-    for name in names - {"AlSb", "AlSb_palik"}:
+    names -= {"AlSb", "AlSb_palik"}
+    for name in names:
         theirs = mi.traverse(mi.load_dict({"type": "conductor", "material": name}))
         for own, key in zip(named_conductor(name), ("eta.value", "k.value"), strict=True):
             np.testing.assert_allclose(own, np.array(theirs[key]).ravel(), rtol=6e-4, atol=1e-7, err_msg=name)
     mi.set_log_level(level)
-    report("conductors", len(names) - 2, "as in Mitsuba")
-    assert named_conductor("Ni") == named_conductor("ni_palik")
+    report("conductors", len(names), "as in Mitsuba")
+    assert len(names) > 30
     assert named_conductor("Pt") == wrt.scene.materials.presets.metal_ior("platinum")
-    assert named_conductor("unobtainium") is None
-
-
-def test_scenes_of_versions_before_2_mean_what_they_meant(tmp_path: Path) -> None:
-    Image.fromarray(np.full((2, 2, 3), 90, np.uint8)).save(tmp_path / "a.png")
-    body = """<shape type="sphere"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">
-        <string name="filename" value="a.png"/><string name="filterType" value="ewa"/></texture></bsdf></shape>
-        <shape type="sphere"><bsdf type="diffuse"><spectrum name="reflectance" value="0.1, 0.2 0.3"/></bsdf></shape>
-        <emitter type="sunsky"><vector name="sunDirection" x="0.6" y="0.8"/></emitter>"""
-    with pytest.warns(InputWarning, match="taken as a 'sunsky' of Mitsuba 3"):
-        scene = wrt.load(written(tmp_path, body, version="0.5.0"))
-    image, plain = (shape.material for shape in scene.shapes)
-    assert image.front.reflectance.filter == "trilinear"
-    assert plain.front.reflectance == pytest.approx((0.1, 0.2, 0.3))
-    (sun,) = scene.lights
-    np.testing.assert_allclose(sun.direction, (-0.6, -0.8, 0.0), atol=1e-6)
-    assert np.asarray(sun.irradiance).min() > 0.0
 
 
 ERRORS = {
     '<shape type="sphere">': r"not well-formed XML",
     '<shape type="sphere"><ref id="paint"/></shape>': r"line 2: no object has the id 'paint'",
     '<shape type="obj"/>': r"line 2: shape 'obj': names no file",
-    '<emitter type="sunsky"><float name="turbidity" value="11"/></emitter>': r"turbidity must be at most 10",
-    '<emitter type="sunsky"><float name="hour"/><vector name="sun_direction" x="1"/></emitter>': r"not both",
-    '<shape type="obj"><string name="filename" value="no.obj"/></shape>': r"line 2: .*no\.obj: no such file",
     '<shape type="obj"><string name="filename" value="lfs.obj"/></shape>': r"line 2: .*lfs\.obj: .* a Git LFS pointer",
     '<include filename="scene.xml"/>': r"line 2: 'scene.xml' includes itself",
-    '<include filename="../none.xml"/>': r"line 2: .*none.xml: no such file",
     '<shape type="sphere"><float name="radius" value="big"/></shape>': r"line 2: float 'radius': not a number in 'big'",
-    '<shape type="sphere"><float name="radius" value="nan"/></shape>': r"numbers must be finite",
-    '<shape type="sphere"><float name="radius" value="-1"/></shape>': r"'radius' must be greater than 0",
     '<shape type="sphere"><string name="radius" value="1"/></shape>': r"must be given by <float>, not by <string>",
     '<shape type="sphere"><transform name="to_world"><spin/></transform></shape>': r"<spin> is not a transform",
-    '<shape type="sphere"><transform name="to_world"><scale value="0"/></transform></shape>': r"can be inverted",
-    '<shape type="sphere"><transform name="to_world"><matrix value="1 2 3"/></transform></shape>': r"takes 9 or 16",
     '<bsdf type="diffuse" id="a"/><bsdf type="diffuse" id="a"/>': r"the id 'a' is used twice",
-    '<shape type="sphere"><bsdf type="twosided"/></shape>': r"takes one bsdf or two, not 0",
-    '<shape type="sphere"><bsdf type="dielectric"><string name="int_ior" value="glas"/></bsdf></shape>': r"'glas' is",
     '<shape type="sphere"><bsdf type="bumpmap" id="x"><ref id="x"/></bsdf></shape>': r"contains itself",
     '<shape type="sphere"><bdsf type="diffuse"/></shape>': r"<bdsf> is not known here \(did you mean 'bsdf'\?\)",
-    '<sensor type="perspective"><float name="fov" value="200"/></sensor><shape type="sphere"/>': r"'fov' must be",
     '<emitter type="point"/>': r"it has no supported shapes",
 }
 
 
 @pytest.mark.parametrize("body", ERRORS)
 def test_bad_files_are_refused_in_one_line(body: str, tmp_path: Path) -> None:
-    (tmp_path / "scene").mkdir()
-    lfs = "version https://git-lfs.github.com/spec/v1\noid sha256:f7\nsize 184302\n"
-    write(tmp_path / "scene", "lfs.obj", lfs)
-    path = written(tmp_path / "scene", body)
+    write(tmp_path, "lfs.obj", "version https://git-lfs.github.com/spec/v1\noid sha256:f7\nsize 184302\n")
+    path = written(tmp_path, body)
     with pytest.raises(wrt.InputError, match=ERRORS[body]) as caught:
         wrt.load(path)
     assert str(caught.value).startswith(str(path))
@@ -365,30 +280,32 @@ def test_what_multiplies_is_refused(tmp_path: Path) -> None:
         wrt.load(tmp_path / "0.xml")
     blend = '<bsdf type="blendbsdf" id="b{0}"><ref id="b{1}"/><ref id="b{1}"/></bsdf>'
     nested = "".join(blend.format(i, i + 1) for i in range(40)) + '<bsdf type="diffuse" id="b40"/>'
-    with pytest.raises(wrt.InputError, match="nested more than 7 deep"):
-        loaded(tmp_path, nested + '<shape type="sphere"><ref id="b0"/></shape>')
-    group = '<shape type="shapegroup" id="{0}"><shape type="instance"><ref id="{1}"/></shape></shape>'
-    body = group.format("a", "b") + '<shape type="shapegroup" id="b"><shape type="cube"/></shape>'
-    with pytest.raises(wrt.InputError, match="must not hold groups or instances"):
-        loaded(tmp_path, body + '<shape type="instance"><ref id="a"/></shape>')
+    group = '<shape type="shapegroup" id="a"><shape type="instance"><ref id="b"/></shape></shape>'
+    group += '<shape type="shapegroup" id="b"><shape type="cube"/></shape><shape type="instance"><ref id="a"/></shape>'
+    for message, body in (
+        ("nested more than 7 deep", nested + '<shape type="sphere"><ref id="b0"/></shape>'),
+        ("must not hold groups or instances", group),
+    ):
+        with pytest.raises(wrt.InputError, match=message):
+            loaded(tmp_path, body)
 
 
+NEAR = sensor('<float name="near_clip" value="1e-7"/>' + at(-1.000001).replace("-9", "0"), size=(4000, 4000))
 LEFT_OUT = {
     '<shape type="sphere"><bsdf type="hair"/></shape>': "bsdf 'hair'",
     '<shape type="sphere"><bsdf type="diffuse"><float name="reflectence" value="1"/></bsdf></shape>': "did you mean",
-    '<emitter type="beam"/><shape type="sphere"/>': "emitter 'beam'",
-    '<sensor type="fluencemeter"/><shape type="sphere"/>': "sensor 'fluencemeter'",
-    '<integrator type="ptracer"/><shape type="sphere"/>': "'path' stands in",
+    '<emitter type="beam"/>' + BALL: "emitter 'beam'",
+    '<sensor type="fluencemeter"/>' + BALL: "sensor 'fluencemeter'",
+    sensor(film='<rfilter type="lanczos"/>') + BALL: "'blackman-harris' stands in",
+    sensor('<float name="far_clip" value="5"/>' + at(5.0)) + BALL: "near_clip",
+    NEAR + '<shape type="cylinder"><transform name="to_world"><scale x="2"/></transform></shape>': "768 segments",
+    '<integrator type="ptracer"/>' + BALL: "'path' stands in",
     '<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>'
     '<shape type="sphere"><emitter type="area"/></shape>': "hide",
-    '<sensor type="perspective"><film type="hdrfilm"><rfilter type="lanczos"/></film></sensor><shape type="sphere"/>': (
-        "'blackman-harris' stands in"
-    ),
     '<shape type="sphere"><bsdf type="diffuse"><rgb name="reflectance" value="2"/></bsdf></shape>': "clipped to 1",
     '<shape type="sphere"><bsdf type="diffuse"><texture type="noise" name="reflectance"/></bsdf></shape>': "'noise'",
-    '<emitter type="sunsky"><boolean name="complex_sun" value="true"/></emitter><shape type="sphere"/>': "limb",
-    '<emitter type="sunsky"><float name="hour" value="23"/></emitter><shape type="sphere"/>': "below the horizon",
-    '<emitter type="sky"/><shape type="sphere"/>': "taken as a 'sunsky'",
+    '<emitter type="sunsky"><float name="hour" value="23"/></emitter>' + BALL: "below the horizon",
+    '<emitter type="sky"/>' + BALL: "taken as a 'sunsky'",
 }
 
 
@@ -397,10 +314,9 @@ def test_what_is_left_out_is_told(body: str, tmp_path: Path) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert loaded(tmp_path, body).shapes
-    messages = [str(each.message) for each in caught]
-    assert all(issubclass(each.category, InputWarning) for each in caught)
+    messages = [str(each.message) for each in caught if each.category is InputWarning]
     assert any(LEFT_OUT[body] in message for message in messages), messages
-    assert len(set(messages)) == len(messages)
+    assert len(set(messages)) == len(messages) == len(caught)
     assert all(": line " in message and "\n" not in message for message in messages)
     with pytest.raises(wrt.InputError, match=re.escape(messages[0])):
         loaded(tmp_path, body, strict=True)
@@ -426,32 +342,22 @@ NESTED = [body(0.5, ("exterior", HAZE), ("interior", SMOKE)), body(1.0, ("interi
     ("parts", "around"),
     [
         (NESTED, None),
-        (NESTED[::-1], None),
-        ([*NESTED, seen_from(5.0)], None),
         ([*NESTED, seen_from(5.0, SMOKE)], SMOKE),
         ([*NESTED, seen_from(5.0, HAZE)], HAZE),  # the same haze inside and outside
         ([*NESTED, seen_from(0.75, HAZE)], None),  # the camera is in the haze of the larger body
         ([*NESTED, seen_from(0.25, SMOKE)], None),  # and in the smaller one
-        ([*NESTED, body(0.2, ("exterior", SMOKE))], None),
         ([body(0.5, ("exterior", HAZE), ("interior", SMOKE))], HAZE),  # of no shape's inside
         ([body(0.5, ("exterior", SMOKE)), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
         ([seen_from(0.75, HAZE), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
     ],
 )
 def test_the_space_around_has_the_medium_that_is_in_no_body(parts: list[str], around: str, tmp_path: Path) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        scene = loaded(tmp_path, "".join(parts) + BALL)
-    expected = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
-    assert scene.medium == expected[around]
+    scene = loaded(tmp_path, "".join(parts) + BALL, strict=True)
+    media = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
+    assert scene.medium == media[around]
 
 
-def test_naming_what_is_around_an_inner_body_changes_nothing_and_a_second_medium_is_told(tmp_path: Path) -> None:
-    glass = '<shape type="sphere"><float name="radius" value="0.4"/><bsdf type="dielectric"/>{}</shape>'
-    haze = f'<medium type="homogeneous" name="exterior">{HAZE}</medium>'
-    rest = body(1.0, ("interior", HAZE)) + seen_from(5.0)
-    named, plain = (loaded(tmp_path, glass.format(text) + rest) for text in (haze, ""))
-    assert differences(named, plain) == {}
+def test_a_second_medium_around_everything_is_told(tmp_path: Path) -> None:
     second = body(0.5, ("exterior", HAZE)) + body(1.0, ("exterior", SMOKE))
     with pytest.warns(InputWarning, match=r"line 2: shape 'sphere': its 'exterior' is left out: another medium fills"):
         assert loaded(tmp_path, second + BALL).medium == wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25))

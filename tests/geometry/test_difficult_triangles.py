@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import resource
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.exact_rays import exact_distances, woop
+from support.exact_rays import Reason, exact_distances, explain, woop
 from support.ray_trees import (
     FEW,
     MANY,
@@ -16,39 +14,31 @@ from support.ray_trees import (
     assert_sane,
     batches,
     camera_rays,
-    explained,
     mesh_of,
+    slivers,
     soup_mesh,
     unit,
 )
 
 import wrt
-from wrt.kernels.native.constants import MAX_DEPTH
 
 Array = NDArray[np.float32]
 
 # --- Triangles without area --------------------------------------------------------------------------
 
 
-def degenerate(count: int) -> Array:
-    """Return triangles whose three corners, or two of them, are one point, anywhere in the unit cube."""
-    rng = np.random.default_rng(3)
-    a, b = rng.uniform(-1.0, 1.0, (2, count, 3))
-    kinds = [(a, a, a), (a, a, b), (a, b, a), (b, a, a)]
-    return np.concatenate([np.stack(kind, axis=1) for kind in kinds]).astype(np.float32)
-
-
 def at_degenerate(corners: Array, seed: int) -> Rays:
-    """Return a ray through the middle of the longest side of each triangle, and through one of its corners."""
-    rng = np.random.default_rng(seed)
+    """Return a ray through the middle of two sides of each triangle, and through one of its corners."""
     middle = corners[:, [0, 1]].mean(axis=1), corners[:, [1, 2]].mean(axis=1), corners[:, 0]
     targets = np.concatenate(middle).astype(np.float64)
-    origins = 3.0 * unit(rng.normal(size=targets.shape))
+    origins = 3.0 * unit(np.random.default_rng(seed).normal(size=targets.shape))
     return origins.astype(np.float32), (targets - origins).astype(np.float32)
 
 
 def test_points_and_segments_are_never_hit_and_change_nothing_among_others(device: str) -> None:
-    sound, flat = soup_mesh(5, 300), degenerate(600)
+    a, b = np.random.default_rng(3).uniform(-1.0, 1.0, (2, 600, 3))
+    kinds = [(a, a, a), (a, a, b), (a, b, a), (b, a, a)]
+    sound, flat = soup_mesh(5, 300), np.concatenate([np.stack(kind, axis=1) for kind in kinds]).astype(np.float32)
     at_flat = at_degenerate(flat, seed=4)
     assert len(at_flat[0]) > MANY
     only = wrt.Intersector(mesh_of(flat), device=device)
@@ -59,7 +49,7 @@ def test_points_and_segments_are_never_hit_and_change_nothing_among_others(devic
     order = np.random.default_rng(6).permutation(len(corners))
     alone = wrt.Intersector(sound, device=device)
     mixed = wrt.Intersector(mesh_of(corners[order]), device=device)
-    for rays in [*batches(sound).values(), at_degenerate(flat, seed=7)]:
+    for rays in [*batches(sound).values(), at_flat]:
         expected, hits = alone.closest_hit(*rays), mixed.closest_hit(*rays)
         np.testing.assert_array_equal(hits.t, expected.t)
         hit = expected.triangle >= 0
@@ -74,7 +64,7 @@ def test_three_corners_on_a_line_are_hit_at_most_where_rounding_opens_them(devic
     rays = at_degenerate(corners, seed=9)
     hits = wrt.Intersector(mesh_of(corners), device=device).closest_hit(*rays)
     assert_sane(hits)
-    explained(mesh_of(corners), rays, hits)
+    assert not (explain(corners, *rays, hits.triangle, woop).reason == Reason.NONE).any()
 
 
 # --- Triangles in the same place ---------------------------------------------------------------------
@@ -97,40 +87,13 @@ def test_of_duplicates_the_lowest_number_is_hit_however_rays_are_traced(copies: 
         assert_same(many.closest_hit(*rays), expected._replace(triangle=np.where(hit, lowest[expected.triangle], -1)))
 
 
-def test_a_million_coincident_triangles(device: str) -> None:
-    """No plane parts them; the tree is shallow nevertheless, and no larger than of any million."""
-    count = 1_000_000
-    mesh = wrt.Mesh(np.eye(3), np.tile(np.arange(3), (count, 1)))
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    tracer = wrt.Intersector(mesh, device=device)
-    grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / count
-    assert tracer._built.depth <= MAX_DEPTH
-    assert grown < 400.0
-    assert tracer.bytes_per_triangle < 80.0
-    origins = np.float32([[2.0, 2.0, 2.0], [-1.0, -1.0, -1.0], [0.5, 0.4, 0.3], [5.0, 0.0, 0.0]])
-    directions = np.float32([[-1.0, -1.0, -1.0], [1.0, 1.1, 1.2], [-0.1, -0.2, -0.1], [0.0, 1.0, 0.0]])
-    hits = tracer.closest_hit(origins, directions)
-    np.testing.assert_array_equal(hits.triangle, [0, 0, 0, -1])
-    np.testing.assert_array_equal(tracer.any_hit(origins, directions), [True, True, True, False])
-
-
-# --- Needles -----------------------------------------------------------------------------------------
-
-
-def needles(count: int, aspect: float) -> wrt.Mesh:
-    """Return needles of length one, as much thinner as `aspect` says, in a cube."""
-    rng = np.random.default_rng(12)
-    a = rng.uniform(-1.0, 1.0, (count, 3))
-    along, aside = rng.normal(size=(2, count, 3))
-    along = unit(along)
-    aside = unit(np.cross(along, aside)) / aspect
-    return mesh_of(np.stack([a, a + along, a + aside], axis=1).astype(np.float32))
+# --- Needles and borders -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("aspect", [10.0, 1e3, 1e5])
 def test_a_ray_that_leaves_a_needle_does_not_hit_it(aspect: float, device: str) -> None:
     """Rays from points of needles, each to the side of the plane on which rounding put its origin."""
-    mesh = needles(300, aspect)
+    mesh = mesh_of(slivers(300, 1.0, 1.0 / aspect))
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     rng = np.random.default_rng(23)
     n = 1 << 18
@@ -147,9 +110,6 @@ def test_a_ray_that_leaves_a_needle_does_not_hit_it(aspect: float, device: str) 
     assert not (exact <= 0.0).any()
 
 
-# --- One triangle ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0)], ids=["front", "back"])
 @pytest.mark.parametrize("side", [24, 81], ids=["few", "many"])
 def test_one_triangle_with_its_edges_and_corners(order: tuple[int, ...], side: int, device: str) -> None:
@@ -163,9 +123,7 @@ def test_one_triangle_with_its_edges_and_corners(order: tuple[int, ...], side: i
     np.testing.assert_array_equal(hits.triangle, np.where(inside, 0, -1))
     np.testing.assert_array_equal(hits.t, np.where(inside, 0.5, np.inf))
     weights = np.stack([1.0 - x - y, x, y], axis=1)[:, order]
-    np.testing.assert_array_equal(hits.u[inside], weights[inside, 1])
-    np.testing.assert_array_equal(hits.v[inside], weights[inside, 2])
-    assert tracer.triangles == 1
+    np.testing.assert_array_equal(np.stack([hits.u, hits.v], axis=1)[inside], weights[inside, 1:])
     # From behind as well, and not along the plane.
     up = tracer.closest_hit(np.stack([x, y, -np.ones_like(x)], axis=1), -down)
     np.testing.assert_array_equal(up.triangle, hits.triangle)
@@ -176,29 +134,19 @@ def test_one_triangle_with_its_edges_and_corners(order: tuple[int, ...], side: i
 # --- Sizes -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("exponent", [-36, 1, 40])
-def test_hits_do_not_depend_on_the_unit_of_length(exponent: int, device: str) -> None:
-    """A mesh and its rays, 10^-11 to 10^12 as large: bit for bit the same hits."""
-    mesh, scale = soup_mesh(15, 300), np.float32(2.0**exponent)
+@pytest.mark.parametrize(("size", "length"), [(-36, 0), (40, 0), (0, -50), (0, 100)])
+def test_hits_do_not_depend_on_the_unit_of_length(size: int, length: int, device: str) -> None:
+    """A mesh and its rays 10^-11 to 10^12 as large, directions 10^-15 to 10^30 long: bit for bit the same hits."""
+    mesh, scale, along = soup_mesh(15, 300), np.float32(2.0**size), np.float32(2.0**length)
     tracer = wrt.Intersector(mesh, device=device)
     other = wrt.Intersector(wrt.Mesh(mesh.vertices * scale, mesh.faces), device=device)
     for origins, directions in batches(mesh).values():
         expected = tracer.closest_hit(origins, directions)
-        assert_same(other.closest_hit(origins * scale, directions), expected._replace(t=expected.t * scale))
+        hits = other.closest_hit(origins * scale, directions * along)
+        assert_same(hits, expected._replace(t=expected.t * scale / along))
 
 
-@pytest.mark.parametrize("exponent", [-50, 2, 100])
-def test_hits_do_not_depend_on_the_length_of_directions(exponent: int, device: str) -> None:
-    """Directions 10^-15 to 10^30 long: t is in units of them."""
-    mesh, scale = soup_mesh(16, 300), np.float32(2.0**exponent)
-    tracer = wrt.Intersector(mesh, device=device)
-    for origins, directions in batches(mesh).values():
-        expected, hits = tracer.closest_hit(origins, directions), tracer.closest_hit(origins, directions * scale)
-        np.testing.assert_array_equal(hits.triangle, expected.triangle)
-        np.testing.assert_array_equal(hits.t, expected.t / scale)
-
-
-@pytest.mark.parametrize("exponent", [-126, -64, -50, -44, 43, 46, 64, 122])
+@pytest.mark.parametrize("exponent", [-126, -50, -44, 46, 122])
 def test_sizes_beyond_float32_arithmetic_give_no_made_up_hits(exponent: int, device: str) -> None:
     """From 10^-38 to 10^37: products of three coordinates vanish or overflow, and what is lost is a miss."""
     mesh = soup_mesh(17, 300)
@@ -221,17 +169,6 @@ def test_sizes_beyond_float32_arithmetic_give_no_made_up_hits(exponent: int, dev
         assert (error <= np.maximum(met.t_error[:, 0], most * met.t[:, 0])).all()
 
 
-@pytest.mark.parametrize("size", [3e38, 1e-40])
-def test_any_finite_coordinates_build_a_tree(size: float, device: str) -> None:
-    """Also where sums of two coordinates overflow, and where single ones are denormal."""
-    rng = np.random.default_rng(18)
-    corners = rng.uniform(-size, size, (2000, 3, 3)).astype(np.float32)
-    tracer = wrt.Intersector(mesh_of(corners), device=device)
-    assert tracer._built.depth <= MAX_DEPTH
-    origins, directions = rng.uniform(-1.0, 1.0, (2, MANY, 3))
-    assert_sane(tracer.closest_hit(origins * size, directions))
-
-
 # --- Rays --------------------------------------------------------------------------------------------
 
 
@@ -248,7 +185,6 @@ def test_rays_without_a_direction_or_a_place_hit_nothing_and_disturb_no_others(
         tracer = wrt.Intersector(mesh, device=device)
     origins, directions = batches(mesh)["single" if kind == "instances" else kind]
     expected = tracer.closest_hit(origins, directions)
-    origins, directions = origins.copy(), directions.copy()
     rng = np.random.default_rng(20)
     broken = rng.permutation(len(origins))[: len(origins) // 10]
     for number, ray in enumerate(broken):
@@ -267,8 +203,7 @@ def test_rays_without_a_direction_or_a_place_hit_nothing_and_disturb_no_others(
 @pytest.mark.parametrize("size", [1e21, 3e38])
 def test_rays_from_anywhere_come_back(size: float, device: str) -> None:
     """Origins so far away that a distance to a box overflows, along axes and not."""
-    mesh = soup_mesh(21, 300)
-    tracer = wrt.Intersector(mesh, device=device)
+    tracer = wrt.Intersector(soup_mesh(21, 300), device=device)
     rng = np.random.default_rng(22)
     origins = (size * rng.choice([-1.0, 0.0, 1.0], (MANY, 3))).astype(np.float32)
     directions = rng.choice([-1.0, -1e-20, 0.0, 1e-20, 1.0], (MANY, 3)).astype(np.float32)

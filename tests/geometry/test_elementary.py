@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import warp as wp
 from conftest import Report
-from numpy.typing import NDArray
 from support.kernels import map_function
 
 from wrt.kernels.math.exponential import exponential, logarithm
@@ -19,30 +20,26 @@ UNITS_OF_ARC_TANGENT = 3.0
 GENERATOR = np.random.default_rng(11)
 EXPONENTS = np.concatenate([GENERATOR.uniform(*ends, 100_000) for ends in ((-87.0, 88.0), (-1.0, 1.0), (-1e-3, 1e-3))])
 POSITIVE = np.concatenate([10.0 ** GENERATOR.uniform(*ends, 100_000) for ends in ((-37.0, 38.0), (-0.3, 0.3))])
-
-
-def units_off(values: NDArray[np.float32], exact: NDArray[np.float64]) -> float:
-    """Return the largest error in units of the last place."""
-    return float(np.max(np.abs(values - exact) / np.spacing(np.abs(exact).astype(np.float32))))
+BOTH_SIGNS = GENERATOR.normal(size=(2, 200_000))
 
 
 @pytest.mark.parametrize(
-    ("function", "exact", "inputs"), [(exponential, np.exp, EXPONENTS), (logarithm, np.log, POSITIVE)]
+    ("function", "exact", "inputs", "units"),
+    [
+        (exponential, np.exp, [EXPONENTS], UNITS),
+        (logarithm, np.log, [POSITIVE], UNITS),
+        (arc_tangent, np.arctan2, BOTH_SIGNS, UNITS_OF_ARC_TANGENT),
+    ],
 )
-def test_functions_of_one_number(
-    function: wp.Function, exact: np.ufunc, inputs: NDArray[np.float64], device: str, report: Report
+def test_errors_in_the_last_place(
+    function: wp.Function, exact: np.ufunc, inputs: Any, units: float, device: str, report: Report
 ) -> None:
-    x = inputs.astype(np.float32)
-    off = units_off(map_function(function, x, device=device), exact(x.astype(np.float64)))
-    report("units of the last place", off, f"at most {UNITS:g}")
-    assert off <= UNITS
-
-
-def test_where_they_end(device: str) -> None:
-    x = np.array([-np.inf, -3e38, -88.0, -0.0, 0.0, 89.0, 3e38, np.inf], np.float32)
-    np.testing.assert_array_equal(map_function(exponential, x, device=device), [0, 0, 0, 1, 1, *[np.inf] * 3])
-    x = np.array([-np.inf, -1.0, -0.0, 0.0, 1.0], np.float32)
-    np.testing.assert_array_equal(map_function(logarithm, x, device=device), [*[-np.inf] * 4, 0.0])
+    given = [x.astype(np.float32) for x in inputs]
+    expected = exact(*(x.astype(np.float64) for x in given))
+    found = map_function(function, *given, device=device)
+    off = float(np.max(np.abs(found - expected) / np.spacing(np.abs(expected).astype(np.float32))))
+    report("units of the last place", off, f"at most {units:g}")
+    assert off <= units
 
 
 def test_sine_and_cosine(device: str) -> None:
@@ -53,8 +50,10 @@ def test_sine_and_cosine(device: str) -> None:
     assert np.abs(found - exact).max() <= UNITS * np.spacing(np.float32(1.0))
 
 
-def test_arc_tangent(device: str) -> None:
-    x, y = (GENERATOR.normal(size=200_000).astype(np.float32) for _ in range(2))
-    found = map_function(arc_tangent, y, x, device=device)
-    assert units_off(found, np.arctan2(y.astype(np.float64), x.astype(np.float64))) <= UNITS_OF_ARC_TANGENT
-    assert map_function(arc_tangent, np.zeros(1, np.float32), np.zeros(1, np.float32), device=device)[0] == 0.0
+def test_where_they_end(device: str) -> None:
+    x = np.array([-np.inf, -3e38, -88.0, -0.0, 0.0, 89.0, 3e38, np.inf], np.float32)
+    np.testing.assert_array_equal(map_function(exponential, x, device=device), [0, 0, 0, 1, 1, *[np.inf] * 3])
+    x = np.array([-np.inf, -1.0, -0.0, 0.0, 1.0], np.float32)
+    np.testing.assert_array_equal(map_function(logarithm, x, device=device), [*[-np.inf] * 4, 0.0])
+    zero = np.zeros(1, np.float32)
+    assert map_function(arc_tangent, zero, zero, device=device)[0] == 0.0

@@ -35,20 +35,19 @@ def test_scene_files_keep_exact_shapes(tmp_path: Path) -> None:
             assert ours is None or ours.tobytes() == theirs.tobytes()
     np.savez(tmp_path / "grains.npz", centers=rng.random((4, 3)), radii=[0.1, 0.2, 0.1, 0.3])
     (tmp_path / "own.toml").write_text(
-        '[[shapes]]\ntype = "disk"\ncenter = [1, 2, 3]\nnormal = [0, 0, 2]\nradius = 0.5\n\n'
-        '[[shapes]]\ntype = "cylinder"\nstart = [0, 0, 0]\nend = [0, 2, 0]\nradius = 0.5\nscale = [2, 1, 2]\n'
+        '[[shapes]]\ntype = "disk"\ncenter = [1, 2, 3]\nnormal = [0, 0, 2]\nradius = 0.5\n'
+        '[[shapes]]\ntype = "cylinder"\nend = [0, 2, 0]\nradius = 0.5\nscale = [2, 1, 2]\n'
         '[[shapes]]\ntype = "cylinder"\nscale = [1, 2, 3]\n'
-        '[[shapes]]\ntype = "spheres"\nfile = "grains.npz"\nscale = 2\n\n[[shapes]]\ntype = "sphere"\nexact = true\n'
+        '[[shapes]]\ntype = "spheres"\nfile = "grains.npz"\nscale = 2\n'
         '[[shapes]]\ntype = "sphere"\nexact = true\nscale = [1, 2, 1]\n'
     )
-    disk, tube, elliptic, grains, ball, ellipsoid = (shape.mesh for shape in wrt.load(tmp_path / "own.toml").shapes)
-    assert [isinstance(mesh, Quadrics) for mesh in (disk, tube, elliptic)] == [True, True, False]
-    assert [isinstance(mesh, Spheres) for mesh in (grains, ball, ellipsoid)] == [True, True, False]
-    assert disk.areas == pytest.approx(np.pi * 0.25)
+    disk, tube, elliptic, grains, ellipsoid = (shape.mesh for shape in wrt.load(tmp_path / "own.toml").shapes)
+    kinds = [Quadrics, Quadrics, wrt.Mesh, Spheres, wrt.Mesh]
+    assert [type(mesh) for mesh in (disk, tube, elliptic, grains, ellipsoid)] == kinds
     assert disk.fronts[0] == pytest.approx((0, 0, 1))
-    assert tube.areas == pytest.approx(2 * np.pi * 1.0 * 2.0)
-    assert np.allclose(elliptic.bounds, [[-1, 0, -3], [1, 2, 3]], atol=2e-3)
+    assert [disk.areas[0], tube.areas[0]] == pytest.approx([np.pi * 0.25, 2 * np.pi * 1.0 * 2.0])
     assert np.allclose(grains.radii, [0.2, 0.4, 0.2, 0.6])
+    assert np.allclose(elliptic.bounds, [[-1, 0, -3], [1, 2, 3]], atol=2e-3)
     assert np.allclose(ellipsoid.bounds, [[-1, -2, -1], [1, 2, 1]])
 
 
@@ -62,20 +61,17 @@ def with_normal(normal: Any) -> dict[str, Any]:
 
 TUBE = arrays_of_exact(wrt.cylinder((1, 2, 3), (2, 2, 5), 0.5))
 BALL = arrays_of_exact(wrt.sphere(exact=True))
-IS_NO_CUBE = r"boxes\[0\]: must be the lowest and the highest corner of a cube"
 
 
 @pytest.mark.parametrize(
     ("kind", "arrays", "cause"),
     [
         ("quadrics", with_normal((0, 0, np.nan)), r"axes\[1\]: must be finite, not"),
-        ("quadrics", with_normal((0, 0, 2)), r"axes\[1\]: a disk's normal, its third row, must have length 1, not"),
         ("quadrics", with_normal((0, 0.6, 0.8)), r"axes\[1\]: a disk's normal, its third row, must be perpendicular"),
         ("quadrics", TUBE | {"axes": np.ones((1, 3, 3))}, r"axes\[0\]: a cylinder's rows must be perpendicular"),
         ("quadrics", TUBE | {"axes": 2.0 * TUBE["axes"]}, r"boxes\[0\]: must be opposite corners of the box around"),
         ("spheres", BALL | {"axes": 2.0 * np.eye(3)[None]}, r"axes\[0\]: rows must be perpendicular and of length 1"),
-        ("spheres", BALL | {"boxes": [[(0, 0, 0), (1, 1, 2)]]}, IS_NO_CUBE),
-        ("spheres", BALL | {"boxes": [[(0, 0, 0), (0, 0, 0)]]}, r"boxes\[0\]: must have a size"),
+        ("spheres", BALL | {"boxes": [[(0, 0, 0), (1, 1, 2)]]}, r"boxes\[0\]: must be the lowest and the highest"),
     ],
 )
 def test_wrong_arrays_are_refused(kind: str, arrays: dict[str, Any], cause: str, tmp_path: Path) -> None:
@@ -86,35 +82,29 @@ def test_wrong_arrays_are_refused(kind: str, arrays: dict[str, Any], cause: str,
         wrt.load(tmp_path / "bad.toml")
 
 
-TWO_BALLS = wrt.spheres([(0, 0, 0), (5, 0, 0)], [1.0, 2.0])
+BALL_ASIDE = wrt.sphere((5, 0, 1), 2.0, exact=True)
 
 
-@pytest.mark.parametrize("whole", [TWO_BALLS, QUADRICS["disk"], ellipse(), QUADRICS["cylinder"]])
-def test_triangles_in_their_place_face_alike(whole: wrt.Mesh) -> None:
+@pytest.mark.parametrize("whole", [BALL_ASIDE, QUADRICS["disk"], ellipse(), QUADRICS["cylinder"]])
+def test_triangles_in_their_place_face_alike(whole: Any) -> None:
     """Corners lie on the shapes, and faces and normals turn to the front, also of mirrored and inverted ones."""
     one = whole.transformed(np.diag([-1.0, 1.0, 1.0, 1.0]))
     for mesh, side in ((whole, 1.0), (one, 1.0), (whole.turned_inside_out(), -1.0), (one.turned_inside_out(), -1.0)):
         cut = mesh.tessellated(64)
-        assert cut.normals is not None
         a, b, c = (cut.vertices[cut.faces[:, k]].astype(np.float64) for k in range(3))
-        normal = np.cross(b - a, c - a)
+        normal, out = np.cross(b - a, c - a), a - mesh.centers[0]
         assert (np.einsum("ij,ij->i", cut.normals[cut.faces[:, 0]], normal) > 0.0).all()
         areas = mesh.areas if isinstance(mesh, Quadrics) else 4.0 * np.pi * mesh.radii**2
         assert 0.5 * np.linalg.norm(normal, axis=1).sum() == pytest.approx(areas.sum(), rel=5e-3)
         if isinstance(mesh, Spheres):
-            center = np.where(np.arange(len(a))[:, None] < len(a) // 2, mesh.centers[0], mesh.centers[1])
-            radius = np.where(np.arange(len(a)) < len(a) // 2, *mesh.radii)
-            assert np.allclose(np.linalg.norm(a - center, axis=1), radius, rtol=1e-6)
-            assert (np.einsum("ij,ij->i", normal, a - center) * side > 0.0).all()
-            continue
-        place = local(mesh, cut.vertices - mesh.centers[0])
-        if mesh.are_disks[0]:
-            assert np.abs(place[:, 2]).max() < 1e-5
-            assert (normal @ mesh.fronts[0] > 0.0).all()
+            assert np.allclose(np.linalg.norm(out, axis=1), mesh.radii[0], rtol=1e-6)
+        elif mesh.are_disks[0]:
+            assert np.abs(local(mesh, out)[:, 2]).max() < 1e-5
+            out, side = mesh.fronts, 1.0
         else:
-            assert np.abs(np.hypot(place[:, 0], place[:, 1]) - 1.0).max() < 1e-5
-            out = a - mesh.centers[0] - np.outer((a - mesh.centers[0]) @ mesh.fronts[0], mesh.fronts[0])
-            assert (np.einsum("ij,ij->i", normal, out) * side > 0.0).all()
+            assert np.abs(np.hypot(*local(mesh, out)[:, :2].T) - 1.0).max() < 1e-5
+            out = out - np.outer(out @ mesh.fronts[0], mesh.fronts[0])
+        assert ((normal * out).sum(axis=1) * side > 0.0).all()
 
 
 def test_the_front_of_a_mapped_disk_is_that_of_its_triangles() -> None:
@@ -122,14 +112,12 @@ def test_the_front_of_a_mapped_disk_is_that_of_its_triangles() -> None:
     rng = np.random.default_rng(11)
     whole = wrt.disk((0.1, 0.2, 0.3), (1, 2, -1), 0.8)
     for _ in range(20):
-        matrix = np.eye(4)
-        matrix[:3] = rng.standard_normal((3, 4))
+        matrix = np.vstack([rng.standard_normal((3, 4)), [0.0, 0.0, 0.0, 1.0]])
         mapped, cut = whole.transformed(matrix), whole.tessellated(64).transformed(matrix)
         a, b, c = (cut.vertices[cut.faces[:, k]].astype(np.float64) for k in range(3))
         normal = np.cross(b - a, c - a)
         assert (normal @ mapped.fronts[0] > (1.0 - 1e-4) * np.linalg.norm(normal, axis=1)).all()
-        low, high = mapped.bounds
-        assert ((cut.vertices >= low) & (cut.vertices <= high)).all()
+        assert ((cut.vertices >= mapped.bounds[0]) & (cut.vertices <= mapped.bounds[1])).all()
 
 
 @pytest.mark.parametrize(
@@ -138,14 +126,10 @@ def test_the_front_of_a_mapped_disk_is_that_of_its_triangles() -> None:
         (lambda: wrt.disk(radius=0.0), "radius"),
         (lambda: wrt.disk(normal=(0, 0, 0)), "normal must have a length"),
         (lambda: wrt.cylinder((1, 1, 1), (1, 1, 1)), "start and end must differ"),
-        (lambda: wrt.cylinder((1e6, 0, 0), (1e6, 5, 0), radius=1e-3), "float32 does not resolve"),
         (lambda: wrt.cylinder((0, -500, 0), (0, 500, 0), 1e-4), "float32 does not resolve"),
-        (lambda: wrt.spheres([(0, 0)], 1.0), "centers must be"),
         (lambda: wrt.spheres([(0, 0, 0)], [1.0, 2.0]), "radii must be one number or 1"),
         (lambda: wrt.spheres([(0, 0, 0), (1, 0, 0)], [1.0, 0.0]), "sphere 1 is at .* radius 0"),
-        (lambda: wrt.spheres([(0, 0, 0)], 1.0, colors=[(1, np.nan, 1)]), "colors must be finite; number 0 is"),
         (lambda: wrt.spheres([(0, 0, 0)], 1.0, colors=np.uint8([(255, 0, 0)])), "linear numbers, not codes up to 255"),
-        (lambda: wrt.spheres([(1e6, 0, 0)], 1e-3), "less than float32 resolves"),
         (lambda: wrt.spheres([(1e38, 0, 0)], 3e38), "finite"),
     ],
 )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from support.exact_pictures import (
     differences,
     motion,
 )
+from support.ray_trees import unit
 
 import wrt
 from wrt.backend.lanes import lanes_of
@@ -31,105 +34,90 @@ SPP = {"mis": 1024, "light": 512, "bsdf": 4096}
 HEIGHT = 1.2
 ABOVE = (0.4, -0.3)
 """Place of lamps above the floor."""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("strategy", "radius"), [("mis", 0.9), ("light", 1e-3), pytest.param("bsdf", 0.9, marks=pytest.mark.slow)]
-)
-def test_irradiance_of_a_sphere(strategy: str, radius: float, device: str, report: Report) -> None:
-    """E = π L (r / d)² cosθ where the whole sphere is above the horizon (Howell, C-137)."""
-
-    def expected(x: NDArray, z: NDArray) -> NDArray:
-        d2 = (x - ABOVE[0]) ** 2 + HEIGHT**2 + (z - ABOVE[1]) ** 2
-        return math.pi * 2.0 / d2 * (HEIGHT / np.sqrt(d2))
-
-    lamp = wrt.sphere((ABOVE[0], HEIGHT, ABOVE[1]), radius, exact=True)
-    shadow = ABOVE, HEIGHT, radius
-    check_irradiance(lamp, 2.0 / radius**2, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("strategy", "radius"), [("mis", 0.3), ("light", 0.01), ("light", 0.9), ("bsdf", 0.9)])
-def test_irradiance_of_a_disk(strategy: str, radius: float, device: str, report: Report) -> None:
-    """A disk parallel to the floor: E = π L ½ (1 − (h² + s² − r²) / √((h² + s² + r²)² − 4 r² s²)) (Howell, B-13)."""
-    radiance = 2.0 / radius**2
-
-    def expected(x: NDArray, z: NDArray) -> NDArray:
-        s2, h2, r2 = (x - ABOVE[0]) ** 2 + (z - ABOVE[1]) ** 2, HEIGHT**2, radius**2
-        root = np.sqrt((h2 + s2 + r2) ** 2 - 4.0 * r2 * s2)
-        # 1 − a / root without the difference of nearly equal numbers
-        return 0.5 * math.pi * radiance * 4.0 * h2 * r2 / (root * (root + h2 + s2 - r2))
-
-    lamp = wrt.disk((ABOVE[0], HEIGHT, ABOVE[1]), (0, -1, 0), radius)
-    shadow = ABOVE, HEIGHT, radius
-    check_irradiance(lamp, radiance, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
-
-
-def from_cylinder(ends: NDArray, radius: float, radiance: float, x: NDArray, z: NDArray) -> NDArray:
-    """Return the irradiance of the floor by Gauss's rule over the part of a cylinder that faces a point.
-
-    With the whole cylinder above the floor, the integrand is smooth there.
-    """
-    middle, length = ends.mean(axis=0), float(np.linalg.norm(ends[1] - ends[0]))
-    axis = (ends[1] - ends[0]) / length
-    points = np.stack([x, np.zeros_like(x), z], axis=-1)
-    away = points - middle
-    away = away - (away @ axis)[..., None] * axis
-    far = np.linalg.norm(away, axis=-1)
-    first = away / far[..., None]
-    second, reach = np.cross(axis, first), np.arccos(radius / far)
-    nodes, weights = np.polynomial.legendre.leggauss(24)
-    total = np.zeros_like(x)
-    for turn, share in zip(nodes, weights, strict=True):
-        out = np.cos(turn * reach)[..., None] * first + np.sin(turn * reach)[..., None] * second
-        for along, part in zip(nodes, weights, strict=True):
-            way = middle + 0.5 * length * along * axis + radius * out - points
-            d2 = (way**2).sum(axis=-1)
-            total += share * part * np.maximum(way[..., 1] * -(way * out).sum(axis=-1), 0.0) / d2**2 * reach
-    return np.asarray(0.5 * length * radius * radiance * total)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
-def test_irradiance_of_a_cylinder(strategy: str, device: str, report: Report) -> None:
-    radius, ends = 0.25, np.array([(-0.5, 0.9, 0.1), (0.6, 1.3, 0.4)])
-
-    def expected(x: NDArray, z: NDArray) -> NDArray:
-        return from_cylinder(ends, radius, 8.0, x, z)
-
-    lamp, shadow = wrt.cylinder(*map(tuple, ends), radius), ((0.05, 0.25), 1.2, 0.85)
-    check_irradiance(lamp, 8.0, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
-
-
 TEXELS = np.float32([[1.0, 9.0, 0.5, 3.0], [6.0, 0.2, 4.0, 12.0], [0.3, 5.0, 15.0, 1.0]])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
-def test_irradiance_of_a_textured_sphere(strategy: str, device: str, report: Report) -> None:
-    """Whoever finds the lamp, its light is that of the texel there: summed over the sphere by the midpoint rule."""
+def of_sphere(x: NDArray, z: NDArray) -> NDArray:
+    """E = π L (r / d)² cosθ where the whole sphere is above the horizon (Howell, C-137), for L = 2 / r²."""
+    d2 = (x - ABOVE[0]) ** 2 + HEIGHT**2 + (z - ABOVE[1]) ** 2
+    return np.asarray(math.pi * 2.0 / d2 * (HEIGHT / np.sqrt(d2)))
+
+
+def of_disk(radius: float, x: NDArray, z: NDArray) -> NDArray:
+    """A disk parallel to the floor: E = π L ½ (1 − (h² + s² − r²) / √((h² + s² + r²)² − 4 r² s²)) (Howell, B-13)."""
+    s2, h2, r2 = (x - ABOVE[0]) ** 2 + (z - ABOVE[1]) ** 2, HEIGHT**2, radius**2
+    root = np.sqrt((h2 + s2 + r2) ** 2 - 4.0 * r2 * s2)
+    # 1 − a / root without the difference of nearly equal numbers
+    return np.asarray(0.5 * math.pi * 2.0 / r2 * 4.0 * h2 * r2 / (root * (root + h2 + s2 - r2)))
+
+
+def of_points(points: NDArray, normals: NDArray, flux: NDArray, x: NDArray, z: NDArray) -> NDArray:
+    """Return the sum over points of a lamp's surface, each of which stands for radiance times area."""
+    way = points - np.stack([x, np.zeros_like(x), z], axis=-1)[..., None, :]
+    cosines = way[..., 1] * np.maximum(-np.einsum("...sk,sk->...s", way, normals), 0.0)
+    return np.asarray(cosines / (way**2).sum(axis=-1) ** 2 @ flux)
+
+
+def squares(u_count: int, v_count: int) -> tuple[NDArray, NDArray]:
+    """Return the middles of cells of the unit square."""
+    u, v = np.meshgrid((np.arange(u_count) + 0.5) / u_count, (np.arange(v_count) + 0.5) / v_count)
+    return u.ravel(), v.ravel()
+
+
+def textured_sphere() -> tuple[wrt.Mesh, Any, Any, Any]:
+    """Whoever finds the lamp, its light is that of the texel there."""
     center, radius = np.array([ABOVE[0], HEIGHT, ABOVE[1]]), 0.6
-    u, v = (a.ravel() for a in np.meshgrid((np.arange(72) + 0.5) / 72, (np.arange(72) + 0.5) / 72))
+    u, v = squares(72, 72)
     sine = np.sin(np.pi * v)
     out = np.stack([sine * np.cos(2.0 * np.pi * u), sine * np.sin(2.0 * np.pi * u), np.cos(np.pi * v)], axis=1)
     # Rows of an image are from the top, where v is 1.
     radiance = TEXELS[((1.0 - v) * 3).astype(int), (u * 4).astype(int)]
     flux = radiance * radius**2 * 2.0 * np.pi**2 * sine / len(sine)
-
-    def expected(x: NDArray, z: NDArray) -> NDArray:
-        way = center + radius * out - np.stack([x, np.zeros_like(x), z], axis=-1)[..., None, :]
-        cosines = way[..., 1] * np.maximum(-np.einsum("...sk,sk->...s", way, out), 0.0)
-        return cosines / (way**2).sum(axis=-1) ** 2 @ flux
-
     image = wrt.ImageTexture(TEXELS[..., None].repeat(3, axis=2), filter="nearest")
-    lamp, shadow = wrt.sphere(tuple(center), radius, exact=True), (ABOVE, HEIGHT, radius)
-    check_irradiance(lamp, image, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
+    expected = functools.partial(of_points, center + radius * out, out, flux)
+    return wrt.sphere(tuple(center), radius, exact=True), image, expected, (ABOVE, HEIGHT, radius)
+
+
+def tube() -> tuple[wrt.Mesh, Any, Any, Any]:
+    radius, (start, end) = 0.25, np.array([(-0.5, 0.9, 0.1), (0.6, 1.3, 0.4)])
+    u, v = squares(192, 48)
+    axis = unit(end - start)
+    first = unit(np.cross(axis, (0.0, 1.0, 0.0)))
+    out = np.cos(2.0 * np.pi * u)[:, None] * first + np.sin(2.0 * np.pi * u)[:, None] * np.cross(axis, first)
+    points = start + v[:, None] * (end - start) + radius * out
+    flux = np.full(len(u), 8.0 * 2.0 * np.pi * radius * np.linalg.norm(end - start) / len(u))
+    lamp = wrt.cylinder(tuple(start), tuple(end), radius)
+    return lamp, 8.0, functools.partial(of_points, points, out, flux), ((0.05, 0.25), 1.2, 0.85)
+
+
+def lamp_of(kind: str, radius: float) -> tuple[wrt.Mesh, Any, Any, Any]:
+    """Return a lamp, its radiance, the irradiance that it sheds on the floor, and where it hides that."""
+    place, shadow = (ABOVE[0], HEIGHT, ABOVE[1]), (ABOVE, HEIGHT, radius)
+    if kind == "sphere":
+        return wrt.sphere(place, radius, exact=True), 2.0 / radius**2, of_sphere, shadow
+    if kind == "of_a_disk":
+        return wrt.disk(place, (0, -1, 0), radius), 2.0 / radius**2, functools.partial(of_disk, radius), shadow
+    return tube() if kind == "cylinder" else textured_sphere()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "strategy", "radius"),
+    [
+        *(("sphere", strategy, radius) for strategy, radius in (("mis", 0.9), ("light", 1e-3), ("bsdf", 0.9))),
+        *(("of_a_disk", strategy, radius) for strategy, radius in (("mis", 0.3), ("light", 0.01), ("bsdf", 0.9))),
+        *((kind, strategy, 0.0) for kind in ("cylinder", "textured") for strategy in SPP),
+    ],
+)
+def test_irradiance(kind: str, strategy: str, radius: float, device: str, report: Report) -> None:
+    """In closed form, or summed over the lamp by the midpoint rule."""
+    lamp, radiance, expected, shadow = lamp_of(kind, radius)
+    check_irradiance(lamp, radiance, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("center", [(0.0, 0.0, 0.0), (300.0, -200.0, 100.0)])
-@pytest.mark.parametrize("kind", ["sphere", pytest.param("can", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", ["sphere", "can"])
 def test_no_light_leaks_out_of_closed_shapes(
     kind: str, center: tuple[float, float, float], device: str, report: Report
 ) -> None:
@@ -151,8 +139,11 @@ def cut(mesh: wrt.Mesh, exact: bool, segments: int = 256) -> wrt.Mesh:
     return mesh if exact else mesh.tessellated(segments if len(mesh.faces) == 1 else 48)
 
 
-def moving(exact: bool) -> wrt.Scene:
-    """Shapes that roll, grow and become ellipses, shared meshes, one place mirrored, and lamps."""
+def varied(exact: bool) -> wrt.Scene:
+    """Shapes that roll, grow and become ellipses, shared meshes, one place mirrored, lamps, glass with absorption.
+
+    Tubes shine outwards, inwards and to both sides.
+    """
     rng = np.random.default_rng(4)
     image = wrt.ImageTexture(rng.random((4, 8, 3)).astype(np.float32), filter="nearest")
     camera = wrt.PerspectiveCamera((0.0, 1.2, 4.0), (0.0, 0.5, 0.0), shutter_open=0.0, shutter_close=1.0)
@@ -165,10 +156,9 @@ def moving(exact: bool) -> wrt.Scene:
     ball = wrt.spheres([(0, 0, 0)], 0.4)
     for mesh, transform, shine in ((tube, roll, 0.0), (plate, grow, image), (ball, rise, 0.0)):
         scene.add(cut(mesh, exact), material=wrt.Diffuse(image), transform=transform, emission=shine)
-    ends = zip(rng.uniform(-0.4, 0.4, (9, 3)), 0.3 * rng.standard_normal((9, 3)), strict=True)
-    many = [wrt.cylinder(tuple(a), tuple(a + b), 0.03) for a, b in ends]
-    places = zip(rng.uniform(-0.4, 0.4, (9, 3)), rng.standard_normal((9, 3)), strict=True)
-    many += [wrt.disk(tuple(a), tuple(b), 0.1) for a, b in places]
+    places, ways = rng.uniform(-0.4, 0.4, (18, 3)), rng.standard_normal((18, 3))
+    many = [wrt.cylinder(tuple(a), tuple(a + 0.3 * b), 0.03) for a, b in zip(places[:9], ways[:9], strict=True)]
+    many += [wrt.disk(tuple(a), tuple(b), 0.1) for a, b in zip(places[9:], ways[9:], strict=True)]
     many.append(wrt.spheres(rng.uniform(-0.4, 0.4, (20, 3)), rng.uniform(0.02, 0.08, 20)))
     for x, mirror in ((1.2, 1.0), (-1.4, -1.0)):
         place = np.diag([mirror, 1.0, 1.0, 1.0])
@@ -176,43 +166,19 @@ def moving(exact: bool) -> wrt.Scene:
         for k, mesh in enumerate(cut(each, exact) for each in many):
             scene.add(mesh, material=wrt.Diffuse((0.7, 0.3, 0.2)), transform=place, emission=4.0 if k % 7 == 0 else 0.0)
     scene.add(cut(wrt.disk((0.0, 2.0, 0.3), (0.2, -1, 0), 0.3), exact), emission=6.0)
-    return scene
-
-
-@pytest.mark.slow
-def test_moving_shapes_look_as_fine_triangles_do(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
-    check_like_triangles(moving, "moving shapes", device, report)
-
-
-def lamps(exact: bool) -> wrt.Scene:
-    """Tubes that shine outwards, inwards and to both sides, an ellipse with an image, and glass with absorption."""
-    rng = np.random.default_rng(9)
-    image = wrt.ImageTexture(rng.random((4, 4, 3)).astype(np.float32))
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.2, 1.5, 5.0), (0.0, 0.6, 0.0)))
-    scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse(0.6))
-    out = wrt.cylinder((-1.5, 0.4, 0.0), (-0.9, 1.2, 0.3), 0.15)
     inward = wrt.cylinder((0.0, 0.3, 0.0), (0.1, 0.9, 0.6), 0.3).turned_inside_out()
-    both = wrt.cylinder((1.2, 0.2, 0.0), (1.0, 0.9, 0.5), 0.2)
-    for mesh, two_sided in ((out, False), (inward, False), (both, True)):
+    for mesh, two_sided in ((inward, False), (wrt.cylinder((1.2, 0.2, 1.0), (1.0, 0.9, 1.2), 0.1), True)):
         looks = {"material": wrt.Diffuse(0.4), "two_sided_emission": two_sided}
         scene.add(cut(mesh, exact), emission=(3.0, 2.5, 2.0), **looks)
-    plate = wrt.disk((0, 0, 0), (0, -1, 0.3), 0.5).transformed(
-        [[1.2, 0.3, 0, 0.3], [0, 0.6, 0.2, 2.2], [0.2, 0, 0.8, -0.5], [0, 0, 0, 1]]
-    )
-    scene.add(cut(plate, exact), material=wrt.Diffuse(0.2), emission=image)
     wine = wrt.Dielectric(interior=wrt.Medium(absorption=(0.5, 2.0, 3.0)))
     scene.add(cut(wrt.spheres([(-0.6, 0.3, 1.0)], 0.25), exact), material=wine)
-    ends = (0.4, 0.35, 1.4), (-0.4, 0.35, 1.5)
-    along = np.subtract(*ends)
-    for mesh in (wrt.cylinder(*ends, 0.3), wrt.disk(ends[0], tuple(along), 0.3), wrt.disk(ends[1], tuple(-along), 0.3)):
-        scene.add(cut(mesh, exact), material=wine)
     return scene
 
 
 @pytest.mark.slow
-def test_lamps_shine_as_fine_triangles_do(device: str, report: Report) -> None:
-    check_like_triangles(lamps, "lamps", device, report, 512)
+def test_shapes_look_as_fine_triangles_do(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
+    check_like_triangles(varied, "shapes", device, report, 512)
 
 
 # --- Both kernels ------------------------------------------------------------------------------------

@@ -1,210 +1,221 @@
-"""Exact spheres, disks and cylinders: hits, normals and texture coordinates against closed forms in float64."""
+"""Exact spheres, disks and cylinders: hits, normals, texture coordinates and tangents against closed forms."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
-import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
-from support.exact_shapes import QUADRICS, cast_rays, local
+from support.exact_shapes import QUADRICS, cast_rays
 from support.ray_trees import unit
 
 import wrt
-from wrt.kernels.geometry.quadrics import CYLINDER, DISK, Quadric, by_coordinate, point_of
-from wrt.kernels.geometry.rays import Frame
-from wrt.kernels.geometry.spheres import along_meridian, along_turn
 from wrt.scene.exact.quadrics import Quadrics, quadrics_of
 from wrt.scene.exact.spheres import Spheres
 
 EPS = 2.0**-24
 
 
-def roots(center: NDArray, radius: NDArray, origins: NDArray, directions: NDArray) -> tuple[NDArray, NDArray]:
-    """Return the distances to both intersections with a sphere, NaN for rays that miss, and the squared half chord."""
-    o, d = origins.astype(np.float64) - center, directions.astype(np.float64)
-    length = np.linalg.norm(d, axis=1)
-    d = d / length[:, None]
-    middle = -(o * d).sum(axis=1)
-    half2 = radius**2 - np.linalg.norm(o + d * middle[:, None], axis=1) ** 2
-    half = np.sqrt(np.where(half2 >= 0.0, half2, np.nan))
-    return np.stack([middle - half, middle + half], axis=1) / length[:, None], half2
+class Place(NamedTuple):
+    """A sphere, disk or cylinder: where it is, and the rows to which the vectors of the unit shape map."""
+
+    kind: str
+    center: NDArray
+    axes: NDArray
+
+    @staticmethod
+    def of(mesh: wrt.Mesh) -> Place:
+        if isinstance(mesh, Spheres):
+            return Place("sphere", mesh.centers[0], mesh.radii[0] * np.eye(3))
+        assert isinstance(mesh, Quadrics)
+        return Place("disk" if mesh.are_disks[0] else "cylinder", mesh.centers[0], mesh.axes[0])
+
+    def local(self, v: NDArray) -> NDArray:
+        return np.asarray(v.astype(np.float64) @ np.linalg.inv(self.axes))
+
+    @property
+    def reach(self) -> float:
+        """The longest of its vectors, but for the unit normal of a disk."""
+        return float(np.linalg.norm(self.axes[: 2 if self.kind == "disk" else 3], axis=1).max())
+
+    def hits(self, origins: NDArray, directions: NDArray) -> NDArray:
+        """Return both distances in order, NaN for none."""
+        o, d = self.local(origins - self.center), self.local(directions)
+        with np.errstate(all="ignore"):
+            if self.kind == "disk":
+                t = -o[:, 2] / d[:, 2]
+                t[(np.hypot(*(o + t[:, None] * d)[:, :2].T) > 1.0) | (t < 0.0)] = np.nan
+                return np.stack([t, np.full_like(t, np.nan)], axis=1)
+            n = 3 if self.kind == "sphere" else 2
+            square = (d[:, :n] ** 2).sum(axis=1)
+            middle = -(o[:, :n] * d[:, :n]).sum(axis=1) / square
+            left = 1.0 - ((o[:, :n] + middle[:, None] * d[:, :n]) ** 2).sum(axis=1)
+            half = np.sqrt(np.where(left >= 0.0, left, np.nan) / square)
+            ts = np.stack([middle - half, middle + half], axis=1)
+            beyond = n == 2 and np.abs(o[:, 2:] + ts * d[:, 2:]) > 0.5
+            ts[beyond | (ts < 0.0)] = np.nan
+        return np.sort(ts, axis=1)
+
+    def hits_of_moved(self, origins: NDArray, directions: NDArray, step: float) -> tuple[NDArray, NDArray]:
+        """Return by how much distances differ for rays that begin `step` aside, and which rays hit as often there.
+
+        Of rays along a disk, or the axis of a cylinder, some hit between those that begin aside and miss.
+        """
+        expected = self.hits(origins, directions)
+        steps = step * np.concatenate([np.eye(3), -np.eye(3)])
+        moved = np.stack([self.hits(origins.astype(np.float64) + each, directions) for each in steps])
+        certain = (np.isfinite(moved) == np.isfinite(expected)).all(axis=(0, 2))
+        if self.kind != "sphere":
+            cosine = np.abs(directions @ unit(self.axes[2]))
+            slant = cosine if self.kind == "disk" else np.sqrt(1.0 - cosine**2)
+            certain &= slant > 4.0 * step / np.linalg.norm(self.axes[:2], axis=1).min()
+        return np.abs(moved - expected).max(axis=0), certain
+
+    def point(self, turn: NDArray, other: NDArray) -> NDArray:
+        """Return the points, from the centre, of texture coordinates: turns, and the others."""
+        r = {"sphere": np.sin(np.pi * other), "disk": other, "cylinder": np.ones_like(other)}[self.kind]
+        z = {"sphere": np.cos(np.pi * other), "disk": np.zeros_like(other), "cylinder": other - 0.5}[self.kind]
+        angle = 2.0 * np.pi * turn
+        return np.asarray(np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1) @ self.axes)
+
+    def rays(self, n: int, distance: float) -> tuple[NDArray, NDArray]:
+        """Return rays from all around to places in and near the shape, half of them to its outline or its ends."""
+        rng = np.random.default_rng(7)
+        out = unit(rng.standard_normal((n, 3)))
+        origins = (self.center + distance * self.reach * out).astype(np.float32)
+        kind, near = np.arange(n) % 4, 1.0 + 0.02 * rng.standard_normal(n)
+        if self.kind == "sphere":
+            across = unit(np.cross(out, rng.standard_normal((n, 3))))
+            place = across * np.where(kind % 2, np.sqrt(rng.random(n)), near)[:, None]
+        else:
+            r, turn = np.where(kind % 2, near, 1.1 * np.sqrt(rng.random(n))), rng.uniform(0.0, 2.0 * np.pi, n)
+            z = np.where(kind == 3, 0.5 * near * rng.choice([-1.0, 1.0], n), rng.uniform(-0.55, 0.55, n))
+            if self.kind == "cylinder":
+                o = self.local(origins - self.center)
+                turn = np.where(kind == 1, np.arctan2(o[:, 0], -o[:, 1]), turn)
+            place = np.stack([r * np.cos(turn), r * np.sin(turn), z * (self.kind == "cylinder")], axis=1)
+        return origins, unit(self.center + place @ self.axes - origins).astype(np.float32)
 
 
-def rays_to_sphere(center: NDArray, radius: float, n: int, distance: float) -> tuple[NDArray, NDArray]:
-    """Return rays from all around to points of a sphere's disk, as many near its limb as elsewhere."""
-    rng = np.random.default_rng(7)
-    out, across = unit(rng.standard_normal((n, 3))), rng.standard_normal((n, 3))
-    origins = (center + out * distance * radius).astype(np.float32)
-    across = unit(across - out * (across * out).sum(axis=1, keepdims=True))
-    share = np.where(np.arange(n) % 2, np.sqrt(rng.random(n)), 1.0 + 0.02 * rng.standard_normal(n))
-    return origins, unit(center + across * (radius * share)[:, None] - origins).astype(np.float32)
+def turned_ball() -> tuple[wrt.Mesh, Place]:
+    """Return a turned and mirrored sphere."""
+    matrix = np.eye(4)
+    turn = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))[0]
+    turn *= -np.sign(np.linalg.det(turn))
+    matrix[:3, :3], matrix[:3, 3] = 0.7 * turn, (0.3, -0.4, 2.0)
+    ball = wrt.sphere((0.5, 0.25, 0.0), 0.5, exact=True).transformed(matrix)
+    assert isinstance(ball, Spheres)
+    return ball, Place("sphere", ball.centers[0], ball.radii[0] * turn.T)
 
 
-@pytest.mark.parametrize("distance", [1.5, 1e4])
-@pytest.mark.parametrize(("center", "radius"), [((0, 0, 0), 1.0), ((3, -2, 5), 1e-3), ((100, 2e5, -7), 1e6)])
-def test_hits_of_spheres_agree_with_the_closed_form(center: tuple, radius: float, distance: float, device: str) -> None:
-    """The error of a hit is that of a ray in float32: a few roundings of its length and of the coordinates."""
-    ball = wrt.sphere(center, radius, exact=True)
-    c, r = ball.centers[0], ball.radii[0]
-    assert r == pytest.approx(radius, rel=3e-4)
-    origins, directions = rays_to_sphere(c, r, 20_000, distance)
-    number, ts, position, normal, _, left = cast_rays([ball], origins, directions, device)
-    expected, half2 = roots(c, r, origins, directions)
-    error = 8.0 * EPS * (distance * r + np.abs(c).max())  # of the line, across
-    certain = np.abs(half2) > 2.0 * error * r
-    assert ((number >= 0) == (half2 > 0.0))[certain].all()
-    hit = (number >= 0) & certain
-    assert hit.sum() > 5_000
-    along = error * (1.0 + r / np.sqrt(half2[hit]))
-    assert (np.abs(ts[hit] - expected[hit]) <= along[:, None]).all()
-    out = normal[hit].astype(np.float64)
-    assert np.abs(np.linalg.norm(out, axis=1) - 1.0).max() < 1e-6
-    assert np.abs(position[hit, 0] - (c + r * out)).max() <= 4.0 * EPS * (np.abs(c).max() + r)
-    for k, found in enumerate((c + r * out, position[hit, 1])):
-        points = origins[hit] + directions[hit].astype(np.float64) * expected[hit, k : k + 1]
-        assert (np.linalg.norm(points - found, axis=1) <= along + 1e-6 * r).all()
-    # What leaves a sphere does not meet it again, and what enters it does.
-    np.testing.assert_array_equal(left[number >= 0], np.broadcast_to([0, 0, -1, 0], left[number >= 0].shape))
+BALLS = {
+    f"spheres of radius {radius:g}": wrt.sphere(center, radius, exact=True)
+    for center, radius in (((0, 0, 0), 1.0), ((3, -2, 5), 1e-3), ((100, 2e5, -7), 1e6))
+}
+SHAPES = {name: (mesh, Place.of(mesh)) for name, mesh in BALLS.items()} | {"spheres, turned": turned_ball()}
+SHAPES |= {f"quadrics: {name}": (mesh, Place.of(mesh)) for name, mesh in QUADRICS.items()}
+FAR = [name for name in SHAPES if name.split()[1] in ("disk", "ellipse", "cylinder", "greatest")]
+CASES = [
+    *((name, 0.6 if "quadrics" in name else 1e4) for name in SHAPES),
+    *((name, 3.0 if "quadrics" in name else 1.5) for name in SHAPES),
+    *(pytest.param(name, 1e4, marks=pytest.mark.slow) for name in FAR),
+]
 
 
-def exact_hits(mesh: Quadrics, origins: NDArray, directions: NDArray) -> tuple[NDArray, NDArray]:
-    """Return both distances in order, NaN for none, and by how much the rays clear the outline or the ends, in radii.
+@pytest.mark.parametrize(("name", "distance"), CASES)
+def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str, report: Report) -> None:
+    """The error of a hit is that of a ray in float32: a few roundings of its length and of the coordinates.
 
-    The second is near 0 for rays whose hits depend on rounding.
+    From 0.6 many rays begin inside a cylinder.
     """
-    o, d = local(mesh, origins - mesh.centers[0]), local(mesh, directions)
-    with np.errstate(all="ignore"):
-        if mesh.are_disks[0]:
-            t = -o[:, 2] / d[:, 2]
-            at = o + t[:, None] * d
-            margin = np.hypot(at[:, 0], at[:, 1]) - 1.0
-            t[(margin > 0.0) | (t < 0.0)] = np.nan
-            return np.stack([t, np.full_like(t, np.nan)], axis=1), margin
-        square = (d[:, :2] ** 2).sum(axis=1)
-        middle = -(o[:, :2] * d[:, :2]).sum(axis=1) / square
-        left = 1.0 - ((o[:, :2] + middle[:, None] * d[:, :2]) ** 2).sum(axis=1)
-        half = np.sqrt(np.where(left >= 0.0, left, np.nan) / square)
-        ts = np.stack([middle - half, middle + half], axis=1)
-        z = np.abs(o[:, 2:] + ts * d[:, 2:]) - 0.5
-        length, radius = np.linalg.norm(mesh.axes[0, 2]), np.linalg.norm(mesh.axes[0, 0])
-        margin = np.nanmin(np.abs(np.concatenate([left[:, None], z * length / radius], axis=1)), axis=1)
-        ts[(z > 0.0) | (ts < 0.0)] = np.nan
-    return np.sort(ts, axis=1), margin
-
-
-def reach_of(mesh: Quadrics) -> float:
-    """Return the longest of a shape's vectors, but for the unit normal of a disk."""
-    return float(np.linalg.norm(mesh.axes[0, : 2 if mesh.are_disks[0] else 3], axis=1).max())
-
-
-def rays_to(mesh: Quadrics, n: int, distance: float) -> tuple[NDArray, NDArray]:
-    """Return rays from all around to places in and near a shape, half of them to its outline or its ends."""
-    rng = np.random.default_rng(7)
-    out = unit(rng.standard_normal((n, 3)))
-    origins = (mesh.centers[0] + distance * reach_of(mesh) * out).astype(np.float32)
-    place = rng.uniform(-1.1, 1.1, (n, 3))
-    o = local(mesh, origins - mesh.centers[0])
-    near = 1.0 + 0.02 * rng.standard_normal(n)
-    turn, kind = rng.uniform(0.0, 2.0 * np.pi, n), np.arange(n) % 4
-    if mesh.are_disks[0]:
-        place[:, 2] = 0.0
-    else:
-        place[:, 2] *= 0.5
-        turn[kind == 1] = np.arctan2(o[:, 0], -o[:, 1])[kind == 1]
-        place[kind == 3, 2] = (0.5 * near * rng.choice([-1.0, 1.0], n))[kind == 3]
-    rim = np.stack([near * np.cos(turn), near * np.sin(turn)], axis=1)
-    place[kind % 2 == 1, :2] = rim[kind % 2 == 1]
-    return origins, unit(mesh.centers[0] + place @ mesh.axes[0] - origins).astype(np.float32)
-
-
-@pytest.mark.parametrize(
-    ("name", "distance"),
-    [
-        *((name, distance) for distance in (0.6, 3.0) for name in QUADRICS),
-        *(pytest.param(name, 100.0, marks=pytest.mark.slow) for name in QUADRICS),
-        *(
-            pytest.param(name, 1e4, marks=pytest.mark.slow)
-            for name in ("disk", "ellipse", "cylinder", "greatest disk", "greatest cylinder")
-        ),
-    ],
-)
-def test_hits_of_quadrics_agree_with_the_closed_form(name: str, distance: float, device: str, report: Report) -> None:
-    """The error of a hit is that of a ray in float32, as of spheres. From 0.6 many rays begin inside a cylinder."""
-    mesh = QUADRICS[name]
-    x, y, z = mesh.axes[0]
-    c, radius = mesh.centers[0], min(np.linalg.norm(x), np.linalg.norm(y))
-    reach, disk = reach_of(mesh), bool(mesh.are_disks[0])
+    mesh, place = SHAPES[name]
+    c, reach, axes = place.center, place.reach, place.axes
     size = np.abs(c).max() + reach
-    origins, directions = rays_to(mesh, 20_000, distance)
-    number, ts, position, normal, _, left = cast_rays([mesh], origins, directions, device)
-    expected, margin = exact_hits(mesh, origins, directions)
-    error = 16.0 * EPS * (distance * reach + size)  # of the line, across
-    o, d = local(mesh, origins - c), local(mesh, directions)
-    out = normal.astype(np.float64)
-    if disk:
-        front = unit(np.cross(x, y))
-        cosine = np.abs(directions @ front)
-        across = error / np.maximum(cosine, 1e-9)
-        certain = (np.abs(margin) * radius > across) & (cosine > 1e-6)
-    else:
-        sine = np.linalg.norm(np.cross(directions, z), axis=1) / np.linalg.norm(z)
-        nearest = o[:, :2] - d[:, :2] * ((o * d)[:, :2].sum(axis=1) / (d[:, :2] ** 2).sum(axis=1))[:, None]
-        chord = np.sqrt(np.maximum(1.0 - (nearest**2).sum(axis=1), 1e-12))
-        across = error / np.maximum(sine * chord, 1e-9) * (1.0 + 1.0 / np.maximum(sine, 1e-6))
-        certain = (margin * radius > across) & (sine > 1e-4)
-        certain &= np.abs(np.hypot(o[:, 0], o[:, 1]) - 1.0) * radius > across
+    origins, directions = place.rays(20_000, distance)
+    number, ts, position, normal, uv, left, edges = cast_rays([mesh], origins, directions, device)
+    expected = place.hits(origins, directions)
+    aside = 4.0 * EPS * (distance * reach + size)
+    error, certain = place.hits_of_moved(origins, directions, aside)
     assert certain.mean() > 0.3
     assert ((number >= 0) == np.isfinite(expected[:, 0]))[certain].all()
-    hit = (number >= 0) & certain
-    assert hit.sum() > 500
-    report("error of distances in roundings", float(np.max(np.abs(ts[hit, 0] - expected[hit, 0]) / across[hit])), "< 1")
-    assert (np.abs(ts[hit, 0] - expected[hit, 0]) <= across[hit]).all()
-    both = hit & np.isfinite(expected[:, 1])
-    assert (np.abs(ts[both, 1] - expected[both, 1]) <= across[both]).all()
+    hit, seen = number >= 0, (number >= 0) & certain
+    assert seen.sum() > 500
+    for k in range(2):
+        both = seen & np.isfinite(expected[:, k])
+        off = np.abs(ts[both, k] - expected[both, k]) / (error[both, k] + aside)
+        report(f"error of distance {k} in what it may be", float(off.max(initial=0.0)), "< 1")
+        assert (off <= 1.0).all()
     # Points lie on the shape, and normals are perpendicular to it.
-    hit = number >= 0
-    assert np.abs(np.linalg.norm(out[hit], axis=1) - 1.0).max() < 1e-6
-    if disk:
-        assert np.abs((position[hit, 0] - c) @ front).max() < 8.0 * EPS * size
-        assert np.abs(out[hit] - mesh.fronts[0]).max() < 1e-6
+    out, at = normal[hit].astype(np.float64), place.local(position[hit, 0] - c)
+    roundings, along = 8.0 * EPS * size / np.linalg.norm(axes[:2], axis=1).min(), 8.0 * EPS * size
+    assert np.abs(np.linalg.norm(out, axis=1) - 1.0).max() < 1e-6
+    inverted = cast_rays([mesh.turned_inside_out()], origins, directions, device)[3]
+    assert np.abs(normal[hit] + inverted[hit]).max() < 1e-6
+    # Texture coordinates are those of Mitsuba, in the shape's own space.
+    turn, r, z = np.arctan2(at[:, 1], at[:, 0]) / (2.0 * np.pi) % 1.0, np.hypot(at[:, 0], at[:, 1]), at[:, 2]
+    order = [1, 0] if place.kind == "disk" else [0, 1]
+    turn_found, other_found = uv[hit][:, order].T
+    other = {"sphere": np.arctan2(r, z) / np.pi, "disk": r, "cylinder": z + 0.5}[place.kind]
+    tolerance, off = 2e-6 if place.kind == "sphere" else 1e-5, np.abs(turn_found - turn)
+    assert (np.minimum(off, 1.0 - off) * r).max() < tolerance + roundings
+    in_length = along / np.linalg.norm(axes[2]) if place.kind == "cylinder" else roundings
+    assert np.abs(other_found - other).max() < tolerance + in_length
+    # Tangents are the derivatives by them.
+    clear, step = r > 0.05, 1e-4
+    for k, (by_turn, by_other) in zip(order, ((step, 0.0), (0.0, step)), strict=True):
+        change = place.point(turn + by_turn, other + by_other) - place.point(turn - by_turn, other - by_other)
+        off = np.linalg.norm(edges[hit, k] - change / (2.0 * step), axis=1)[clear]
+        assert off.max() < (1e-4 + 20.0 * roundings) * reach
+    if place.kind == "disk":
+        assert np.abs(at[:, 2]).max() < along
+        assert np.abs(out - mesh.fronts[0]).max() < 1e-6
         # What leaves it does not meet it again. (A direction along it is rounded, and may rightly meet it far away.)
         assert (left[hit][:, :3] == -1).all()
         return
-    place, tolerance = local(mesh, position[hit, 0] - c)[:, :2], 8.0 * EPS * size / radius
-    assert np.abs(np.linalg.norm(place, axis=1) - 1.0).max() < tolerance
-    assert np.abs(out[hit] - unit(place @ mesh.axes[0, :2])).max() < 1e-5 + tolerance
+    n = 3 if place.kind == "sphere" else 2
+    assert np.abs(np.linalg.norm(at[:, :n], axis=1) - 1.0).max() < roundings
+    assert np.abs(out - unit(at[:, :n] @ axes[:n])).max() < 1e-5 + roundings
     # What leaves it does not meet it again but on its other side; what goes in comes out there, or at an end.
-    seen_front = (directions * out).sum(axis=1) < 0.0
-    outside, inside = hit & seen_front, hit & ~seen_front
+    seen_front = (directions * normal).sum(axis=1) < 0.0
+    outside, inside, sure = hit & seen_front, hit & ~seen_front, hit & seen_front & certain
     assert (left[outside, 2] == -1).all()
     assert (left[outside, 3] == 0).all()
     assert (left[inside, :2] == -1).all()
-    sure = outside & certain
     assert ((left[sure, 0] >= 0) == np.isfinite(expected[sure, 1])).all()
+    if place.kind == "sphere":
+        assert outside[hit].all()
+        assert (left[outside, :2] == 0).all()
+        assert np.abs(position[hit, 0] - (c + reach * out)).max() <= 4.0 * EPS * size
+        for k in range(2):
+            points = origins[seen] + directions[seen].astype(np.float64) * expected[seen, k : k + 1]
+            assert (np.linalg.norm(points - position[seen, k], axis=1) <= error[seen, k] + aside + 1e-6 * reach).all()
 
 
 def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
     """Among triangles, spheres, disks and cylinders the nearest that a ray meets is found, and the next after it."""
     rng = np.random.default_rng(3)
     n = 300
-    disks = zip(rng.uniform(-1, 1, (n, 3)), rng.standard_normal((n, 3)), rng.uniform(0.02, 0.2, n), strict=True)
-    made = [wrt.disk(tuple(c), tuple(m), r) for c, m, r in disks]
-    ends = zip(rng.uniform(-1, 1, (n, 3)), 0.2 * rng.standard_normal((n, 3)), rng.uniform(0.01, 0.1, n), strict=True)
-    made += [wrt.cylinder(tuple(a), tuple(a + b), r) for a, b, r in ends]
+    places, ways = rng.uniform(-1, 1, (2 * n, 3)), rng.standard_normal((2 * n, 3))
+    made = [
+        wrt.disk(tuple(a), tuple(b), r) for a, b, r in zip(places[:n], ways, rng.uniform(0.02, 0.2, n), strict=False)
+    ]
+    ends = zip(places[n:], places[n:] + 0.2 * ways[n:], rng.uniform(0.01, 0.1, n), strict=True)
+    made += [wrt.cylinder(tuple(a), tuple(b), r) for a, b, r in ends]
     made = [made[k] for k in rng.permutation(2 * n)]
-    flags, centers, axes = (np.concatenate([getattr(m, k) for m in made]) for k in ("are_disks", "centers", "axes"))
-    many = quadrics_of(flags, centers, axes, "many")
+    many = quadrics_of(
+        *(np.concatenate([getattr(m, k) for m in made]) for k in ("are_disks", "centers", "axes")), "many"
+    )
     balls = wrt.spheres(rng.uniform(-1.0, 1.0, (n, 3)), rng.uniform(0.01, 0.05, n))
     floor = wrt.quad((-2, -0.5, 2), (4, 0, 0), (0, 0, -4))
     origins = (3.0 * rng.standard_normal((3000, 3))).astype(np.float32)
     directions = unit(rng.uniform(-1.0, 1.0, (3000, 3)) - origins).astype(np.float32)
     t = (-0.5 - origins[:, 1].astype(np.float64)) / directions[:, 1]
     on_floor = (np.abs((origins + directions * t[:, None])[:, [0, 2]]) < 2.0).all(axis=1) & (t > 0.0)
-    hits = [np.where(on_floor, t, np.nan)[:, None]]
-    hits += [roots(c, r, origins, directions)[0] for c, r in zip(balls.centers, balls.radii, strict=True)]
-    hits += [exact_hits(mesh, origins, directions)[0] for mesh in made]
-    table = np.concatenate(hits, axis=1)
+    exact = [Place("sphere", c, r * np.eye(3)) for c, r in zip(balls.centers, balls.radii, strict=True)]
+    hits = [place.hits(origins, directions) for place in (*exact, *map(Place.of, made))]
+    table = np.concatenate([np.where(on_floor, t, np.nan)[:, None], *hits], axis=1)
     table[~(table > 0.0)] = np.inf
     columns = np.array([0, *np.repeat(np.arange(3 * n), 2) + 2])
     for shapes, used in (([floor, balls, many], len(columns)), ([floor, balls], 1 + 2 * n)):
@@ -220,99 +231,6 @@ def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
         report("rays that meet another shape than in float64", int(different.sum()), f"of {len(origins)}")
         assert different.mean() < 0.002
         assert (~same & ~different).mean() < 0.002
-
-
-def turned_ball() -> tuple[Spheres, NDArray]:
-    """Return a turned and mirrored sphere, and the matrix from the space of a unit sphere."""
-    rng = np.random.default_rng(5)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.linalg.qr(rng.standard_normal((3, 3)))[0] * 0.7
-    matrix[:3, :3] *= -np.sign(np.linalg.det(matrix[:3, :3]))
-    matrix[:3, 3] = 0.3, -0.4, 2.0
-    ball = wrt.sphere((0.5, 0.25, 0.0), 0.5, exact=True).transformed(matrix)
-    assert isinstance(ball, Spheres)
-    own = np.eye(4)
-    own[:3, :3], own[:3, 3] = 0.5 * np.eye(3), (0.5, 0.25, 0.0)
-    return ball, matrix @ own
-
-
-@pytest.mark.parametrize("name", ["sphere", "ellipse", "cylinder"])
-def test_texture_coordinates_and_front(name: str, device: str) -> None:
-    """Those of Mitsuba, in the shape's own space; the front of the turned shape is the other side."""
-    if name == "sphere":
-        mesh, matrix = turned_ball()
-        origins, directions = rays_to_sphere(mesh.centers[0], mesh.radii[0], 5000, 4.0)
-    else:
-        mesh, matrix = QUADRICS[name], np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = QUADRICS[name].axes[0].T, QUADRICS[name].centers[0]
-        origins, directions = rays_to(mesh, 5000, 4.0)
-    number, _, position, normal, uv, _ = cast_rays([mesh], origins, directions, device)
-    hit = number == 0
-    at = position[hit, 0].astype(np.float64)
-    x, y, z = ((at - matrix[:3, 3]) @ np.linalg.inv(matrix[:3, :3]).T).T
-    turn, r = np.arctan2(y, x) / (2.0 * np.pi) % 1.0, np.hypot(x, y)
-    other = np.arctan2(r, z) / np.pi if name == "sphere" else r if name == "ellipse" else z + 0.5
-    first = 1 if name == "ellipse" else 0
-    off = np.abs(uv[hit, first] - turn)
-    assert (np.minimum(off, 1.0 - off) * r).max() < (2e-6 if name == "sphere" else 1e-5)
-    assert np.abs(uv[hit, 1 - first] - other).max() < (2e-6 if name == "sphere" else 1e-5)
-    if name == "sphere":
-        assert ((normal[hit] * (at - mesh.centers[0])).sum(axis=1) > 0.0).all()
-    inverted = cast_rays([mesh.turned_inside_out()], origins, directions, device)[3]
-    assert np.abs(normal[hit] + inverted[hit]).max() < 1e-6
-
-
-@wp.kernel(enable_backward=False)
-def differentiate_sphere(axes: Frame, radius: float, places: wp.array(dtype=wp.vec3), out: wp.array2d(dtype=wp.vec3)):
-    i = wp.tid()
-    out[i, 0] = places[i] * radius
-    out[i, 1] = along_turn(axes, places[i], radius)
-    out[i, 2] = along_meridian(axes, places[i], radius)
-
-
-@wp.kernel(enable_backward=False)
-def differentiate_quadric(quadric: Quadric, places: wp.array(dtype=wp.vec3), out: wp.array2d(dtype=wp.vec3)):
-    i = wp.tid()
-    out[i, 0] = point_of(quadric, places[i])
-    out[i, 1] = by_coordinate(quadric, places[i], 0)
-    out[i, 2] = by_coordinate(quadric, places[i], 1)
-
-
-@pytest.mark.parametrize("name", ["sphere", "disk", "cylinder"])
-def test_derivatives_by_texture_coordinates_are_differences_of_points(name: str, device: str) -> None:
-    rng = np.random.default_rng(8)
-    axes = rng.standard_normal((3, 3)) if name != "sphere" else np.linalg.qr(rng.standard_normal((3, 3)))[0]
-    step = 1e-4
-    u, v = (rng.random((1000, 2)) * 0.96 + 0.02).T
-
-    def places(u: NDArray, v: NDArray) -> NDArray:
-        turn = 2.0 * np.pi * (v if name == "disk" else u)
-        r = {"sphere": np.sin(np.pi * v), "disk": u, "cylinder": 1.0}[name]
-        z = {"sphere": np.cos(np.pi * v), "disk": 0.0 * u, "cylinder": v - 0.5}[name]
-        return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
-
-    def points(u: NDArray, v: NDArray) -> NDArray:
-        return places(u, v) @ axes * (0.7 if name == "sphere" else 1.0)
-
-    found = wp.zeros((1000, 3), dtype=wp.vec3, device=device)
-    vectors = (wp.vec3(*axis) for axis in axes)
-    if name == "sphere":
-        frame = Frame()
-        frame.s, frame.t, frame.n = vectors
-        given = wp.array(places(u, v) @ axes, dtype=wp.vec3, device=device)
-        wp.launch(differentiate_sphere, 1000, [frame, 0.7, given], [found], device=device)
-    else:
-        quadric = Quadric()
-        quadric.kind = int(DISK if name == "disk" else CYLINDER)
-        quadric.x, quadric.y, quadric.z = vectors
-        given = wp.array(places(u, v), dtype=wp.vec3, device=device)
-        wp.launch(differentiate_quadric, 1000, [quadric, given], [found], device=device)
-    by_u = (points(u + step, v) - points(u - step, v)) / (2.0 * step)
-    by_v = (points(u, v + step) - points(u, v - step)) / (2.0 * step)
-    point, found_u, found_v = np.moveaxis(found.numpy(), 1, 0)
-    assert np.abs(point - points(u, v)).max() < 1e-5
-    assert np.abs(found_u - by_u).max() < 1e-4
-    assert np.abs(found_v - by_v).max() < 1e-4
 
 
 def test_no_triangle_is_taken_for_a_sphere(device: str) -> None:

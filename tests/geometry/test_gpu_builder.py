@@ -15,9 +15,7 @@ from support.ray_trees import HARD, Tree, build, check, scattered, soup
 
 from wrt.backend.device import Device
 from wrt.kernels.accel.build import moves
-from wrt.kernels.accel.build.levels import SUBTREE
 from wrt.kernels.accel.build.split import BinaryNode
-from wrt.upload.accel.gpu_tree import least_levels, most_levels
 from wrt.upload.accel.reinsertion import levels_of
 
 
@@ -86,16 +84,3 @@ def test_of_two_moves_to_below_each_other_the_better_is_made(gains: tuple[float,
     np.testing.assert_array_equal(np.sort(np.concatenate(levels_of(nodes))), np.arange(15))
     parent, place, node = (1, 13, 3) if first else (2, 11, 5)
     assert (found["left"][parent], found["right"][parent]) == (place, node)
-
-
-def test_levels_suffice() -> None:
-    """Where each split parts one box from the others, and where all are halved."""
-    assert most_levels(SUBTREE, SUBTREE, 48) == 0
-    assert most_levels(SUBTREE + 1, SUBTREE, 48) == 1
-    for count in (129, 256, 257, 1000, 10**7):
-        left, halvings = count, 0
-        while left > SUBTREE:
-            left, halvings = left - left // 2, halvings + 1
-        assert least_levels(count, SUBTREE) == halvings
-        assert most_levels(count, SUBTREE, 0) == min(halvings, count - SUBTREE)
-        assert most_levels(count, SUBTREE, 8) >= min(8 + halvings, count - SUBTREE)

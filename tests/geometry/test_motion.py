@@ -11,11 +11,10 @@ from conftest import Report
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from support.kernels import upload
-from support.ray_trees import affine
+from support.ray_trees import affine, rotation
 
 import wrt
 from wrt.kernels.geometry.motion import MotionKey, MotionRecord, transform_at
-from wrt.scene.motion import Motion
 from wrt.upload.accel.swept_boxes import swept_boxes
 from wrt.upload.motion import motion_records
 
@@ -33,9 +32,8 @@ def about(axis: tuple[float, ...], degrees: float, center: tuple[float, ...], of
 
 def random_affine(rng: np.random.Generator, *, mirrored: bool = False) -> FloatArray:
     """Return a random map of which no direction is squeezed by more than 5."""
-    q, p = (Rotation.random(random_state=rng.integers(2**31)).as_matrix() for _ in range(2))
     sizes = rng.uniform(0.4, 2.0, 3) * (-1.0 if mirrored else 1.0)
-    return affine(q @ np.diag(sizes) @ p, rng.uniform(-3.0, 3.0, 3))
+    return affine(rotation(rng) @ np.diag(sizes) @ rotation(rng), rng.uniform(-3.0, 3.0, 3))
 
 
 AXIS, CENTER, RISE = (1.0, 2.0, -0.5), (3.0, 1.0, -2.0), np.array([0.0, 3.0, 1.0])
@@ -54,10 +52,14 @@ CLOSED_FORMS: dict[str, tuple[wrt.Motion, Callable[[float], FloatArray]]] = {
         lambda share: affine(np.eye(3), share * np.array([1.0, -2.0, 4.0])),
     ),
     # Evenly, the right way round, over any number of turns; the axis stays where it is, or rises as a screw does.
-    **{f"{degrees:g} degrees": turning(degrees) for degrees in (10.0, 179.0, 180.0, -180.0, -1000.0)},
+    **{f"{degrees:g} degrees": turning(degrees) for degrees in (10.0, 180.0, -1000.0)},
     "screw": turning(720.0, RISE),
     "after a transform": (turning(400.0, RISE)[0].after(FIRST), lambda share: turning(400.0, RISE)[1](share) @ FIRST),
-    # Between two keys by slerp: the shorter way.
+    # Between two keys by slerp: the shorter way, or of two as short ones one.
+    "half a turn by keys": (
+        wrt.Motion((0.0, 2.0), [np.eye(4), affine(turned(HALF, 180.0))]),
+        lambda share: affine(turned(HALF, 180.0 * share)),
+    ),
     "200 degrees by keys": (
         wrt.Motion((0.0, 2.0), [np.eye(4), affine(turned((0, 0, 1), 200.0))]),
         lambda share: affine(turned((0, 0, 1), -160.0 * share)),
@@ -79,14 +81,6 @@ def test_motions_are_where_closed_forms_say(name: str) -> None:
         np.testing.assert_allclose(motion.at(time), expected(min(max(time / 2.0, 0.0), 1.0)), atol=1e-12)
 
 
-def test_half_a_turn_between_two_keys() -> None:
-    """Both ways are as short, but it is one of them, about the right axis and even."""
-    motion = wrt.Motion((0.0, 2.0), [np.eye(4), affine(turned(HALF, 180.0))])
-    sign = 1.0 if np.allclose(motion.at(0.5)[:3, :3], turned(HALF, 45.0)) else -1.0
-    for time in np.linspace(0.0, 2.0, 9):
-        np.testing.assert_allclose(motion.at(time), affine(turned(HALF, sign * 90.0 * time)), atol=1e-13)
-
-
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_keys_are_met_and_stay_invertible(mirrored: bool) -> None:
     rng = np.random.default_rng(1)
@@ -94,12 +88,10 @@ def test_keys_are_met_and_stay_invertible(mirrored: bool) -> None:
         matrices = [random_affine(rng, mirrored=mirrored) for _ in range(keys)]
         times = np.cumsum(rng.uniform(0.1, 1.0, keys))
         motion = wrt.Motion(times, matrices, center=(1.0, 0.5, -2.0))
-        np.testing.assert_allclose(motion.at(times), matrices, atol=1e-13)
-        outside = motion.at([times[0] - 1.0, times[-1] + 1.0])
-        np.testing.assert_allclose(outside, [matrices[0], matrices[-1]], atol=1e-13)
+        at = [times[0] - 1.0, *times, times[-1] + 1.0]
+        np.testing.assert_allclose(motion.at(at), [matrices[0], *matrices, matrices[-1]], atol=1e-13)
         between = np.linalg.det(motion.at(np.linspace(times[0], times[-1], 100))[:, :3, :3])
-        assert ((between < 0.0) == mirrored).all()
-        assert np.abs(between).min() > 0.01
+        assert (between * (-1.0 if mirrored else 1.0) > 0.01).all()
 
 
 @wp.kernel(enable_backward=False, module="test_motion")
@@ -148,10 +140,8 @@ def test_the_device_agrees(device: str, report: Report) -> None:
     [
         ([], np.zeros((0, 4, 4)), "one or more"),
         ([0.0, 0.0], [np.eye(4), np.eye(4)], "ascend"),
-        ([0.0, np.nan], [np.eye(4), np.eye(4)], "finite"),
         ([0.0], [np.eye(3)], r"\(1, 4, 4\)"),
         ([0.0], [np.diag([1.0, 1.0, 0.0, 1.0])], "not invertible"),
-        ([0.0], [np.diag([1.0, 1.0, 1.0, 2.0])], "affine"),
         ([0.0, 1.0], [np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])], "mirrors"),
     ],
 )
@@ -170,22 +160,20 @@ def test_boxes_hold_what_moves(report: Report) -> None:
     for case in range(24):
         keys = 1 + case % 4
         matrices = [random_affine(rng) for _ in range(keys)]
-        motion = Motion(np.sort(rng.uniform(-0.2, 1.2, keys)), matrices, tuple(rng.uniform(-1, 1, 3)))
+        motion = wrt.Motion(np.sort(rng.uniform(-0.2, 1.2, keys)), matrices, tuple(rng.uniform(-1, 1, 3)))
         times = np.array([0.0]) if case % 3 else np.array([-0.1, 0.4, 0.9])
         centers, halves = rng.uniform(-1, 1, (len(times), 3)), rng.uniform(0.05, 1.0, (len(times), 3))
         boxes = np.stack([centers - halves, centers + halves], axis=1)
         radius = float(np.linalg.norm(halves, axis=1).max())
-        found = swept_boxes(motion, times, boxes, radius, (0.0, 1.0), 8)
-        for k, (low, high) in enumerate(found.astype(np.float64)):
-            at = np.linspace(k / 8, (k + 1) / 8, 201)
-            moved = motion.at(at)
-            share = np.interp(at, times, np.arange(len(times))) if len(times) > 1 else np.zeros(len(at))
-            first = np.minimum(share.astype(int), max(len(times) - 2, 0))
-            f = (share - first)[:, None, None]
-            own = (1 - f) * boxes[first] + f * boxes[np.minimum(first + 1, len(times) - 1)]
-            corners = own[:, np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)]), np.arange(3)]
-            points = np.einsum("kij,knj->kni", moved[:, :3, :3], corners) + moved[:, None, :3, 3]
-            least, most = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+        at = np.linspace(0.0, 1.0, 1601)
+        own = np.array([[np.interp(at, times, boxes[:, k, axis]) for axis in range(3)] for k in (0, 1)])
+        own = np.moveaxis(own, 2, 0)
+        corners = own[:, np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)]), np.arange(3)]
+        moved = motion.at(at)
+        points = np.einsum("kij,knj->kni", moved[:, :3, :3], corners) + moved[:, None, :3, 3]
+        for k, (low, high) in enumerate(swept_boxes(motion, times, boxes, radius, (0.0, 1.0), 8).astype(np.float64)):
+            within = points[200 * k : 200 * k + 201]
+            least, most = within.min(axis=(0, 1)), within.max(axis=(0, 1))
             assert (low <= least).all()
             assert (high >= most).all()
             slack.append(float((high - low).sum() / (most - least).sum()))
@@ -195,7 +183,7 @@ def test_boxes_hold_what_moves(report: Report) -> None:
 
 def test_boxes_of_balls_are_those_of_balls() -> None:
     """However they turn; stretched ones are held by the ball around them."""
-    motion = Motion.rotation((1, 2, 3), 300.0, center=(1.0, 2.0, 3.0))
+    motion = wrt.Motion.rotation((1, 2, 3), 300.0, center=(1.0, 2.0, 3.0))
     box = np.array([[[0.5, 1.5, 2.5], [1.5, 2.5, 3.5]]])
     found = swept_boxes(motion, np.zeros(1), box, 0.5, (0.0, 1.0), 4)
     np.testing.assert_allclose(found, np.broadcast_to(box, (4, 2, 3)), atol=1e-4)

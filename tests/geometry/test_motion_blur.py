@@ -1,4 +1,4 @@
-"""What moves while the shutter is open is smeared as closed forms say, and as many still pictures together."""
+"""What moves while the shutter is open: times, cameras, and streaks as closed forms and many still pictures say."""
 
 from __future__ import annotations
 
@@ -9,25 +9,70 @@ import pytest
 from conftest import Report
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.spatial.transform import Rotation
+from support.cameras import camera_rays
 from support.exact_pictures import rendered
+from support.kernels import uniforms
 from support.statistics import image_z_test
 
 import wrt
-from wrt.upload.accel import instancing
 
 FloatArray = NDArray[np.float64]
 
-WIDTH, HEIGHT, SPP = 64, 16, 4096
-"""Pixels of the streaks; the picture shows 8 x 2 metres."""
+# --- Shutters and cameras ----------------------------------------------------------------------------
+
+OPEN, CLOSE = 0.5, 2.5
+
+
+def trapezoid_quantile(u: FloatArray, ramp: float) -> FloatArray:
+    """Return where u of the area lies under a density that rises over ramp / 2 of [0, 1], and falls over the last."""
+    area = 1.0 - ramp / 2.0
+    rise, fall = np.sqrt(u * area * ramp), 1.0 - np.sqrt((1.0 - u) * area * ramp)
+    return np.where(u * area < ramp / 4.0, rise, np.where((1.0 - u) * area < ramp / 4.0, fall, u * area + ramp / 4.0))
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.3, 1.0])
+def test_times_have_the_shutters_distribution(ramp: float, device: str) -> None:
+    camera = wrt.PerspectiveCamera(shutter_open=OPEN, shutter_close=CLOSE, shutter_ramp=ramp)
+    u = uniforms(2**18, 1, seed=3)[:, 0]
+    times = camera_rays(camera, 4, 4, np.full((len(u), 2), 2.0), shutters=u, device=device).times
+    assert OPEN <= times.min() <= times.max() <= CLOSE
+    x = (times - OPEN) / (CLOSE - OPEN)
+    np.testing.assert_allclose(x, trapezoid_quantile(u.astype(np.float64), ramp), atol=2e-5)
+
+
+AXIS, CENTER, OFFSET = np.array((0.2, 1.0, 0.3)), np.array((0.5, 0.2, -0.3)), np.array([1.0, -2.0, 3.0])
+MOTION = wrt.Motion.rotation(AXIS, 300.0, center=CENTER, times=(OPEN, CLOSE), offset=OFFSET)
+
+
+@pytest.mark.parametrize("make", [wrt.PerspectiveCamera, wrt.OrthographicCamera, wrt.PanoramaCamera, wrt.FisheyeCamera])
+def test_rays_start_where_the_camera_is(make: type[wrt.Camera], device: str) -> None:
+    rng = np.random.default_rng(4)
+    where = {"films": rng.random((400, 2)) * 8.0, "lenses": rng.random((400, 2)), "shutters": rng.random(400)}
+    lens = {"aperture_radius": 0.3} if make is wrt.PerspectiveCamera else {}
+    camera = make((1, 2, 3), (0, 0, 0), shutter_open=OPEN - 0.5, shutter_close=CLOSE + 0.5, **lens)
+    rest = camera_rays(camera, 8, 8, **where, device=device)
+    rays = camera_rays(dataclasses.replace(camera, motion=MOTION), 8, 8, **where, device=device)
+    np.testing.assert_array_equal(rays.times, rest.times)
+    np.testing.assert_array_equal(rays.footprints, rest.footprints)
+    share = np.clip((rays.times - OPEN) / (CLOSE - OPEN), 0.0, 1.0)[:, None]
+    turns = Rotation.from_rotvec(np.radians(300.0) * share * AXIS / np.linalg.norm(AXIS))
+    np.testing.assert_allclose(rays.origins, CENTER + turns.apply(rest.origins - CENTER) + share * OFFSET, atol=1e-5)
+    np.testing.assert_allclose(rays.directions, turns.apply(rest.directions), atol=3e-6)
+
+
+# --- Streaks -----------------------------------------------------------------------------------------
+
+WIDTH, HEIGHT, SPP = 64, 8, 4096
+"""Pixels of the streaks; the picture shows 8 x 1 metres, as high as the square that moves."""
 
 QUAD = wrt.quad((-0.25, -0.5, 0.0), (0.5, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
-def streak(shape: dict[str, object], device: str, shutter: tuple[float, float] = (0.0, 1.0)) -> FloatArray:
+def streak(shape: dict[str, object], device: str, **camera: object) -> FloatArray:
     """Return one channel of a picture of a shining shape before black."""
-    times = dict(zip(("shutter_open", "shutter_close"), shutter, strict=True))
-    camera = wrt.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), view_height=2.0, **times)
-    scene = wrt.Scene(camera=camera)
+    made = wrt.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), view_height=1.0, **camera)
+    scene = wrt.Scene(camera=made)
     scene.add(emission=1.0, two_sided_emission=True, **shape)  # type: ignore[arg-type]
     renderer = rendered(scene, SPP, width=WIDTH, height=HEIGHT, max_depth=1, filter="box", device=device, seed=3)
     return renderer.image()[..., 0].astype(np.float64)
@@ -35,6 +80,7 @@ def streak(shape: dict[str, object], device: str, shutter: tuple[float, float] =
 
 def chance(found: FloatArray, expected: FloatArray) -> float:
     """Return the probability of such a difference, were `expected` right (Pearson's χ²): a sample shines or not."""
+    expected = np.broadcast_to(expected, found.shape)
     certain = (expected < 1e-9) | (expected > 1.0 - 1e-9)
     if not np.allclose(found[certain], expected[certain], atol=3.0 / SPP):
         return 0.0
@@ -43,11 +89,8 @@ def chance(found: FloatArray, expected: FloatArray) -> float:
     return float(stats.chi2.sf(np.sum((found - expected) ** 2 / variance), len(found)))
 
 
-ROWS = (np.abs(np.arange(HEIGHT) - 7.5) < 4.0)[:, None]
-
-
 def crossing(offset: float, start: float = -2.0) -> FloatArray:
-    """Return the share of the time that the square, moving along x by `offset`, covers each pixel.
+    """Return the share of the time that the square, moving along x by `offset`, covers each column.
 
     At x it is covered while |x − start − offset t| < 1/4; the mean over a pixel is by the antiderivative of that
     trapezoid.
@@ -59,43 +102,41 @@ def crossing(offset: float, start: float = -2.0) -> FloatArray:
         return (a * a - b * b) / (2.0 * offset)
 
     edges = np.linspace(-4.0, 4.0, WIDTH + 1) - start
-    return np.asarray(ROWS * (np.diff(integral(edges + 0.25) - integral(edges - 0.25)) * WIDTH / 8.0))
+    return np.asarray(np.diff(integral(edges + 0.25) - integral(edges - 0.25)) * WIDTH / 8.0)
 
 
-def test_a_streak(device: str, report: Report) -> None:
-    """Its length, and the light along it."""
-    start = np.eye(4)
-    start[0, 3] = -2.0
-    moving = wrt.Motion((0.0, 1.0), [start, wrt.Motion.translation((3.0, 0.0, 0.0)).at(1.0) @ start])
-    found = streak({"mesh": QUAD, "transform": moving}, device)
-    p = chance(found, crossing(3.0))
+@pytest.mark.parametrize("what", ["shape", pytest.param("camera", marks=pytest.mark.slow)])
+def test_a_streak(what: str, device: str, report: Report) -> None:
+    """Its length, and the light along it: of four seconds a thing, or the camera, moves in one, and stands in three."""
+    way = 2.0 if what == "shape" else -2.0
+    moving = wrt.Motion.translation((way, 0.0, 0.0), times=(1.0, 2.0))
+    shape, camera = ({"transform": moving}, {}) if what == "shape" else ({}, {"motion": moving})
+    found = streak({"mesh": QUAD, **shape}, device, shutter_open=0.0, shutter_close=4.0, **camera)
+
+    def expected(length: float, first: float = 0.25, start: float = 0.0) -> FloatArray:
+        middle = np.linspace(-4, 4, 2 * WIDTH + 1)[1::2]
+        before, after = (np.abs(middle - x) < 0.25 for x in (0.0, 2.0))
+        return np.asarray(0.25 * crossing(length, start) + first * before + (0.75 - first) * after)
+
+    p = chance(found, expected(2.0))
     report("the light along it", "", "", p=p)
     assert p > 1e-3
-    # Wrong partners: a streak 5 % longer, one of 5 % too much time, one that is a step late.
-    for wrong in (crossing(3.15), 1.05 * crossing(3.0), crossing(3.0, start=-1.95)):
+    # Wrong partners: a streak 5 % longer, one that begins 5 % too late, one that is a step aside.
+    for wrong in (expected(2.1), expected(2.0, first=0.2625), expected(2.0, start=0.05)):
         assert chance(found, wrong) < 1e-6
-    # Half the time, half the way; the times of keys are in seconds.
-    later = wrt.Motion((0.5, 2.5), moving.transforms)
-    found = streak({"mesh": QUAD, "transform": later}, device, shutter=(0.5, 1.5))
-    assert chance(found, crossing(1.5)) > 1e-3
-    # Outside of its keys a thing stands still: of four seconds it moves in one.
-    moving = wrt.Motion.translation((2.0, 0.0, 0.0), times=(1.0, 2.0))
-    found = streak({"mesh": QUAD, "transform": moving}, device, shutter=(0.0, 4.0))
-    there = [np.abs(np.linspace(-4, 4, 2 * WIDTH + 1)[1::2] - x) < 0.25 for x in (0.0, 2.0)]
-    expected = 0.25 * crossing(2.0, start=0.0) + ROWS * (0.25 * there[0] + 0.5 * there[1])
-    assert chance(found, expected) > 1e-3
 
 
 @pytest.mark.slow
 def test_stretching(device: str, report: Report) -> None:
     """The left edge stays, the right one moves: beyond x = 0 the light falls linearly."""
     stretch = np.stack([QUAD.vertices, QUAD.vertices + np.where(QUAD.vertices[:, :1] > 0.0, [2.0, 0.0, 0.0], 0.0)])
-    found = streak({"mesh": QUAD, "deformation": wrt.Deformation((0.0, 1.0), stretch)}, device)
+    deformation = wrt.Deformation((0.0, 1.0), stretch)
+    found = streak({"mesh": QUAD, "deformation": deformation}, device, shutter_open=0.0, shutter_close=1.0)
     x = (np.arange(8 * WIDTH) + 0.5) / WIDTH - 4.0
 
     def expected(by: float) -> FloatArray:
         share = np.where(x < 0.25, 1.0, np.clip(1.0 - (x - 0.25) / by, 0.0, 1.0)) * (x > -0.25)
-        return np.asarray(ROWS * share.reshape(WIDTH, 8).mean(axis=1))
+        return np.asarray(share.reshape(WIDTH, 8).mean(axis=1))
 
     p = chance(found, expected(2.0))
     report("the light along it", "", "", p=p)
@@ -107,32 +148,22 @@ def test_stretching(device: str, report: Report) -> None:
 def test_a_deformation_may_bring_normals_to_a_flat_mesh(device: str) -> None:
     quad = wrt.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
     tilted = np.tile(np.float32([0.6, 0.0, 0.8]), (len(quad.vertices), 1))
-    deformation = wrt.Deformation((0.0, 1.0), np.stack([quad.vertices, 0.5 * quad.vertices]), np.stack([tilted] * 2))
+    moving = wrt.Deformation((0.0, 1.0), np.stack([quad.vertices, 0.5 * quad.vertices]), np.stack([tilted] * 2))
 
-    def picture(mesh: wrt.Mesh, deformation: wrt.Deformation, shutter_close: float) -> NDArray:
-        scene = wrt.Scene(camera=wrt.OrthographicCamera((0, 0, 3), view_height=2.5, shutter_close=shutter_close))
+    def picture(mesh: wrt.Mesh, deformation: wrt.Deformation) -> NDArray:
+        scene = wrt.Scene(camera=wrt.OrthographicCamera((0, 0, 3), view_height=2.5, shutter_close=1.0))
         scene.add(mesh, material=wrt.Diffuse(0.8), deformation=deformation)
         scene.add_light(wrt.DirectionalLight((-0.7, 0.0, -0.7), irradiance=2.0))
         return rendered(scene, 4, width=24, height=24, device=device).image()
 
-    for shutter_close in (0.0, 1.0):
-        found = picture(quad, deformation, shutter_close)
-        smooth = dataclasses.replace(quad, normals=tilted)
-        np.testing.assert_array_equal(found, picture(smooth, deformation, shutter_close))
-        flat = wrt.Deformation(deformation.times, deformation.vertices)
-        assert np.abs(found - picture(quad, flat, shutter_close)).max() > 0.02
+    found = picture(quad, moving)
+    np.testing.assert_array_equal(found, picture(dataclasses.replace(quad, normals=tilted), moving))
+    assert np.abs(found - picture(quad, wrt.Deformation(moving.times, moving.vertices))).max() > 0.02
 
 
 # --- Pictures ----------------------------------------------------------------------------------------
 
 RAMP = 0.8
-
-
-def trapezoid_quantile(u: FloatArray) -> FloatArray:
-    """Return where u of the area lies under a density that rises over RAMP / 2 of [0, 1], and falls over the last."""
-    fine = np.linspace(0.0, 1.0, 200_001)
-    area = np.cumsum(np.minimum(1.0, np.minimum(fine, 1.0 - fine) / (RAMP / 2.0)))
-    return np.interp(u, area / area[-1], fine)
 
 
 def moving_scene(shutter: tuple[float, float], ramp: float = RAMP) -> wrt.Scene:
@@ -169,7 +200,7 @@ def test_motion_is_the_mean_of_still_pictures(device: str, report: Report) -> No
     # One time in each of 128 equal parts of the whole: so few pixels tell that there are not more of them.
     count, rng = 128, np.random.default_rng(4)
     mean, variance = np.zeros((30, 40, 3)), np.zeros((30, 40, 3))
-    for i, time in enumerate(trapezoid_quantile((np.arange(count) + rng.random(count)) / count)):
+    for i, time in enumerate(trapezoid_quantile((np.arange(count) + rng.random(count)) / count, RAMP)):
         still = rendered(moving_scene((time, time)), 8, seed=100 + i, **options)
         assert still._built.features.instances == "none"
         mean += still.image() / count
@@ -188,15 +219,6 @@ def test_motion_is_the_mean_of_still_pictures(device: str, report: Report) -> No
 
 def test_shapes_know_where_they_are() -> None:
     for shape in moving_scene((0.0, 1.0)).shapes:
-        low, high = shape.bounds
-        for time in (0.0, 0.3, 0.7, 1.0):
-            box = shape.mesh_at(time).bounds
-            assert ((box[0] >= low - 0.01) & (box[1] <= high + 0.01)).all()
-
-
-def test_what_stands_still_while_the_shutter_is_open_is_in_one_tree() -> None:
-    for shutter, kind in (((0.0, 1.0), "deforming"), ((0.3, 0.3), "none"), ((2.0, 3.0), "none")):
-        assert instancing.lay_out(moving_scene(shutter)).kind == kind
-    scene = moving_scene((0.0, 1.0))
-    scene.shapes = [shape for shape in scene.shapes if shape.deformation is None]
-    assert instancing.lay_out(scene).kind == "moving"
+        boxes = np.stack([shape.mesh_at(time).bounds for time in (0.0, 0.3, 0.7, 1.0)])
+        assert (boxes[:, 0] >= shape.bounds[0] - 0.01).all()
+        assert (boxes[:, 1] <= shape.bounds[1] + 0.01).all()

@@ -7,7 +7,7 @@ import pytest
 from conftest import Report
 from support.exact_pictures import rendered
 from support.ray_trees import affine, rotation
-from support.statistics import image_z_test, t_test_mean
+from support.statistics import t_test_mean
 
 import wrt
 from wrt.upload.accel import instancing
@@ -38,30 +38,18 @@ def room(scale: float, ball: wrt.Material) -> wrt.Scene:
     return scene
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("ball", [wrt.Conductor(), pytest.param(wrt.Dielectric(), marks=pytest.mark.slow)])
-def test_a_unit_that_is_a_power_of_two_gives_the_same_bits(ball: wrt.Material, device: str) -> None:
-    """All roundings are the same then: there is no length of its own in any kernel."""
+def test_the_same_scene_in_other_units_looks_the_same(ball: wrt.Material, device: str, report: Report) -> None:
+    """To the bit for powers of two, of which all roundings are the same; for others, hardly a path is another."""
     expected = rendered(room(1.0, ball), 16, device=device).image()
     for scale in (2.0**-10, 2.0**10):
         np.testing.assert_array_equal(rendered(room(scale, ball), 16, device=device).image(), expected)
+    close = np.isclose(rendered(room(1e-3, ball), 16, device=device).image(), expected, rtol=1e-3)
+    report("scale 0.001: channels that differ by less than 0.1 %", close.mean())
+    assert close.mean() > (0.97 if isinstance(ball, wrt.Conductor) else 0.9)
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_the_same_scene_in_other_units_looks_the_same(scale: float, device: str, report: Report) -> None:
-    metal = wrt.Conductor()
-    one, other = (rendered(room(s, metal), 256, seed=seed, device=device) for s, seed in ((1.0, 1), (scale, 2)))
-    test = image_z_test(one.image(), one.variance(), other.image(), other.variance(), n_a=256, n_b=256)
-    report(f"scale {scale:g}", test.message)
-    assert test.agrees()
-    # No speckles: with the same random numbers, hardly a path is another.
-    same, own = (rendered(room(s, metal), 16, seed=1, device=device).image() for s in (scale, 1.0))
-    close = np.isclose(same, own, rtol=1e-3)
-    report(f"scale {scale:g}: channels that differ by less than 0.1 %", close.mean())
-    assert close.mean() > 0.97
-
-
-@pytest.mark.parametrize(("scale", "away"), [(1.0, 0.0), (1e-3, 30.0), (1e3, 30.0)])
+@pytest.mark.parametrize(("scale", "away"), [(1e-3, 30.0), (1e3, 30.0)])
 @pytest.mark.parametrize("kind", ["cube", "ball", "needles", pytest.param("instance", marks=pytest.mark.slow)])
 def test_convex_bodies_do_not_shade_themselves(
     shared: None, kind: str, scale: float, away: float, device: str, report: Report
@@ -95,14 +83,7 @@ def test_convex_bodies_do_not_shade_themselves(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "scale", "strategy"),
-    [
-        ("walls", 1e-3, "light"),
-        ("walls", 1e3, "mis"),
-        ("instance", 1e-3, "mis"),
-        ("instance", 1e3, "bsdf"),
-        ("moving", 1e-3, "mis"),
-        ("moving", 1e3, "bsdf"),
-    ],
+    [("walls", 1e3, "light"), ("instance", 1e-3, "mis"), ("moving", 1e-3, "mis"), ("moving", 1e3, "bsdf")],
 )
 def test_a_furnace_of_any_size(
     shared: None, kind: str, scale: float, strategy: str, device: str, report: Report
@@ -117,16 +98,11 @@ def test_a_furnace_of_any_size(
     eye = tuple(center + scale * np.array([0.1, -0.05, 0.2]))
     camera = wrt.PerspectiveCamera(eye, tuple(center), fov_degrees=90.0, shutter_close=1.0)
     scene = wrt.Scene(camera=camera)
-    glow = {"material": wrt.Diffuse(0.5), "emission": 1.0}
-    if kind == "walls":
-        scene.add(inward.transformed(place), **glow)  # type: ignore[arg-type]
-    elif kind == "instance":
-        far = place.copy()
-        far[:3, 3] += scale * np.array([50.0, 0.0, 0.0])
-        scene.add_instances(inward, [place, far], **glow)  # type: ignore[arg-type]
-    else:
-        spin = wrt.Motion.rotation((1, 2, 0), 150.0, center=center).after(place)
-        scene.add(inward, transform=spin, **glow)  # type: ignore[arg-type]
+    spin = wrt.Motion.rotation((1, 2, 0), 150.0, center=center).after(place)
+    meshes = {"walls": [(inward.transformed(place), None)], "moving": [(inward, spin)]}
+    far = affine(np.eye(3), scale * np.array([50.0, 0.0, 0.0])) @ place
+    for mesh, transform in meshes.get(kind, [(inward, place), (inward, far)]):
+        scene.add(mesh, transform=transform, material=wrt.Diffuse(0.5), emission=1.0)
     renderer = rendered(scene, 512, width=16, height=16, max_depth=1000, strategy=strategy, device=device)
     assert renderer._built.features.instances == {"walls": "none", "instance": "still", "moving": "moving"}[kind]
     mean = float(renderer.image()[..., 0].astype(np.float64).mean())
@@ -159,6 +135,5 @@ def test_a_mesh_of_any_unit_can_be_set_on_the_floor() -> None:
         np.testing.assert_allclose(mesh.bounds, [[-0.1875, 0.0, -0.375], [0.1875, 1.5, 0.375]], atol=1e-6)
     with pytest.raises(wrt.InputError, match=r"^quad: the mesh is flat along y, so it cannot be scaled to a height$"):
         wrt.quad((0, 1, 0), (0, 0, 1), (1, 0, 0)).standing(1.0)
-    for height in (0.0, float("nan"), "tall"):
-        with pytest.raises(wrt.InputError, match="box: height must be"):
-            wrt.box((0, 0, 0), (1, 1, 1)).standing(height)  # type: ignore[arg-type]
+    with pytest.raises(wrt.InputError, match="box: height must be"):
+        wrt.box((0, 0, 0), (1, 1, 1)).standing(float("nan"))

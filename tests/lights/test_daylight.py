@@ -12,32 +12,18 @@ from conftest import Report
 from numpy.typing import NDArray
 
 import wrt
-from wrt.io.mitsuba.daylight import SCALE, sun_position, sun_radiance
+from wrt.io.mitsuba.daylight import sun_position
 from wrt.scene.environment import image_directions
 from wrt.scene.motion import rotation_matrix
-from wrt.scene.skies.hosek_wilkie import sky_rgb, sun_rgb
 from wrt.upload.lights.environment import resolve_environment
 
 Array = NDArray[np.float64]
-ALBEDO = (0.1, 0.4, 0.9)
 
 
 def mitsuba() -> Any:
     mi = pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
     mi.set_variant("scalar_rgb")
     return mi
-
-
-def towards(elevation: float, azimuth: float = 0.3) -> list[float]:
-    """A direction in a world with z upwards."""
-    flat = math.cos(elevation)
-    return [flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)]
-
-
-def sunsky(mi: Any, elevation: float, turbidity: float, **values: Any) -> Any:
-    albedo = {"type": "rgb", "value": list(ALBEDO)}
-    sun = {"sun_direction": towards(elevation), "turbidity": turbidity, "albedo": albedo}
-    return mi.load_dict({"type": "sunsky", **sun, **values})
 
 
 def radiance(mi: Any, emitter: Any, directions: Array) -> Array:
@@ -49,41 +35,12 @@ def radiance(mi: Any, emitter: Any, directions: Array) -> Array:
     return np.array(result)
 
 
-@pytest.mark.parametrize(("degrees", "turbidity"), [(0.5, 10.0), (10.0, 2.3), (45.0, 6.5), (90.0, 1.0)])
-def test_the_sky_is_mitsuba_s(degrees: float, turbidity: float, report: Report) -> None:
-    mi, elevation = mitsuba(), math.radians(degrees)
-    d = np.random.default_rng(4).normal(size=(100, 3))
-    d[:, 2] = np.abs(d[:, 2])
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    expected = np.maximum(radiance(mi, sunsky(mi, elevation, turbidity, sun_scale=0.0), d), 0.0) / SCALE
-
-    def error(turbidity: float) -> float:
-        values = sky_rgb(d[:, 2], d @ towards(elevation), elevation, turbidity, ALBEDO)
-        return float((np.abs(values - expected).max(axis=0) / expected.mean(axis=0)).max())
-
-    report(f"sun at {degrees}, turbidity {turbidity}: largest error over the mean", error(turbidity), "< 1e-4")
-    assert error(turbidity) < 1e-4
-    assert error(turbidity + (0.1 if turbidity < 9.0 else -0.1)) > 2e-3
-
-
-@pytest.mark.parametrize("turbidity", [1.0, 6.5])
-def test_suns_of_files_are_mitsuba_s_in_rgb(turbidity: float) -> None:
-    mi = mitsuba()
-    for degrees in (2.5, 10.0, 45.0, 89.0):
-        elevation = math.radians(degrees)
-        emitter = sunsky(mi, elevation, turbidity, sky_scale=0.0)
-        expected = np.maximum(radiance(mi, emitter, np.array([towards(elevation)]))[0], 0.0)
-        ratio = (sun_radiance(elevation, turbidity) / expected)[expected > 0.02 * expected.max()]
-        np.testing.assert_allclose(ratio, 1.0, atol=2e-3)
-        # What Mitsuba sums up is 5 to 8 % above the integral over wavelengths.
-        if degrees >= 45.0:
-            np.testing.assert_allclose(SCALE * sun_rgb(elevation, turbidity), 0.935 * expected, rtol=0.02)
-
-
 TURNED = '<rotate x="1" angle="-90"/><rotate y="1" angle="50"/>'
 DIRECTION = '<vector name="sun_direction" x="0.3" y="0.5" z="0.7"/>'
 SUNS = {
     "direction": (f'{DIRECTION}<float name="turbidity" value="4.2"/>', ""),
+    "low": ('<vector name="sun_direction" x="1" y="0" z="0.05"/><float name="turbidity" value="9.5"/>', ""),
+    "high": ('<vector name="sun_direction" x="0.01" y="0" z="1"/><float name="turbidity" value="1"/>', ""),
     "wide": (f'{DIRECTION}<float name="sun_aperture" value="20"/>', TURNED),
     "date": (
         '<float name="latitude" value="-33.9"/><float name="longitude" value="151.2"/><float name="hour" value="9"/>'
@@ -143,6 +100,3 @@ def test_the_sun_stands_where_the_almanac_has_it(report: Report) -> None:
     # The solstice of June 2010 was on the 21st at 11:28; then the sun's declination is the lean of the axis, 23.438.
     noon = [sun_position(2010, 6, 21, 11.47 + minutes / 60.0, 50.0, 8.4)[0] for minutes in range(-90, 91)]
     assert math.degrees(min(noon)) == pytest.approx(50.0 - 23.438, abs=0.01)
-    # A month of 13 or a day of 0 is the neighbour's.
-    assert sun_position(2009, 18, 21, 3.0, 10.0, 20.0) == sun_position(2010, 6, 21, 3.0, 10.0, 20.0)
-    assert sun_position(2010, 7, 0, 3.0, 10.0, 20.0) == sun_position(2010, 6, 30, 3.0, 10.0, 20.0)

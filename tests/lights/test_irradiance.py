@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.irradiance import (
     EVERY_LIGHT,
     POINTS,
@@ -26,10 +26,7 @@ from support.irradiance import (
 
 import wrt
 
-
-@pytest.fixture(autouse=True)
-def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([EVERY_LIGHT], monkeypatch)
+one_kernel = rendering_with(EVERY_LIGHT)
 
 
 class Case(NamedTuple):
@@ -64,9 +61,9 @@ def zenith_irradiance(rows: int) -> float:
 
 
 def texel_at_the_zenith() -> wrt.ImageEnvironment:
-    """A sun in one texel of the first row. Interpolated, it is spread over azimuths, with one texel's mean."""
+    """A sun in one texel of the first row, at the seam. Interpolated, it is spread over azimuths, also across that."""
     pixels = np.zeros((16, 32, 3), np.float32)
-    pixels[0, 5] = 32.0 * 20.0
+    pixels[0, 0] = 32.0 * 20.0
     return wrt.ImageEnvironment(pixels, rotation_degrees=50.0)
 
 
@@ -79,7 +76,6 @@ CASES = {
     "directional by color": Case(
         wrt.DirectionalLight(SLANTED, color=2.0 / math.pi), even(4.0 / math.sqrt(5.25)), ("mis",)
     ),
-    "directional": Case(wrt.DirectionalLight(SLANTED, irradiance=2.0), even(4.0 / math.sqrt(5.25)), ("mis",)),
     "triangles": Case(
         wrt.Shape(wrt.quad(*RECTANGLE), wrt.Diffuse(0.0), emission=1.0),
         lambda x, z: rectangle_irradiance(x, z, 1.0, (0.6, 0.4)),
@@ -132,6 +128,15 @@ def test_irradiance_has_its_closed_form(name: str, strategy: str, device: str, r
     check(f"{name}, {strategy}", measured, variance, expected, spp, report)
     wrong = (1.05 if strategy == "bsdf" else 1.01) * expected
     assert mean_p(measured, variance, spp, wrong) < 1e-3
+
+
+def test_the_environment_is_chosen_as_often_as_paths_are_told(device: str, report: Report) -> None:
+    """Beside another light: samples state their density with the choice, as rays that end in the environment do."""
+    scene = under(CASES["image"].light)
+    scene.add_light(CASES["sun"].light)
+    where, measured, variance = irradiance(scene, device, 1024)
+    expected = CASES["image"].exact(*where) + CASES["sun"].exact(*where)
+    check("an image beside a sun", measured, variance, expected, 1024, report)
 
 
 @pytest.mark.parametrize("strategy", ["mis", pytest.param("bsdf", marks=pytest.mark.slow)])
@@ -213,7 +218,7 @@ def test_spot_light(falloff: str, device: str, report: Report) -> None:
 
 
 @pytest.mark.parametrize("falloff", FALLOFFS)
-@pytest.mark.parametrize(("inner", "outer"), [(0.0, 30.0), (40.0, 40.0), (10.0, 170.0), (0.05, 0.1)])
+@pytest.mark.parametrize(("inner", "outer"), [(40.0, 40.0), (10.0, 170.0), (0.05, 0.1)])
 def test_power_of_a_spot_is_the_integral_of_its_intensity(falloff: str, inner: float, outer: float) -> None:
     light = wrt.SpotLight((0, 0, 0), (0, -1, 0), power=5.0, inner_degrees=inner, outer_degrees=outer, falloff=falloff)
     a, b = math.radians(inner), math.radians(outer)
@@ -229,21 +234,24 @@ def test_power_of_a_spot_is_the_integral_of_its_intensity(falloff: str, inner: f
 
 
 def test_lights_are_seen_and_hide_what_is_behind_them(device: str) -> None:
-    """Fronts show their radiance and backs nothing; a black one takes the light of another away."""
+    """Seen from above: fronts show their radiance and backs nothing; a black one takes the light of another away."""
     options = {"width": 8, "height": 8, "spp": 2, "device": device, "sampler": "independent"}
-    up, down = ((18.0, 0.0, 0.0), (0.0, 0.0, 18.0)), ((0.0, 0.0, 18.0), (18.0, 0.0, 0.0))
-    low, color = (-9.0, 1.0, -9.0), (1.0, 2.0, 3.0)
-    lit = {"material": wrt.Diffuse(0.0), "emission": color}
-    scenes = [under(wrt.RectangleLight(low, *edges, radiance=color), eye=50.0) for edges in (down, up)]
-    meshes = [floor_scene(), floor_scene(), floor_scene(eye=0.9)]
-    for scene, both in zip(meshes, (True, False, False), strict=True):
-        scene.add(wrt.quad(low, *up), two_sided_emission=both, **lit)
-    meshes[2].shapes[1] = replace(meshes[2].shapes[1], mesh=wrt.quad(low, *down))  # its dark side to the floor
-    for scene, shown in zip([*scenes, *meshes], (color, 0.0, color, 0.0, 0.0), strict=True):
-        image = wrt.render(scene, **options)
+    # The normal of the first is downwards, that of the second upwards.
+    down, up = [((-9.0, 1.0, -9.0), *edges) for edges in itertools.permutations([(18.0, 0.0, 0.0), (0.0, 0.0, 18.0)])]
+    color = (1.0, 2.0, 3.0)
+
+    def lamp(mesh: wrt.Mesh, *, two_sided: bool = False) -> wrt.Shape:
+        return wrt.Shape(mesh, wrt.Diffuse(0.0), emission=color, two_sided_emission=two_sided)
+
+    for light, shown in (
+        (wrt.RectangleLight(*up, radiance=color), color),
+        (wrt.RectangleLight(*down, radiance=color), 0.0),
+        (lamp(wrt.quad(*down), two_sided=True), color),
+        (lamp(wrt.quad(*down)), 0.0),
+    ):
+        image = wrt.render(under(light, eye=50.0), **options)
         np.testing.assert_array_equal(image, np.broadcast_to(np.float32(shown), image.shape))
-    lid = wrt.DiskLight((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 5.0, radiance=0.0)
     scene = under(wrt.PointLight((0.0, 2.0, 0.0), intensity=1.0))
     assert wrt.render(scene, **options).all()
-    scene.add_light(lid)
+    scene.add_light(wrt.DiskLight((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 5.0, radiance=0.0))
     assert not wrt.render(scene, **options).any()

@@ -16,21 +16,15 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import ROOT, Report
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.irradiance import EVERY_LIGHT, check, disk_irradiance, floor_scene, irradiance, pixel_mean
-from support.kernels import uniforms, upload
-from support.statistics import chi_square_test
+from support.small_scenes import image_of
 
 import wrt
 from wrt.backend.device import Device
-from wrt.backend.warp_backend import initialize_warp
-from wrt.kernels.geometry.rays import Ray, Receiver
 from wrt.kernels.lights.disk import MODEL as DISK
-from wrt.kernels.lights.record import LightModel
 from wrt.kernels.lights.shapes import BUILT_IN, LIGHT_SHAPES
-from wrt.kernels.scene.scene_data import LightRecord, LightShape
 from wrt.scene.lights import LIGHTS
 from wrt.upload.scene_data import build_scene
 
@@ -62,9 +56,7 @@ def _forget() -> Iterator[None]:
     LIGHTS.pop("ring", None)
 
 
-@pytest.fixture(autouse=True)
-def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([replace(EVERY_LIGHT, light_shapes=(*BUILT_IN, "ring"))], monkeypatch)
+one_kernel = rendering_with(replace(EVERY_LIGHT, light_shapes=(*BUILT_IN, "ring")))
 
 
 def ring() -> wrt.Light:
@@ -82,65 +74,6 @@ def test_the_program_runs_and_its_light_is_reflected(tmp_path: Path) -> None:
     assert green[:15].max() < 0.15
     assert green[25:33].min() > 0.3
     assert green[40:].max() < 0.15
-
-
-@functools.cache
-def kernel_of(model: LightModel) -> wp.Kernel:
-    """Return the kernel that draws ways to a light, and asks `pdf` about where rays along them meet it."""
-    model_sample, model_pdf, meet, shines_back = model.sample, model.pdf, model.meet, model.shines_back
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def draw(shape: LightShape, receiver: Receiver, u: wp.array(dtype=wp.vec2), out: wp.array2d(dtype=wp.vec3)):
-        i = wp.tid()
-        light = LightRecord()
-        light.value = wp.vec3(1.0)
-        s = model_sample(light, shape, receiver, u[i])
-        ray = Ray()
-        ray.origin = receiver.position
-        ray.direction = s.wi
-        t = meet(shape, ray)
-        asked = 0.0
-        if shines_back(light, shape, ray):
-            asked = model_pdf(shape, receiver, s.wi, t)
-        out[0, i] = s.wi * t
-        out[1, i] = wp.vec3(s.pdf, asked, 0.0)
-
-    return draw
-
-
-@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (6.0, 0.95, 1.0)])
-def test_samples_follow_the_density(place: tuple[float, float, float], device: str, report: Report) -> None:
-    """Over cells of the ring, between circles and radii; on its back it has no density."""
-    initialize_warp()
-    n, cells = 2**18, (16, 24)
-    shape, receiver = LightShape(), Receiver()
-    for key, value in ring().shape().items():  # type: ignore[union-attr]
-        setattr(shape, key, (wp.vec2 if key == "size" else wp.vec3)(*value))
-    u = upload(uniforms(n, 2, seed=int(place[0])), wp.vec2, device)
-
-    def drawn(position: tuple[float, float, float]) -> np.ndarray:
-        receiver.position = wp.vec3(*position)
-        out = wp.empty((2, n), dtype=wp.vec3, device=device)
-        wp.launch(kernel_of(LIGHT_SHAPES.model_of("ring")), n, [shape, receiver, u], [out], device=device)
-        return out.numpy().astype(np.float64)
-
-    way, densities = drawn(place)
-    asked = densities[:, 1]
-    np.testing.assert_allclose(densities[:, 0], asked, rtol=2e-4)
-    x, y, z = (way + place).T
-    np.testing.assert_allclose(y, HEIGHT, atol=1e-5)
-    r2 = x * x + z * z
-    on_ring = np.clip(r2, INNER**2, OUTER**2)
-    np.testing.assert_allclose(r2, on_ring, atol=1e-5)
-    limits = [[INNER**2, OUTER**2], [-np.pi, np.pi]]
-    counts, *_ = np.histogram2d(on_ring, np.arctan2(z, x), bins=cells, range=limits)
-    # Of a direction with the density p, the point has p cosθ / d² over the area: the same everywhere.
-    over_area = asked * (HEIGHT - place[1]) / np.linalg.norm(way, axis=1) ** 3
-    np.testing.assert_allclose(over_area, 1.0 / (np.pi * (OUTER**2 - INNER**2)), rtol=2e-4)
-    result = chi_square_test(counts, np.full(cells, n / counts.size), tests=2, samples=n, total_tolerance=2e-3)
-    report(f"ring from {place}", result.statistic, result.dof, p=result.p)
-    assert result.passed, result.message
-    assert not drawn((0.1, 2.0, 0.3))[1].any()
 
 
 @pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
@@ -172,10 +105,7 @@ def test_it_is_a_light_like_any_other(tmp_path: Path, device: str) -> None:
     means = []
     for choice in ("power", "tree"):
         options = {"device": device, "light_choice": choice, "sampler": "independent", "max_depth": 2}
-        renderer = wrt.Renderer(scene, width=16, height=12, **options)
-        for _ in renderer.passes(spp=512):
-            pass
-        means.append(renderer.image().mean())
+        means.append(image_of(wrt.Renderer(scene, width=16, height=12, **options), 512).mean())
     assert means[0] == pytest.approx(means[1], rel=0.02)
     with pytest.raises(wrt.InputError, match=r"outer must be greater than 0\.6"):
         example().RingLight((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.6)
@@ -185,9 +115,7 @@ def test_what_cannot_be_registered_is_refused() -> None:
     before, families = dict(LIGHTS), dict(LIGHT_SHAPES.families)
     half = "half: a light that rays can meet needs both"
     for name, model, message in (
-        ("", DISK, "type_name '' is empty or taken"),
         ("disk", DISK, "type_name 'disk' is empty or taken"),
-        ("ring", DISK, "type_name 'ring' is empty or taken"),
         ("half", DISK._replace(shines_back=None), half),
         ("half", DISK._replace(pdf=None), "half: a light needs a `pdf` if it has"),
     ):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, Report
+from conftest import Report
 from numpy.typing import NDArray
 from support.covering_kernels import render_with
 from support.irradiance import EVERY_LIGHT, REFLECTANCE, floor_scene
@@ -15,11 +15,9 @@ from support.media import mean_and_error, render
 
 import wrt
 from wrt.scene.environment import image_directions
-from wrt.scene.skies import preetham
 from wrt.scene.skies.harmonics import harmonics
 from wrt.scene.skies.hosek_wilkie import WAVELENGTHS, sun_rgb, sun_spectrum
-from wrt.scene.skies.preetham import LUMINOUS_EFFICACY, color_matching, rgb_from_xyz, sky_xyz, sun_xyz, zenith_luminance
-from wrt.upload.lights.environment import resolve_environment
+from wrt.scene.skies.preetham import LUMINOUS_EFFICACY, color_matching, rgb_from_xyz, sun_xyz, zenith_luminance
 
 Array = NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -52,32 +50,13 @@ def test_harmonics_are_those_of_the_page() -> None:
     np.testing.assert_allclose(harmonics(2, d), np.stack(expected, axis=1), atol=2e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("degree", [1, 2, 8])
-def test_the_image_of_harmonics_is_within_its_bound_of_the_sum(degree: int, report: Report) -> None:
-    """In the middle between four texels, where interpolation errs most."""
-    rng = np.random.default_rng(degree)
-    coefficients = rng.normal(size=((degree + 1) ** 2, 3))
-    coefficients[0] += 12.0 * (degree + 1)  # nowhere negative
-    pixels = wrt.SphericalHarmonicsEnvironment(coefficients).image().pixels.astype(np.float64)
-    height, width = pixels.shape[:2]
-    polar, azimuth = np.meshgrid(np.pi * np.arange(1, height) / height, 2.0 * np.pi * np.arange(width) / width - np.pi)
-    d = [np.sin(polar) * np.sin(azimuth), np.cos(polar), -np.sin(polar) * np.cos(azimuth)]
-    exact = (harmonics(degree, np.stack(d, axis=-1).reshape(-1, 3)) @ coefficients).reshape(width, height - 1, 3)
-    assert exact.min() > 0.0
-    # The seam is between the last column and the first; the rows' middles are below the first texels.
-    around = 0.25 * (pixels[1:] + pixels[:-1] + np.roll(pixels[1:], 1, axis=1) + np.roll(pixels[:-1], 1, axis=1))
-    varying = np.abs(exact - coefficients[0] / np.sqrt(4.0 * np.pi)).max(axis=(0, 1))
-    error = float((np.abs(around.transpose(1, 0, 2) - exact) / varying).max())
-    report(f"degree {degree}: largest error over the largest value", error, "< 6.1e-4")
-    assert error < (np.pi / 64.0) ** 2 / 4.0
-
-
 def test_harmonics_that_are_negative_are_black() -> None:
     image = wrt.SphericalHarmonicsEnvironment([0.0, 1.0, 0.0, 0.0]).image()  # y
     up = image_directions(*image.pixels.shape[:2])[..., 1] > 0.0
     assert (image.pixels[up] > 0.0).all()
     assert not image.pixels[~up].any()
+    with pytest.raises(wrt.InputError, match=r"must be 1, 4, 9, 16, \.\.\. rows of three numbers, not \(2, 3\)"):
+        wrt.SphericalHarmonicsEnvironment([1.0, 2.0])
 
 
 @pytest.mark.parametrize("strategy", ["mis", pytest.param("light", marks=pytest.mark.slow)])
@@ -102,22 +81,8 @@ def test_irradiance_of_harmonics(
     assert (3.5 * error < 0.02 * expected).all()
 
 
-@pytest.mark.parametrize(
-    ("coefficients", "message"),
-    [
-        ([1.0, 2.0], "must be 1, 4, 9, 16, ... rows of three numbers, not (2, 3)"),
-        ([math.nan], "must be finite numbers"),
-        (np.zeros(18**2), "must be at most 289, not 324"),
-    ],
-)
-def test_coefficients_that_cannot_be_used(coefficients: object, message: str) -> None:
-    with pytest.raises(wrt.InputError) as caught:
-        wrt.SphericalHarmonicsEnvironment(coefficients)  # type: ignore[arg-type]
-    assert message in str(caught.value)
-
-
 @pytest.mark.parametrize("model", ["hosek-wilkie", "preetham"])
-@pytest.mark.parametrize(("elevation", "turbidity"), [(1.0, 10.0), (20.0, 3.0), (50.0, 2.0), (90.0, 5.0)])
+@pytest.mark.parametrize(("elevation", "turbidity"), [(1.0, 10.0), (50.0, 2.0)])
 def test_skies_are_skies(elevation: float, turbidity: float, model: str) -> None:
     """No negative radiance, a continuous sky, the sun where it should be, ground of what comes down."""
     albedo = (0.1, 0.2, 0.4)
@@ -137,40 +102,28 @@ def test_skies_are_skies(elevation: float, turbidity: float, model: str) -> None
     to_sun = np.array(environment.to_sun)
     np.testing.assert_allclose(-np.array(sun.direction), to_sun)
     d = image_directions(*image.pixels.shape[:2])[: height // 2]
-    if elevation < 80.0:
-        # At a low sun the brightest place may be the haze below it.
-        assert np.linalg.norm((d.reshape(-1, 3)[luminance.argmax()] - to_sun)[[0, 2]]) < 0.6
+    # At a low sun the brightest place may be the haze below it.
+    assert np.linalg.norm((d.reshape(-1, 3)[luminance.argmax()] - to_sun)[[0, 2]]) < 0.6
     solid_angle = np.sin(np.arccos(d[..., 1])) * (np.pi / height) ** 2
     down = np.einsum("ijc,ij->c", sky, d[..., 1] * solid_angle) + np.asarray(sun.irradiance) * to_sun[1]
     np.testing.assert_allclose(ground, np.broadcast_to(down * albedo / np.pi, ground.shape), rtol=1e-3)
-    # What sky and sun give together stays below what the sun sends, 133 klx outside the atmosphere.
-    assert float(down @ LUMINANCE) * LUMINOUS_EFFICACY < 1.3 * 133e3 * math.sin(math.radians(elevation)) + 3e4
 
 
 def test_preetham_s_sky_has_the_zenith_of_the_formula() -> None:
-    """Preetham 1999, equation for Y_z at the sun's angles where its tangent is 0 and 1; the picture shows it."""
+    """Preetham 1999, equation for Y_z at the sun's angle where its tangent is 1; the picture shows it."""
     for turbidity in (2.0, 10.0):
-        assert zenith_luminance(math.pi / 2.0, turbidity) == pytest.approx(-0.2155 * turbidity + 2.4192)
         angle = 0.5 * (math.pi - 0.25 * math.pi / (4.0 / 9.0 - turbidity / 120.0))
         assert zenith_luminance(angle, turbidity) == pytest.approx(3.8298 * turbidity - 2.5518)
         environment = wrt.SunSkyEnvironment(90.0 - math.degrees(angle), turbidity=turbidity, model="preetham")
         image, _ = environment.image_and_sun()
         shown = LUMINOUS_EFFICACY / 1000.0 * float(image.pixels[0].mean(axis=0) @ LUMINANCE)
         assert shown == pytest.approx(zenith_luminance(angle, turbidity), rel=0.01)
-        zenith = sky_xyz([1.0], [math.cos(angle)], angle, turbidity)[0]
-        assert zenith[1] == pytest.approx(zenith_luminance(angle, turbidity) * 1000.0 / LUMINOUS_EFFICACY)
 
 
-def test_the_sun_is_the_solar_constant_but_for_the_air(report: Report) -> None:
-    """Outside the atmosphere sunlight is 133 klx (Darula, Kittler and Gueymard 2005: 133.1); clear air leaves 70 to
-    85 %."""
+def test_preetham_s_sun_is_the_solar_constant_but_for_the_air() -> None:
+    """Outside the atmosphere sunlight is 133.1 klx (Darula, Kittler and Gueymard 2005); clear air leaves 70 to 85 %."""
     disk = math.pi * math.sin(math.radians(0.265)) ** 2 * LUMINOUS_EFFICACY / 1000.0
-    wavelengths, _ = preetham.sun_spectrum(0.0, 2.0)
-    visible = np.arange(380.0, 751.0)
-    above = disk * (np.interp(visible, wavelengths, 10.0 * preetham._SUN) @ color_matching(visible))[1]
-    report("sunlight outside the atmosphere, klx", float(above), 133.1)
-    assert above == pytest.approx(133.1, rel=0.05)
-    assert 0.7 < disk * sun_xyz(0.0, 2.0)[1] / above < 0.85
+    assert 0.7 < disk * sun_xyz(0.0, 2.0)[1] / 133.1 < 0.85
     suns = [sun_xyz(math.radians(angle), 3.0) for angle in (0.0, 60.0, 80.0, 88.0)]
     red = [float(rgb_from_xyz(s)[0] / max(rgb_from_xyz(s)[2], 1e-12)) for s in suns]
     assert red == sorted(red)  # lower suns are redder, and dimmer
@@ -186,15 +139,14 @@ def test_color_matching_functions_are_those_of_the_cie() -> None:
     np.testing.assert_allclose(rgb_from_xyz([0.95047, 1.0, 1.08883]), 1.0, atol=1e-4)
 
 
-@pytest.mark.parametrize(("degrees", "turbidity"), [(10.0, 2.0), (60.0, 6.0)])
-def test_the_sun_s_illuminance_is_that_of_its_spectrum(degrees: float, turbidity: float) -> None:
+def test_the_sun_s_illuminance_is_that_of_its_spectrum() -> None:
     """∫ L ȳ dλ, with the table of the CIE's standard observer of 1931."""
     wavelengths = np.arange(380.0, 721.0, 20.0)
     y_bar = [0.0, 0.0004, 0.004, 0.023, 0.06, 0.139, 0.323, 0.71, 0.954]
     y_bar += [0.995, 0.87, 0.631, 0.381, 0.175, 0.061, 0.017, 0.0041, 0.001]
-    elevation = math.radians(degrees)
-    expected = 20.0 * float(np.interp(wavelengths, WAVELENGTHS, sun_spectrum(elevation, turbidity)) @ y_bar)
-    assert float(sun_rgb(elevation, turbidity) @ LUMINANCE) == pytest.approx(expected, rel=0.01)
+    for elevation, turbidity in ((math.radians(10.0), 2.0), (math.radians(60.0), 6.0)):
+        expected = 20.0 * float(np.interp(wavelengths, WAVELENGTHS, sun_spectrum(elevation, turbidity)) @ y_bar)
+        assert float(sun_rgb(elevation, turbidity) @ LUMINANCE) == pytest.approx(expected, rel=0.01)
 
 
 DEPARTURES = {15.0: (1.22, 1.05), 60.0: (1.08, 0.87)}
@@ -225,50 +177,11 @@ def test_daylight_is_as_bright_as_measured(degrees: float, report: Report) -> No
     assert illuminances("preetham")[0] > 1.5 * expected[0]
 
 
-def test_bright_ground_brightens_the_air() -> None:
-    dark, bright = (wrt.SunSkyEnvironment(ground_albedo=a, ground=False).image_and_sun()[0].pixels for a in (0.0, 1.0))
-    half = len(dark) // 2
-    assert not dark[half:].any()
-    assert not bright[half:].any()
-    assert 1.2 < bright[:half].sum() / dark[:half].sum() < 2.0
-
-
-def test_the_sun_is_seen_and_can_be_left_out(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with([EVERY_LIGHT], monkeypatch)
-    environment = wrt.SunSkyEnvironment(30.0, 70.0)
-    scene = wrt.Scene(environment=environment)
-    scene.camera = wrt.PerspectiveCamera((0, 0, 0), environment.to_sun, fov_degrees=0.2)
-    scene.add(wrt.quad((0, -9, 0), (1, 0, 0), (0, 0, 1)))
-    options = {"width": 4, "height": 4, "spp": 1, "device": device, "sampler": "independent"}
-    _, (sun,) = resolve_environment(environment)
-    radiance = np.asarray(sun.irradiance) / (math.pi * math.sin(math.radians(0.265)) ** 2)
-    image = wrt.render(scene, **options)
-    assert (image > radiance).all()
-    np.testing.assert_allclose(image, np.broadcast_to(radiance, image.shape), rtol=1e-3)
-    scene.environment = wrt.SunSkyEnvironment(30.0, 70.0, sun_scale=0.0)
-    assert wrt.render(scene, **options).max() < 1e-3 * radiance.max()
-
-
-def test_the_sun_may_be_given_by_its_direction() -> None:
+def test_the_sun_may_be_given_by_its_direction_or_left_out() -> None:
+    assert wrt.SunSkyEnvironment(30.0, sun_scale=0.0).image_and_sun()[1] is None
     angles = wrt.SunSkyEnvironment(30.0, -100.0)
     direction = wrt.SunSkyEnvironment(sun_direction=tuple(3.0 * x for x in angles.to_sun))  # type: ignore[arg-type]
     assert (direction.elevation_degrees, direction.azimuth_degrees) == pytest.approx((30.0, -100.0))
     np.testing.assert_allclose(wrt.SunSkyEnvironment(0.001, 90.0).to_sun, (1.0, 0.0, 0.0), atol=1e-4)
-    for mistake in ({"sun_direction": (0, -1, 0)}, {"turbidity": 0.5}, {"model": "nishita"}, {"ground": 1}):
-        with pytest.raises(wrt.InputError):
-            wrt.SunSkyEnvironment(**mistake)  # type: ignore[arg-type]
-
-
-def test_the_exposure_that_the_docs_name_shows_a_day_well(monkeypatch: pytest.MonkeyPatch) -> None:
-    texts = [(ROOT / "docs" / f"{name}.md").read_text("utf-8") for name in ("lights", "scene-format")]
-    assert all("−5.5" in text for text in (*texts, str(wrt.SunSkyEnvironment.__doc__)))
-    render_with([EVERY_LIGHT], monkeypatch)
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(0.0, 1.6, 5.0), target=(0.0, 0.7, 0.0), fov_degrees=30.0))
-    scene.environment = wrt.SunSkyEnvironment()
-    scene.add(wrt.quad((-20, 0, 20), (40, 0, 0), (0, 0, -40)), material=wrt.Diffuse(0.3))
-    scene.add(wrt.sphere((0.0, 0.7, 0.0), 0.7), material=wrt.Diffuse(0.8))
-    image = wrt.render(scene, width=40, height=30, spp=64, sampler="independent")
-    shown = image * 2.0**-5.5
-    assert (image.min(axis=2) > 1.0).mean() > 0.9  # at 0 stops everything but deep shadows is overexposed
-    assert 0.65 < np.quantile(shown.max(axis=2), 0.995) < 0.85
-    assert 0.1 < np.median(shown) < 0.5
+    with pytest.raises(wrt.InputError):
+        wrt.SunSkyEnvironment(sun_direction=(0.0, -1.0, 0.0))

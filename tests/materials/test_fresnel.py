@@ -91,51 +91,11 @@ def test_conductor_is_the_complex_law(device: str, report: Report) -> None:
     np.testing.assert_allclose(three, complex_fresnel(np.array([[0.3]]), *index), atol=ROUNDINGS)
 
 
-def test_normal_and_grazing_incidence(device: str) -> None:
-    """((η − 1)² + k²) / ((η + 1)² + k²) straight on, 1 along the surface; and at Brewster's angle no parallel part."""
-    eta, k = grid(np.linspace(0.05, 5.0, 60), np.linspace(0.0, 8.0, 60))
-    one = np.ones_like(eta)
-    expected = ((eta - 1.0) ** 2 + k**2) / ((eta + 1.0) ** 2 + k**2)
-    found = map_function(fresnel_conductor_channel, one, eta, k, device=device)
-    np.testing.assert_allclose(found, expected, atol=ROUNDINGS)
-    for cos_i in (0.0, 1e-7, 1e-5):
-        c = np.full_like(eta, cos_i)[np.abs(eta - 1.0) > 0.09]
-        n, absorbed = eta[np.abs(eta - 1.0) > 0.09], k[np.abs(eta - 1.0) > 0.09]
-        # Reflectance falls from 1 with a slope that is largest where the index is nearest to 1.
-        for found in (
-            map_function(fresnel_conductor_channel, c, n, absorbed, device=device),
-            map_function(fresnel_dielectric, c, n, device=device),
-        ):
-            np.testing.assert_allclose(found, 1.0, atol=1e-6 + 100.0 * cos_i)
-    glasses = np.array([1.33, 1.5, 2.42])
-    perpendicular = 0.5 * ((glasses**2 - 1.0) / (glasses**2 + 1.0)) ** 2
-    found = map_function(fresnel_dielectric, np.cos(np.arctan(glasses)), glasses, device=device)
-    np.testing.assert_allclose(found, perpendicular, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("metal", "eta", "k", "printed"),
-    [
-        ("silver", 0.20, 3.44, 0.94),
-        ("gold", 0.47, 2.83, 0.82),
-        ("copper", 0.62, 2.57, 0.73),
-        ("aluminium", 1.44, 5.23, 0.83),
-    ],
-)
-def test_metals_reflect_as_tabulated(metal: str, eta: float, k: float, printed: float, device: str) -> None:
-    """Constants for sodium light, 589.3 nm: Born and Wolf, "Principles of Optics", 7th edition, table 14.1."""
-    found = map_function(fresnel_conductor_channel, np.ones(1), np.array([eta]), np.array([k]), device=device)
-    assert found[0] == pytest.approx(printed, abs=0.005), metal
-
-
-def test_schlick_is_its_formula(device: str) -> None:
-    cos_i = np.concatenate([[0.0, 1.0], COSINES]).astype(np.float32).astype(np.float64)
-    f0 = np.broadcast_to(np.array([0.0, 0.04, 1.0], np.float32), (len(cos_i), 3))
-    found = map_function(fresnel_schlick, cos_i, f0, device=device)
-    np.testing.assert_array_equal(found[0], 1.0)
-    np.testing.assert_array_equal(found[1], f0[1])
-    np.testing.assert_allclose(found, schlick(cos_i[:, None], f0), atol=4.0 * EPS)
-    assert found.max() <= 1.0 + EPS
+def test_metals_reflect_as_tabulated(device: str) -> None:
+    """Silver, gold, copper, aluminium at 589.3 nm: Born and Wolf, "Principles of Optics", 7th edition, table 14.1."""
+    eta, k = np.array([0.20, 0.47, 0.62, 1.44]), np.array([3.44, 2.83, 2.57, 5.23])
+    found = map_function(fresnel_conductor_channel, np.ones(4), eta, k, device=device)
+    np.testing.assert_allclose(found, [0.94, 0.82, 0.73, 0.83], atol=0.005)
 
 
 def test_schlicks_error_for_dielectrics(device: str, report: Report) -> None:

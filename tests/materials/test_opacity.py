@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from support.composites import BLACK, WITH_OPACITY, A, assert_mean, chain, expected_shares, render, room
 from support.covering_kernels import render_with
 from support.irradiance import check, floor_scene, irradiance, pixel_mean, rectangle_irradiance
-from support.statistics import image_z_test, t_test_mean
 
 import wrt
 from wrt.scene.materials import composite
@@ -77,7 +76,6 @@ def test_panes_before_a_constant_sky(device: str, report: Report) -> None:
 
 PANES: dict[str, tuple[list[wrt.Material], float]] = {
     "two panes": ([wrt.Diffuse(opacity=0.4), wrt.Mirror(opacity=0.7)], 0.6 * 0.3),
-    "five panes": ([wrt.Diffuse(opacity=0.1)] * 5, 0.9**5),
     "glass, which shadow rays do not pass": ([wrt.Dielectric(1.5, opacity=0.25)], 0.75),
     "an opaque one behind": ([wrt.Diffuse(opacity=0.4), wrt.Diffuse()], 0.0),
     "a mixture": ([wrt.Mix(wrt.Diffuse(opacity=0.5), wrt.Diffuse(), weight=0.2, opacity=0.3)], 0.7 + 0.3 * 0.4),
@@ -100,31 +98,6 @@ def test_shadows_of_panes_are_their_share(name: str, device: str) -> None:
         images.append(irradiance(scene, device, 4, layers=("alpha",))[1])
     assert images[0].min() > 0.0
     np.testing.assert_allclose(images[1], share * images[0], rtol=2e-5, atol=1e-9)
-
-
-def test_shadow_of_a_textured_pane(device: str) -> None:
-    """A light from straight above draws the texture's transparency on the floor, bilinearly filtered."""
-    pixels = np.random.default_rng(6).random((5, 4, 3)).astype(np.float32)
-    half = 1.7
-    scene = floor_scene(eye=0.5)
-    scene.add_light(wrt.DirectionalLight((0.0, -1.0, 0.0), irradiance=2.0))
-    scene.shapes.append(pane(1.0, wrt.Diffuse(opacity=wrt.ImageTexture(pixels, channel="b")), half))
-    opacity = np.pad(pixels[..., 2].astype(np.float64), 1, mode="wrap")
-
-    def expected(x: NDArray, z: NDArray) -> NDArray:
-        column, row = (x / (2 * half) + 0.5) * 4 + 0.5, (z / (2 * half) + 0.5) * 5 + 0.5
-        j, i = np.floor(column).astype(int), np.floor(row).astype(int)
-        fx, fy = column - j, row - i
-        top = opacity[i, j] * (1 - fx) + opacity[i, j + 1] * fx
-        bottom = opacity[i + 1, j] * (1 - fx) + opacity[i + 1, j + 1] * fx
-        return 2.0 * (1.0 - top * (1 - fy) - bottom * fy)
-
-    (x, z), measured, variance = irradiance(scene, device, 2048, layers=("alpha",))
-    nodes = np.linspace(-0.475, 0.475, 20) * (x[0, 1] - x[0, 0])
-    mean = np.mean([expected(x + a, z + b) for a in nodes for b in nodes], axis=0)
-    p = t_test_mean(measured, variance + (1e-4 * mean) ** 2, 2048, mean)
-    assert p.min() > 0.01 / p.size
-    assert np.ptp(mean) > 0.5
 
 
 @pytest.mark.slow
@@ -153,25 +126,6 @@ def test_a_lamp_through_a_pane_and_one_partly_there(strategy: str, device: str, 
     for scene, expected in ((through, behind), (half_there, halves)):
         where, measured, variance = irradiance(scene, device, 2048, strategy=strategy, layers=("alpha",))
         check(f"{expected.__name__}, {strategy}", measured, variance, pixel_mean(expected, where), 2048, report)
-
-
-@pytest.mark.slow
-def test_sky_found_through_a_pane_by_sampling_it_or_not(device: str, report: Report) -> None:
-    pixels = np.random.default_rng(7).uniform(0.0, 0.5, (8, 16, 3)).astype(np.float32)
-    pixels[1:3, 4:6] = 10.0
-    results = {}
-    # Dim light is left to the BSDF: by light alone it is seldom drawn, and means take longer to be normal.
-    for strategy, spp in (("mis", 512), ("light", 4096), ("bsdf", 2048)):
-        scene = floor_scene(eye=0.7)
-        scene.environment = wrt.ImageEnvironment(pixels)
-        scene.shapes.append(pane(1.0, wrt.Diffuse(0.4, opacity=0.5), 2.0))
-        renderer = render(scene, device, spp=spp, strategy=strategy, max_depth=4)
-        results[strategy] = renderer.image(), renderer.variance()
-    for other in ("light", "bsdf"):
-        test = image_z_test(*results["mis"], *results[other])
-        report(f"mis against {other}: pixels that agree", test.pass_fraction, ">= 0.995", p=test.p_min)
-        assert test.pass_fraction >= 0.995, test.message
-        assert test.mean_p > 0.005, test.message
 
 
 def test_a_ray_among_crowded_panes_comes_to_an_end(device: str) -> None:

@@ -8,7 +8,6 @@ from conftest import Report
 from numpy.typing import NDArray
 from support.bsdfs import ANGLES, Case, hemisphere, viewer
 from support.fresnel import by_angles
-from support.kernels import uniforms
 
 import wrt
 from wrt.backend.device import Device
@@ -26,15 +25,6 @@ def aside(n: int, seed: int) -> tuple[NDArray, NDArray]:
 
 
 # --- The smooth coat --------------------------------------------------------------------------------
-
-
-def test_without_a_step_of_index_there_is_no_coat(device: str) -> None:
-    assert internal_reflectance(1.0) == pytest.approx(0.0, abs=1e-12)
-    wo, wi = hemisphere(10_000, seed=52), hemisphere(10_000, seed=53)
-    value, pdf, _ = Case(wrt.Plastic(COLOR, ior=1.33, exterior_ior=1.33)).evaluate(wo, wi, device)
-    lambert, cosine, _ = Case(wrt.Diffuse(COLOR)).evaluate(wo, wi, device)
-    np.testing.assert_allclose(value, lambert, rtol=1e-5)
-    np.testing.assert_allclose(pdf, cosine, rtol=1e-5)
 
 
 @pytest.mark.parametrize("nonlinear", [False, True])
@@ -57,20 +47,6 @@ def test_albedo_of_the_base_is_the_stated_one(ior: float, exterior: float, nonli
         shift = (1.0 - inner) / (1.0 - rho * inner) if nonlinear else 1.0
         expected = rho * shift * (1.0 - by_angles(viewer(degrees)[2], eta))
         np.testing.assert_allclose(base, expected, atol=2e-6)
-
-
-def test_the_mirror_has_fresnels_share(device: str) -> None:
-    """Samples: the mean weight of mirrored directions is F times the stated factor."""
-    case = Case(wrt.Plastic(COLOR, specular_reflectance=(1.0, 0.5, 0.0)))
-    for degrees in ANGLES:
-        found = case.sample(viewer(degrees), uniforms(2**17, 3, seed=54), device)
-        mirrored = found["delta"].astype(bool)
-        wi = found["wi"][mirrored]
-        np.testing.assert_array_equal(wi, np.broadcast_to((viewer(degrees) * [-1, -1, 1]).astype("f4"), wi.shape))
-        weight = np.where(mirrored[:, None], found["weight"].astype(np.float64), 0.0)
-        error = weight.std(axis=0) / np.sqrt(len(weight))
-        expected = by_angles(viewer(degrees)[2], 1.5) * np.array([1.0, 0.5, 0.0])
-        assert (np.abs(weight.mean(axis=0) - expected) <= 3.5 * error + 1e-6).all()
 
 
 # --- The rough coat ---------------------------------------------------------------------------------
@@ -125,30 +101,6 @@ def test_tables_hold_what_gets_in(alpha: float, eta: float, device: str, report:
         assert table[2] == pytest.approx(1.0 - float(np.mean(2.0 * z * look_up(table, z))) / eta**2, abs=1e-6)
 
 
-class VaryingRoughness(wrt.RoughPlastic):
-    """A constant roughness that reads the table of all roughnesses."""
-
-    @property
-    def table_key(self) -> tuple:
-        key = super().table_key
-        return (*key[:4], None, key[5])
-
-
-@pytest.mark.slow
-def test_one_table_serves_all_roughnesses(device: str, report: Report) -> None:
-    """Where roughness varies over a surface, its table has columns; they agree with that of each roughness alone."""
-    many = wrt.RoughPlastic(1.0, alpha=wrt.VertexColor()).table_key
-    assert many[4] is None
-    wo, wi = aside(5000, seed=55)
-    for alpha in (1e-3, 0.37, 1.0):
-        constant = wrt.RoughPlastic((0.0, 0.5, 1.0), alpha=alpha, nonlinear=True)
-        varying = VaryingRoughness((0.0, 0.5, 1.0), alpha=alpha, nonlinear=True)
-        assert varying.table_key == many
-        a, b = (Case(material).evaluate(wo, wi, device)[0][:, 2] for material in (constant, varying))
-        report(f"α = {alpha}: largest relative difference", float(np.abs(a / b - 1.0).max()))
-        np.testing.assert_allclose(a, b, rtol=5e-3)
-
-
 @pytest.mark.slow
 def test_a_smooth_coat_is_the_limit_of_rough_ones(device: str) -> None:
     wo, wi = aside(5000, seed=56)
@@ -161,14 +113,9 @@ def test_a_smooth_coat_is_the_limit_of_rough_ones(device: str) -> None:
     ("make", "bad"),
     [
         (wrt.Plastic, {"ior": 0.0}),
-        (wrt.RoughPlastic, {"ior": "jelly"}),
-        (wrt.Plastic, {"reflectance": 1.5}),
-        (wrt.RoughPlastic, {"nonlinear": "yes"}),
-        (wrt.RoughPlastic, {"specular_reflectance": -1.0}),
         (wrt.RoughPlastic, {"alpha": 0.0}),
         (wrt.RoughPlastic, {"distribution": "blinn-phong"}),
         (wrt.RoughPlastic, {"masking": "walter"}),
-        (wrt.RoughPlastic, {"multiple_bounces": 1}),
     ],
     ids=repr,
 )

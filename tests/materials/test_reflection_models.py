@@ -23,7 +23,7 @@ from support.bsdfs import (
     transmission_error,
 )
 from support.kernels import uniforms
-from support.measurements import ISOTROPIC, arbitrary, azimuths, rough_metal
+from support.measurements import ISOTROPIC, arbitrary, azimuths
 
 import wrt
 from wrt.kernels.bsdf.lobes.principled_base import FEATURE_ROWS
@@ -77,16 +77,15 @@ def glass(alpha: Any, ior: float = 1.5, **rest: Any) -> wrt.RoughDielectric:
     return wrt.RoughDielectric(ior, alpha=alpha, **rest)
 
 
-def measured(tables: Measurement, *angles: float, conserving: bool = False, quick: bool = False) -> Row:
-    """Return the row of a material that is as reciprocal as its data."""
-    return Row(Case(wrt.Measured(tables)), angles, quick, reciprocal=False, conserving=conserving, weights=False)
+def measured(tables: Measurement, *angles: float, quick: bool = False) -> Row:
+    """Return the row of a material that is as reciprocal and keeps as much energy as its data."""
+    return Row(Case(wrt.Measured(tables)), angles, quick, reciprocal=False, conserving=False, weights=False)
 
 
 TABLE = {
     "diffuse": row(wrt.Diffuse((0.8, 0.5, 0.0)), 45, quick=True),
     "diffuse, back": row(wrt.Diffuse(1.0), 89, back=True),
     "oren-nayar": row(wrt.OrenNayar((0.9, 0.4, 0.0), 0.35), 80, quick=True),
-    "oren-nayar, smooth": row(wrt.OrenNayar((0.9, 0.4, 0.0), 0.05), 45),
     "oren-nayar, rough, back": row(wrt.OrenNayar((0.9, 0.4, 0.0), 0.5 * math.pi), 0, 45, 89, back=True),
     "mirror": row(wrt.Mirror((0.9, 0.5, 0.0)), quick=True),
     "square": row(wrt.Glossy(RGB, 0.3), quick=True, reciprocal=False),
@@ -96,7 +95,6 @@ TABLE = {
     "filmed copper": row(wrt.Conductor(**FILM)),
     # Rough metals
     "ggx": row(metal((0.1, 0.5)), 0, 60, 89, quick=True),
-    "ggx 0.1": row(metal(0.1), 45, 80),
     "ggx 1": row(metal(1.0), 0, 89),
     "beckmann": row(metal((0.7, 0.2), "beckmann"), 45, 89),
     "beckmann 0.1, walter": row(metal(0.1, "beckmann", "walter"), 60),
@@ -107,15 +105,9 @@ TABLE = {
     "implicit": row(metal(0.3, masking="implicit", f0=0.5), 45),
     "ggx, all bounces": row(metal(0.6, **WHITE), 0, 60, 89),
     "brushed beckmann, all bounces": row(metal((0.1, 0.4), "beckmann", **WHITE), 45),
-    "gold, all bounces": row(metal(0.8, metal="gold", multiple_bounces=True), 80),
     "filmed metal": row(metal(0.3, **FILM), 45),
-    "filmed tint": row(metal(0.3, f0=GOLD, **FILM), 80),
-    "ggx 1e-4": row(metal(1e-4)),
     "beckmann 1e-3, 0.5": row(metal((1e-3, 0.5), "beckmann")),
-    "blinn-phong 1e-4": row(metal(1e-4, "blinn-phong", "walter")),
-    "ggx 1e-4, all bounces": row(metal(1e-4, **WHITE)),
     "ggx, bumpy": row(metal((0.1, 0.3), masking="smith-separable"), 0, 60, bumpy=True),
-    "ggx 0.15, bumpy": row(metal(0.15, f0=1.0), 85, bumpy=True),
     "cook-torrance, bumpy": row(metal(0.2, masking="cook-torrance"), 60, bumpy=True),
     # Boundaries
     "glass": row(wrt.Dielectric(1.5), quick=True),
@@ -126,7 +118,6 @@ TABLE = {
     "null": row(wrt.Null(), quick=True),
     "ground glass": row(glass(0.3), 60, 89, quick=True),
     "ground glass, inside": row(glass(0.3), 0, 60, back=True),
-    "ground glass 0.05, inside": row(glass(0.05), 45, back=True),
     "ground glass 1": row(glass(1.0), 0, 80),
     "ground beckmann": row(glass(0.3, distribution="beckmann", masking="walter"), 60),
     "brushed glass, inside": row(glass((0.1, 0.5), 1.33), 60, back=True),
@@ -141,33 +132,23 @@ TABLE = {
     "rough plastic": row(wrt.RoughPlastic(RGB, alpha=0.3, specular_reflectance=0.5), 45, 80, quick=True),
     "rough plastic 0.03, back": row(wrt.RoughPlastic(RGB, alpha=0.03), 80, back=True),
     "rough plastic 1": row(wrt.RoughPlastic(RGB, alpha=1.0, nonlinear=True, multiple_bounces=True), 0, 89),
-    "plastic under water": row(wrt.RoughPlastic(RGB, ior=1.1, exterior_ior="water", alpha=0.3), 60),
     "beckmann plastic": row(wrt.RoughPlastic(RGB, alpha=0.3, distribution="beckmann", masking="walter"), 45),
-    "plastic, bumpy": row(wrt.RoughPlastic(0.5, alpha=0.15), 0, 60, bumpy=True),
     # The material of glTF
     "principled": row(P((0.8, 0.2, 0.0), metallic=0.5, roughness=0.4), 45, 80, quick=True),
-    "principled, matt": row(P(1.0, roughness=1.0), 89),
-    "strong reflection": row(P(0.5, specular_color=(12.0, 6.0, 1.0)), 45),
     "specular-glossiness": row(P(0.0, ior=0.0, specular_color=GOLD, roughness=0.3), 80),
     "brushed": row(P(GOLD, metallic=0.7, roughness=0.4, anisotropy=0.8, anisotropy_rotation=0.5), 0, 60),
-    "clear body": row(P(1.0, transmission=1.0), 80),
+    "brushed plastic": row(P(1.0, roughness=0.4, anisotropy=0.8), 45),
     "clear body, inside": row(P(1.0, transmission=1.0), 45, back=True),
-    "milk glass": row(MILK, 45),
     "milk glass, inside": row(MILK, 0, 80, back=True),
-    "no specular, inside": row(P(1.0, roughness=0.3, transmission=1.0, specular=0.0), back=True),
-    "smooth body, inside": row(P(1.0, roughness=0.0, transmission=1.0), back=True),
     "coated body, inside": row(P(1.0, roughness=0.3, transmission=1.0, coat=1.0), back=True),
     "sheet": row(P((0.9, 0.7, 0.5), transmission=0.8, thin_walled=True), 45, 89),
     "coated": row(P((0.8, 0.1, 0.1), coat=1.0, coat_roughness=0.4), 45, 80),
     "velvet": row(P((0.2, 0.0, 0.1), sheen_color=(0.9, 0.5, 0.7), sheen_roughness=0.5), 60, 89),
-    "smooth sheen": row(P(1.0, sheen_color=1.0)),
-    "coated velvet": row(P(1.0, coat=1.0, coat_roughness=1.0, sheen_color=1.0, sheen_roughness=0.2), 60),
     "half metal, all bounces": row(P(1.0, metallic=0.5, roughness=0.8, multiple_bounces=True), 45),
     "filmed": row(P(GOLD, metallic=0.5, roughness=0.4, **FILM), 45),
     "dispersive, inside": row(P(0.9, roughness=0.4, transmission=0.8, dispersion=3.0), 80, back=True),
     "everything": row(EVERYTHING, 0, 80),
     "everything, inside": row(EVERYTHING, 45, back=True),
-    "principled, bumpy": row(P((0.8, 0.2, 0.0), metallic=0.5, roughness=0.4), 60, bumpy=True),
     "everything, bumpy": row(LAYERED, 0, 85, bumpy=True),
     "everything, bumpy, inside": row(LAYERED, 60, back=True, bumpy=True),
     "sheet, bumpy": row(P(0.9, transmission=0.8, thin_walled=True), 60, bumpy=True),
@@ -176,12 +157,10 @@ TABLE = {
     "burley's glass": row(BURLEYS_GLASS, 30, reciprocal=False),
     "burley's glass, inside": row(BURLEYS_GLASS, 80, back=True, reciprocal=False),
     "burley's pane": row(BURLEYS_PANE, 30, 80, reciprocal=False, conserving=False),
-    # Tables of random numbers, and a metal that was tabulated
+    # Tables of random numbers
     "measured": measured(arbitrary(ISOTROPIC), 45, quick=True),
-    "measured, circle": measured(arbitrary(azimuths(1, 7)), 0, 80),
-    "measured, quarter": measured(arbitrary(azimuths(4, 4)), 45),
+    "measured, quarter": measured(arbitrary(azimuths(4, 4)), 0, 45),
     "measured values alone": measured(arbitrary(ISOTROPIC, jacobian=False, seed=1), 80),
-    "measured metal": measured(rough_metal((0.5, 0.3), 0.6, fine=24, viewers=7), 45, 80, conserving=True),
 }
 
 
@@ -235,7 +214,7 @@ def test_reciprocity(name: str, device: str, report: Report) -> None:
 def test_no_energy_is_made(name: str, device: str, report: Report) -> None:
     """To 3.5σ; with multiple bounces to the error of their table as well."""
     case = TABLE[name].case
-    slack = 3e-3 if case.material.table_key and "measured" not in name else 1e-5
+    slack = 3e-3 if case.material.table_key else 1e-5
     for degrees in (0.0, 45.0, 80.0, 89.0, 89.9):
         mean, error = albedo(case, degrees, device, samples=2**15)
         report(f"{name} at {degrees:g}°: largest albedo", float(mean.max()), "<= 1")
@@ -282,7 +261,8 @@ def furnace() -> Iterator[tuple[str, list[Case], float]]:
     yield "diffuse", [Case(wrt.OrenNayar(1.0, s)) for s in (0.0, 1e-4, 0.05, 0.35, 1.0, 0.5 * math.pi)], 1e-5
     sides = (True, False)
     clear = (wrt.Dielectric(1.5), wrt.Dielectric(1.0, 1.33), wrt.Dielectric(2.42), wrt.ThinDielectric(), wrt.Mirror())
-    yield "deltas", [Case(material, front) for material in clear for front in sides], 1e-6
+    deltas = (*clear, wrt.Dielectric(1.5, dispersion=4.0))
+    yield "deltas", [Case(material, front) for material in deltas for front in sides], 1e-6
     yield "plastic", [Case(wrt.Plastic(1.0)), Case(wrt.Plastic(1.0, 2.42, nonlinear=True))], 1e-5
     yield "rough plastic", [Case(wrt.RoughPlastic(1.0, alpha=a, multiple_bounces=True)) for a in ALPHAS[2:]], 0.01
     for name in ("ggx", "beckmann"):
@@ -291,7 +271,6 @@ def furnace() -> Iterator[tuple[str, list[Case], float]]:
     yield "ground glass", [Case(material, front) for material in glasses for front in sides], 0.005
     for name, options in (
         ("principled", {}),
-        ("principled diamond", {"ior": 2.4}),
         ("principled tint", {"specular_color": (20.0, 5.0, 1.0)}),
         ("principled, all bounces", {"multiple_bounces": True}),
     ):
@@ -332,3 +311,35 @@ def test_white_plastic_under_bumps_stays_white(roughness: float, device: str, re
             mean, error = albedo(case, degrees, device, samples=2**15)
             report(f"roughness {roughness}, σ {sigma} at {degrees:g}°", float(mean[0]), 1.0)
             assert least - 3.5 * error[0] < mean[0] < 1.01 + 3.5 * error[0]
+
+
+@pytest.mark.slow
+def test_white_materials_vanish_in_a_white_room(device: str, report: Report) -> None:
+    """Textured roughness, tables that lie one behind the other, and a body; what shines besides is brighter by that."""
+    levels = np.linspace(0.05, 1.0, 64, dtype=np.float32).reshape(8, 8, 1) * np.ones(3, np.float32)
+    varying, white = wrt.ImageTexture(levels), {"f0": 1.0, "multiple_bounces": True}
+    sheets = [
+        wrt.OrenNayar(1.0, 1.0),
+        wrt.RoughPlastic(1.0, alpha=varying, nonlinear=True, multiple_bounces=True),
+        wrt.RoughConductor((0.2, 0.9), **white),
+        wrt.RoughConductor(0.8, **white),
+        wrt.Principled(wrt.ImageTexture(np.ones((2, 2, 3), np.float32)), roughness=varying, emission=(0.5, 0.0, 0.0)),
+    ]
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.camera = wrt.OrthographicCamera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0), view_height=1.0)
+    for x, material in enumerate(sheets):
+        scene.add(wrt.quad((x - 3.0, -0.5, 0.0), (1, 0, 0), (0, 1, 0)), material=material)
+    # Flat faces: below the horizon of interpolated normals a little light is always lost.
+    ball = wrt.sphere((2.5, 0.0, 0.0), 0.45, subdivisions=3)
+    glass = wrt.RoughDielectric(1.5, alpha=0.5, multiple_bounces=True)
+    scene.add(wrt.Mesh(ball.vertices, ball.faces), material=glass)
+    renderer = wrt.Renderer(scene, sampler="independent", width=96, height=16, seed=2, max_depth=1000, device=device)
+    for _ in renderer.passes(spp=256):
+        pass
+    image = renderer.image().astype(np.float64).reshape(16, 6, 16, 3)
+    error = np.sqrt(renderer.variance().reshape(16, 6, 16, 3).sum(axis=(0, 2))) / 256
+    for number, name in enumerate(["oren-nayar", "plastic", "brushed metal", "metal", "principled", "glass"]):
+        tile = image[4:12, number, 2:14]
+        expected = np.array([1.5, 1.0, 1.0]) if name == "principled" else np.ones(3)
+        report(f"{name}: mean radiance", str(tile.mean(axis=(0, 1))), str(expected))
+        assert (np.abs(tile.mean(axis=(0, 1)) - expected) < 0.006 + 6.0 * error[number]).all(), name

@@ -87,21 +87,6 @@ def test_refraction_obeys_snell_and_lobes_are_chosen_by_fresnel(name: str, devic
     np.testing.assert_array_equal(~through[~close], (u_lobe < reflectance)[~close])
 
 
-@pytest.mark.parametrize(("ior", "exterior"), [(1.5, 1.0), (2.42, 1.0), (1.0, 1.33)])
-def test_a_pane_sums_reflections_between_its_faces(ior: float, exterior: float, device: str) -> None:
-    """By adding up 200 of them; also a pane of air in water, which light cannot enter at grazing angles."""
-    n = 2**18
-    for degrees, front in ((0.0, True), (45.0, False), (80.0, True)):
-        r = float(cook_torrance(np.cos(np.radians(degrees)), ior / exterior))
-        expected = r + (1.0 - r) ** 2 * sum(r ** (2 * k + 1) for k in range(200))
-        found = Case(wrt.ThinDielectric(ior, exterior), front).sample(viewer(degrees), uniforms(n, 3, seed=3), device)
-        assert abs((found["wi"][:, 2] > 0.0).mean() - expected) < 4.0 * np.sqrt(0.25 / n)
-        straight = found["wi"][found["wi"][:, 2] < 0.0]
-        np.testing.assert_array_equal(straight, np.broadcast_to(-viewer(degrees), straight.shape).astype("f4"))
-        assert (found["weight"] == 1.0).all()
-        assert (found["eta"] == 1.0).all()
-
-
 @pytest.mark.parametrize("make", [wrt.Dielectric, wrt.ThinDielectric, wrt.RoughDielectric])
 def test_tints_multiply_each_way(make: type, device: str) -> None:
     wo, u = hemisphere(10_000, seed=7), uniforms(10_000, 3, seed=8)

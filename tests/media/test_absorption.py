@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.testing import assert_allclose
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.media import KERNELS, fresnel, mean_and_error, render, stage
 
 import wrt
@@ -22,9 +22,7 @@ GLOWING = {"material": wrt.Diffuse(0.0), "emission": 1.0}
 WALL = wrt.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0))
 
 
-@pytest.fixture(autouse=True)
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
+few_kernels = rendering_with(*KERNELS)
 
 
 def slab(material: wrt.Material, thickness: float = 0.7, *, degrees: float = 0.0, sky: float = 1.0) -> wrt.Scene:
@@ -37,10 +35,9 @@ def slab(material: wrt.Material, thickness: float = 0.7, *, degrees: float = 0.0
 
 @pytest.mark.parametrize("boundary", [wrt.Null(interior=MEDIUM), wrt.Dielectric(1.0, interior=MEDIUM)])
 def test_transmittance_of_a_slab(boundary: wrt.Material, device: str) -> None:
-    for degrees in (0.0, 60.0):
-        image = render(slab(boundary, degrees=degrees), device).image()
-        expected = np.exp(-B * 0.7 / math.cos(math.radians(degrees)))
-        assert_allclose(image, np.broadcast_to(expected, image.shape), rtol=2e-5)
+    image = render(slab(boundary, degrees=60.0), device).image()
+    expected = np.exp(-B * 0.7 / math.cos(math.radians(60.0)))
+    assert_allclose(image, np.broadcast_to(expected, image.shape), rtol=2e-5)
 
 
 def test_color_after_a_distance(device: str) -> None:
@@ -51,13 +48,13 @@ def test_color_after_a_distance(device: str) -> None:
     assert_allclose(render(slab(wrt.Null(interior=medium), 5.0), device).image()[0, 0], np.square(color), rtol=2e-5)
 
 
-@pytest.mark.parametrize("degrees", [0.0, 50.0])
-def test_a_slab_of_coloured_glass(degrees: float, device: str, report: Report) -> None:
+def test_a_slab_of_coloured_glass(device: str, report: Report) -> None:
     """All reflections between its faces summed: of each face F, on each way T, the sky is 1 on both sides.
 
     What is seen is F + (1 − F)² T (1 + F T) / (1 − F² T²), a series in F T.
     """
-    renderer = render(slab(wrt.Dielectric(1.5, interior=MEDIUM), degrees=degrees), device, size=(16, 16), spp=1024)
+    degrees = 50.0
+    renderer = render(slab(wrt.Dielectric(1.5, interior=MEDIUM), degrees=degrees), device, size=(16, 16), spp=256)
     mean, error = mean_and_error(renderer)
 
     def seen(thickness: float) -> np.ndarray:
@@ -65,7 +62,7 @@ def test_a_slab_of_coloured_glass(degrees: float, device: str, report: Report) -
         t = np.exp(-B * thickness / math.sqrt(1.0 - (math.sin(math.radians(degrees)) / 1.5) ** 2))
         return f + (1.0 - f) ** 2 * t * (1.0 + f * t) / (1.0 - (f * t) ** 2)
 
-    report(f"glass of 0.7 m at {degrees:g}°, red green blue", str(mean.round(5)), str(seen(0.7).round(5)))
+    report("glass of 0.7 m, red green blue", str(mean.round(5)), str(seen(0.7).round(5)))
     assert (np.abs(mean - seen(0.7)) < 3.5 * error).all()
     # Of a slab 1 % thicker it would not be so.
     assert (np.abs(mean - seen(0.7 * 1.01)) > 3.5 * error).all()
@@ -105,35 +102,27 @@ def test_fog_without_end(device: str) -> None:
         render(stage(medium=wrt.Medium((1.0, 0.0, 1.0), emission=1.0)), device)
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_the_camera_in_a_body(turned: bool, device: str) -> None:
-    """The path begins in the bodies that the camera stands in: the inner of two, which lies in the other."""
+def test_the_camera_in_a_body(device: str) -> None:
+    """The path begins in the bodies that the camera stands in: the inner of two, which lies in the other.
+
+    Of the outer one a side is missing: whether the camera is inside is decided by most directions.
+    """
     scene = stage(sky=1.0)
-    outer, inner = wrt.Null(interior=wrt.Medium(tuple(2.0 * B))), wrt.Null(interior=MEDIUM)
-    shapes = [(wrt.box((-9, -9, -1), (9, 9, 9)), outer), (wrt.box((-2, -2, 0), (2, 2, 5)), inner)]
-    for mesh, material in reversed(shapes) if turned else shapes:
-        scene.add(mesh, material=material)
+    scene.add(wrt.box((-2, -2, 0), (2, 2, 5)), material=wrt.Null(interior=MEDIUM))
+    outer = wrt.box((-9, -9, -1), (9, 9, 9))
+    side = (outer.vertices[outer.faces][..., 0] > 8.0).all(axis=1)
+    assert side.sum() == 2
+    outer = wrt.Mesh(outer.vertices, outer.faces[~side])
+    scene.add(outer, material=wrt.Null(interior=wrt.Medium(tuple(2.0 * B))))
     assert_allclose(render(scene, device).image()[0, 0], np.exp(-B * 3.0 - 2.0 * B * 1.0), rtol=2e-5)
 
 
-def along_other_diagonals(mesh: wrt.Mesh) -> wrt.Mesh:
-    """Return a box, each of its quads (a, b, c), (a, c, d) cut into (a, b, d), (b, c, d)."""
-    faces = []
-    for first, second in mesh.faces.reshape(-1, 2, 3):
-        b = next(i for i in range(3) if first[i] not in second)
-        d = next(i for i in second if i not in first)
-        previous, corner, following = np.roll(first, 1 - b)
-        faces += [[previous, corner, d], [corner, following, d]]
-    return wrt.Mesh(mesh.vertices, np.array(faces))
-
-
-@pytest.mark.parametrize("other", [False, True])
-def test_bodies_that_touch(other: bool, device: str) -> None:
+@pytest.mark.parametrize("turn", [0.0, 90.0])
+def test_bodies_that_touch(turn: float, device: str) -> None:
     """Blocks share faces, whose triangles are the same, or others in the same plane: neither is overlooked."""
     scene = stage(sky=1.0, fov_degrees=20.0)
     for low, absorption in ((-1.0, B), (-2.0, 3.0 * B), (-3.0, B[::-1])):
-        box = wrt.box((-4.0, -4.0, low), (4.0, 4.0, low + 1.0))
-        box = along_other_diagonals(box) if other and low == -2.0 else box
+        box = wrt.box((-4.0, -4.0, low), (4.0, 4.0, low + 1.0)).rotated((0, 0, 1), turn if low == -2.0 else 0.0)
         scene.add(box, material=wrt.Null(interior=wrt.Medium(tuple(absorption))))
     total = -np.log(render(scene, device, size=(64, 64)).image()) / (B + 3.0 * B + B[::-1])
     # The way through each block is 1 / cosθ, the same in all channels and somewhat random within a pixel.
@@ -183,10 +172,6 @@ def test_a_lamp_behind_coloured_panes(strategy: str, device: str, report: Report
 
 
 def test_media_that_cannot_be_are_refused() -> None:
-    with pytest.raises(wrt.InputError, match="color must be greater than 0"):
-        wrt.Medium.from_color((0.5, 0.0, 0.5), 1.0)
-    with pytest.raises(wrt.InputError, match=r"interior must be a wrt\.Medium"):
-        wrt.Dielectric(interior=1.0)  # type: ignore[arg-type]
     with pytest.raises(wrt.InputError, match="an interior needs a transmission"):
         wrt.Principled(interior=MEDIUM)
     scene = stage(sky=1.0)

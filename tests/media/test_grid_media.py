@@ -1,4 +1,4 @@
-"""Media whose density varies on a grid: tracking against closed forms, furnaces, and bits."""
+"""Media whose density varies on a grid: tracking against closed forms, and furnaces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
-from support.covering_kernels import render_with
+from support.covering_kernels import rendering_with
 from support.media import KERNELS, mean_and_error, render, stage
 from support.statistics import chi_square_test
 
@@ -27,17 +27,13 @@ from wrt.kernels.scene.scene_data import SceneData
 from wrt.upload import grids
 from wrt.upload.scene_data import build_scene
 
-CHROMATIC = wrt.Medium((0.5, 1.0, 2.0), (2.0, 1.0, 0.5), g=0.3, emission=(0.3, 0.1, 0.2))
 LOWER, UPPER = (-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)
-ASIDE = {"origin": (1.8, 1.3, 3.0), "fov_degrees": 20.0}
 RNG = np.random.default_rng(5)
 CLOUD = RNG.random((9, 20, 13)).astype(np.float32) ** 3 * (RNG.random((9, 20, 13)) > 0.4)
 """Cells of very different densities, some of them empty."""
 
 
-@pytest.fixture(autouse=True)
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
+few_kernels = rendering_with(*KERNELS)
 
 
 def boxed(medium: wrt.Medium, **view: Any) -> wrt.Scene:
@@ -47,45 +43,18 @@ def boxed(medium: wrt.Medium, **view: Any) -> wrt.Scene:
     return scene
 
 
-def lit(medium: wrt.Medium) -> wrt.Scene:
-    scene = boxed(medium, sky=0.7, **ASIDE)
-    scene.add_light(wrt.PointLight((1.0, 2.0, 1.0), intensity=5.0))
-    return scene
-
-
-def on(values: Any, medium: wrt.Medium = CHROMATIC, **options: Any) -> wrt.Medium:
+def on(values: Any, medium: wrt.Medium, **options: Any) -> wrt.Medium:
     """Return a medium with these densities in the box."""
     return dataclasses.replace(medium, density=wrt.DensityGrid(values, **{"lower": LOWER, "upper": UPPER} | options))
 
 
 @pytest.mark.slow
-def test_constant_grids_are_homogeneous_media(device: str, report: Report) -> None:
-    """And an albedo grid of one colour is the medium of that albedo."""
-    options: dict[str, Any] = {"size": (32, 32), "spp": 64}
-    expected, expected_error = mean_and_error(render(lit(CHROMATIC), device, **options))
-    for values in (np.ones((3, 4, 5)), np.full((30, 17, 9), 0.25)):
-        medium = on(values, factor=1.0 / float(values[0, 0, 0]))
-        mean, error = mean_and_error(render(lit(medium), device, seed=1, **options))
-        z = (mean - expected) / np.hypot(error, expected_error)
-        report("red green blue against a homogeneous medium", f"{z.round(2)} sigma", 0)
-        assert (np.abs(z) < 3.5).all()
-        assert error.max() < 0.01 * expected.min()
-    color = (0.9, 0.5, 0.2)
-    plain = on(CLOUD, wrt.Medium.from_albedo(color, (3.0, 4.0, 5.0)))
-    varied = on(CLOUD, wrt.Medium((3.0, 4.0, 5.0)), albedo=[[[color]]])
-    assert varied.scatters
-    a, b = (render(lit(medium), device, size=(16, 16), spp=32).image() for medium in (plain, varied))
-    np.testing.assert_allclose(a, b, rtol=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("g", "thickness"), [(0.8, 20.0), (-0.5, 1.0)])
-def test_white_in_a_furnace(g: float, thickness: float, device: str, report: Report) -> None:
+def test_white_in_a_furnace(device: str, report: Report) -> None:
     """A cloud that absorbs nothing cannot be seen under an even sky, in channels of different density."""
-    white = wrt.Medium.from_albedo(1.0, (0.5 * thickness, thickness, 2.0 * thickness), g)
-    scene = boxed(on(CLOUD, white), sky=1.0, **ASIDE)
+    white = wrt.Medium.from_albedo(1.0, (10.0, 20.0, 40.0), g=0.8)
+    scene = boxed(on(CLOUD, white), sky=1.0, origin=(1.8, 1.3, 3.0), fov_degrees=20.0)
     mean, error = mean_and_error(render(scene, device, size=(24, 24), spp=64, max_depth=1000))
-    report(f"g {g:g}, thickness {thickness:g}: worst", f"{((mean - 1) / np.maximum(error, 1e-6)).round(2)} sigma", 0)
+    report("worst", f"{((mean - 1) / np.maximum(error, 1e-6)).round(2)} sigma", 0)
     assert (np.abs(mean - 1.0) < 3.5 * np.maximum(error, 1e-6)).all()
     assert error.max() < 0.01
 
@@ -107,14 +76,18 @@ def seen_through(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("direction", [1, -1])
-def test_light_through_a_ramp(direction: int, device: str, report: Report) -> None:
-    """exp(−b ∫ρ) of an absorbing medium; and no noise where the density is even, whose least value is its mean."""
-    mean, error = seen_through(on(RAMP[::direction, None, None], wrt.Medium(tuple(ABSORPTION))), device)
+def test_light_through_a_ramp(device: str, report: Report) -> None:
+    """exp(−b ∫ρ) of an absorbing medium, and of one with an albedo of 0.
+
+    There is no noise where the density is even, whose least value is its mean.
+    """
     expected = np.exp(-ABSORPTION * DEPTH)
-    report("exp(−∫)", str(mean.round(5)), str(expected.round(5)))
-    assert (np.abs(mean - expected) < 3.5 * error).all()
-    assert (np.abs(1.02 * expected - mean) > 3.5 * error).any()
+    black = on(RAMP[:, None, None], wrt.Medium(0.1, (0.1, 0.6, 1.9)), albedo=np.zeros((2, 2, 2, 3)))
+    for medium in (on(RAMP[:, None, None], wrt.Medium(tuple(ABSORPTION))), black):
+        mean, error = seen_through(medium, device)
+        report("exp(−∫)", str(mean.round(5)), str(expected.round(5)))
+        assert (np.abs(mean - expected) < 3.5 * error).all()
+        assert (np.abs(1.02 * expected - mean) > 3.5 * error).any()
     mean, error = seen_through(on(np.full((5, 20, 9), 2.0), wrt.Medium(tuple(ABSORPTION))), device)
     np.testing.assert_allclose(mean, np.exp(-2.0 * ABSORPTION), rtol=1e-5)
     assert (error < 1e-6).all()
@@ -134,37 +107,6 @@ def test_light_that_a_ramp_sends_out(device: str, report: Report) -> None:
     bright = on(np.ones((2, 3, 1)), wrt.Medium(emission=tuple(emission)), emission=RAMP[::-1, None, None])
     mean, error = seen_through(bright, device, sky=0.0)
     assert (np.abs(mean - emission * DEPTH) < 3.5 * error).all()
-
-
-@pytest.mark.slow
-def test_a_shadow_through_a_ramp(device: str, report: Report) -> None:
-    """A point light shines at 45 degrees on a matt plate, through a grid that ends within the body that it fills."""
-    absorption = np.array([0.2, 0.7, 1.5])
-    medium = on(RAMP[:, None, None], wrt.Medium(tuple(absorption)), lower=(0.0, -4.0, -0.5), upper=(9.0, 4.0, 0.25))
-    scene = stage()
-    scene.add(wrt.quad((-9, -9, -1), (18, 0, 0), (0, 18, 0)), material=wrt.Diffuse(0.5))
-    scene.add_light(wrt.PointLight((2.0, 0.0, 1.0), intensity=1.0))
-    scene.add(wrt.box((0.2, -4, -0.7), (9, 4, 0.5)), material=wrt.Null(interior=medium))
-    mean, error = mean_and_error(render(scene, device, size=(32, 32), spp=128, max_depth=2))
-    plain = 0.5 / math.pi / 8.0 * math.sqrt(0.5)
-    expected = plain * np.exp(-absorption * DEPTH * 0.75 * math.sqrt(2.0))
-    report("shadow", str((mean / plain).round(5)), str((expected / plain).round(5)))
-    assert (np.abs(mean - expected) < 3.5 * error + 1e-4 * expected).all()
-    assert (np.abs(1.05 * expected - mean) > 3.5 * error).all()
-
-
-@pytest.mark.slow
-def test_what_an_albedo_leaves_is_absorbed(device: str) -> None:
-    """All where it is 0; by the integrator that does not scatter, what the grid of albedos leaves."""
-    through = np.exp(-ABSORPTION * DEPTH)
-    black = on(RAMP[:, None, None], wrt.Medium(0.1, (0.1, 0.6, 1.9)), albedo=np.zeros((2, 2, 2, 3)))
-    mean, error = seen_through(black, device)
-    assert (np.abs(mean - through) < 3.5 * error).all()
-    albedo = np.full((1, 1, 1, 3), (0.0, 0.5, 0.9))
-    medium = on(RAMP[:, None, None], wrt.Medium(0.1, (0.1, 1.3, 19.9)), albedo=albedo)
-    with pytest.warns(UserWarning, match="ignores scattering in media"):
-        mean, error = seen_through(medium, device, integrator="path")
-    assert (np.abs(mean - through) < 3.5 * error).all()
 
 
 @functools.cache
@@ -245,10 +187,9 @@ def depth_along(grid: wrt.DensityGrid, origin: Any, direction: Any, reach: float
     return float(np.sum(np.where(((unit >= 0) & (unit <= 1)).all(axis=1), density, 0.0)) * (reach / 40_000))
 
 
-@pytest.mark.parametrize("transform", [None, TURNED], ids=["straight", "turned"])
-def test_rays_through_a_cloud(transform: NDArray[np.float64] | None, device: str, report: Report) -> None:
+def test_rays_through_a_cloud(device: str, report: Report) -> None:
     """Ratio tracking along rays in all directions, against sums along them."""
-    medium = on(CLOUD, wrt.Medium((1.0, 4.0, 9.0)), transform=transform)
+    medium = on(CLOUD, wrt.Medium((1.0, 4.0, 9.0)), transform=TURNED)
     rays, each = 24, 2**13
     ends = np.random.default_rng(7).normal(size=(2, rays, 3))
     ends *= np.array([1.2, 0.3])[:, None, None] / np.linalg.norm(ends, axis=2, keepdims=True)
@@ -268,7 +209,7 @@ def test_rays_through_a_cloud(transform: NDArray[np.float64] | None, device: str
 
 
 def test_majorants_bound_the_density() -> None:
-    for shape in ((1, 1, 1), (9, 20, 13), (8, 16, 24), (2, 65, 7)):
+    for shape in ((1, 1, 1), (9, 20, 13)):
         values = np.random.default_rng(1).random(shape).astype(np.float32)
         bounds = grids.majorants(values)
         points = np.random.default_rng(2).random((20_000, 3))
@@ -276,30 +217,6 @@ def test_majorants_bound_the_density() -> None:
         density = map_coordinates(values, cells.T, order=1, mode="nearest")
         block = (points * bounds.shape).astype(int)
         assert (density <= bounds[tuple(block.T)] + 1e-6).all()
-        assert bounds.max() == values.max()
-
-
-@pytest.mark.slow
-def test_bits(device: str) -> None:
-    """Neither threads, nor passes, nor a crop change any bit."""
-    scene = lit(on(CLOUD, wrt.Medium.from_albedo(0.9, (5.0, 9.0, 14.0), 0.5)))
-
-    def new(**options: Any) -> wrt.Renderer:
-        options = {"seed": 7, "device": device, "sampler": "independent", **options}
-        return wrt.Renderer(scene, width=40, height=24, **options)
-
-    def image(renderer: wrt.Renderer, *targets: int) -> NDArray[np.float32]:
-        for target in targets:
-            for _ in renderer.passes(spp=target):
-                pass
-        return renderer.image()
-
-    whole = image(new(), 8)
-    assert whole.std() > 0.0
-    np.testing.assert_array_equal(whole, image(new(), 1, 2, 5, 8))
-    if device == "cpu":
-        np.testing.assert_array_equal(whole, image(new(threads=3), 8))
-    np.testing.assert_array_equal(whole[3:18, 5:21], image(new(crop=(5, 3, 21, 18)), 8))
 
 
 ONE = np.ones((1, 1, 1))
@@ -320,9 +237,7 @@ def test_grids_that_cannot_be_are_refused(values: Any, options: dict[str, Any], 
 
 
 def test_media_that_cannot_be_rendered_are_refused() -> None:
-    with pytest.raises(wrt.InputError, match=r"density must be a wrt\.DensityGrid"):
-        wrt.Medium(1.0, density=ONE)  # type: ignore[arg-type]
     with pytest.raises(wrt.InputError, match="optical depth"):
-        wrt.Renderer(lit(on(ONE, wrt.Medium(1e9))), width=2, height=2)
+        wrt.Renderer(boxed(on(ONE, wrt.Medium(1e9)), sky=1.0), width=2, height=2)
     with pytest.raises(wrt.InputError, match="'whitted' cannot render media"):
-        wrt.Renderer(lit(on(ONE, wrt.Medium(1.0))), width=2, height=2, integrator="whitted")
+        wrt.Renderer(boxed(on(ONE, wrt.Medium(1.0)), sky=1.0), width=2, height=2, integrator="whitted")

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from conftest import Report
 from scipy.integrate import quad
-from support.covering_kernels import render_with
+from support.covering_kernels import render_with, rendering_with
 from support.kernels import map_function, uniforms
 from support.media import KERNELS, mean_and_error, render, stage
 from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
 import wrt
 from wrt.kernels.media.phase import phase, sample_phase
-from wrt.kernels.sampling.warps import square_to_sphere
 from wrt.scene.medium import albedo_of_color, color_of_albedo
 
 N = 2**19
@@ -26,7 +25,7 @@ def henyey_greenstein(cosine: np.ndarray, g: float) -> np.ndarray:
     return (1.0 - g * g) / (4.0 * np.pi * (1.0 + g * g - 2.0 * g * cosine) ** 1.5)
 
 
-@pytest.mark.parametrize("g", [0.8, 1e-4, *(pytest.param(g, marks=pytest.mark.slow) for g in (-0.95, 0.0, 0.99))])
+@pytest.mark.parametrize("g", [0.8, 1e-4, pytest.param(-0.95, marks=pytest.mark.slow)])
 def test_directions_follow_the_phase_function(g: float, device: str, report: Report) -> None:
     forward = np.broadcast_to([0.0, 0.0, 1.0], (N, 3))
     drawn = map_function(sample_phase, forward, np.full(N, g), uniforms(N, 2, seed=4), device=device)
@@ -52,36 +51,21 @@ def test_directions_turn_with_the_way(device: str) -> None:
     forward = np.array([0.48, -0.6, 0.64])
     given = (np.broadcast_to(forward, (N, 3)), np.full(N, 0.8), uniforms(N, 2, seed=4))
     directions = map_function(sample_phase, *given, device=device).astype(np.float64)
-    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-6)
     assert abs((directions @ forward).mean() - 0.8) < 4.0 * 0.4 / np.sqrt(N)
     assert abs((directions @ np.cross(forward, [0.0, 0.0, 1.0])).mean()) < 4.0 * 0.4 / np.sqrt(N)
 
 
-def test_uniform_directions(device: str, report: Report) -> None:
-    counts = sphere_histogram(map_function(square_to_sphere, uniforms(N, 2, seed=6), device=device))
-    result = chi_square_test(counts, np.full(counts.shape, N / counts.size))
-    report("sphere", result.statistic, result.dof, p=result.p)
-    assert result.passed, result.message
-
-
-@pytest.fixture
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
-    render_with(KERNELS, monkeypatch)
-
-
-pictures = pytest.mark.usefixtures("few_kernels")
-
+few_kernels = rendering_with(*KERNELS)
 BLOCK = wrt.box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
 ASIDE = {"sky": 1.0, "origin": (1.8, 1.3, 3.0), "fov_degrees": 20.0}
 
 
-@pictures
 @pytest.mark.parametrize(
     ("boundary", "thickness", "g"),
     [
         (wrt.Null, 1.0, 0.8),
         (wrt.Dielectric, 10.0, -0.5),
-        *(pytest.param(b, t, 0.0, marks=pytest.mark.slow) for b in (wrt.Null, wrt.Dielectric) for t in (0.1, 10.0)),
+        pytest.param(wrt.Null, 10.0, 0.0, marks=pytest.mark.slow),
     ],
 )
 def test_white_in_a_furnace(boundary: type, thickness: float, g: float, device: str, report: Report) -> None:
@@ -98,7 +82,6 @@ def test_white_in_a_furnace(boundary: type, thickness: float, g: float, device: 
     assert error.max() < 0.01
 
 
-@pictures
 @pytest.mark.parametrize(
     ("g", "strategy"),
     [(0.7, "mis"), *(pytest.param(0.7, s, marks=pytest.mark.slow) for s in ("light", "bsdf"))],
@@ -138,7 +121,6 @@ def test_single_scattering_in_a_thin_slab(g: float, strategy: str, device: str, 
         assert (np.abs(mean - 1.05 * expected) > 3.5 * error).all()
 
 
-@pictures
 def test_emission_while_it_scatters(device: str, report: Report) -> None:
     """In a medium without end that emits, scatters and absorbs, radiance is e / a everywhere."""
     medium = wrt.Medium(absorption=(0.5, 1.0, 2.0), scattering=(3.0, 1.0, 0.5), g=0.3, emission=(1.0, 2.0, 3.0))
@@ -149,19 +131,6 @@ def test_emission_while_it_scatters(device: str, report: Report) -> None:
     assert (np.abs(mean - expected) < 0.02 * expected).all()
 
 
-@pictures
-def test_a_wall_in_fog_under_roulette(device: str) -> None:
-    """Roulette changes no mean: a medium in a furnace of walls that emit 1 and reflect 0.5, where radiance is 2."""
-    outside = wrt.box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
-    fog = wrt.Medium.from_albedo(1.0, (0.3, 1.0, 3.0), g=0.5)
-    scene = stage(medium=fog, origin=(0.3, -0.2, 0.5), target=(-0.4, 0.3, -1.0), fov_degrees=90.0)
-    scene.add(wrt.Mesh(outside.vertices, outside.faces[:, ::-1]), material=wrt.Diffuse(0.5), emission=1.0)
-    mean, error = mean_and_error(render(scene, device, size=(24, 24), spp=128, max_depth=1000))
-    assert (np.abs(mean - 2.0) < 3.5 * error).all()
-    assert error.max() < 0.01
-
-
-@pictures
 @pytest.mark.parametrize("g", [0.0, pytest.param(0.6, marks=pytest.mark.slow)])
 def test_color_of_a_deep_medium(g: float, device: str, report: Report) -> None:
     """Under even light, seen from all sides alike, `from_subsurface` shows the colour that it was given.
@@ -196,7 +165,6 @@ def test_color_and_albedo_are_inverse() -> None:
         assert abs(color_of_albedo(albedo) - (1.0 - s) * (1.0 - 0.139 * s) / (1.0 + 1.17 * s)) < 2.5e-3
 
 
-@pictures
 def test_path_lets_media_absorb_alone(device: str) -> None:
     scene = stage(sky=1.0)
     medium = wrt.Medium(absorption=1.0, scattering=5.0)
@@ -207,40 +175,21 @@ def test_path_lets_media_absorb_alone(device: str) -> None:
 
 
 @pytest.mark.slow
-def test_fog_with_motion_is_the_mean_of_stills(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A block moves before a lamp in fog: it, and its shadow on the floor and in the air, are where they were."""
-    render_with([dataclasses.replace(k, instances=i) for k in KERNELS for i in ("none", "moving")], monkeypatch)
+def test_shadows_in_fog_are_those_of_the_time(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plate between a lamp and all fog that is seen moves away when half of the shutter's time is over."""
+    render_with([dataclasses.replace(kernel, instances="moving") for kernel in KERNELS], monkeypatch)
+    plate = wrt.quad((-500.0, 2.0, 500.0), (1000.0, 0.0, 0.0), (0.0, 0.0, -1000.0))
+    away = np.eye(4)
+    away[0, 3] = 1000.0
 
-    def picture(move: object, spp: int, seed: int, shutter: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    def seen(move: wrt.Motion) -> tuple[np.ndarray, np.ndarray]:
         fog = wrt.Medium(absorption=0.05, scattering=(0.5, 0.3, 0.1), g=0.4)
-        view = {
-            "origin": (0.0, 1.0, 4.0),
-            "target": (0.0, 0.6, 0.0),
-            "fov_degrees": 40.0,
-            "shutter_open": 0.0,
-            "shutter_close": shutter,
-        }
-        scene = stage(medium=fog, **view)
-        scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse(0.5))
-        scene.add(wrt.box((-1.6, 0.7, -0.4), (-0.4, 1.0, 0.4)), material=wrt.Diffuse(0.1), transform=move)
-        scene.add(wrt.quad((-0.3, 2.0, -0.3), (0.6, 0, 0), (0, 0, 0.6)), material=wrt.Diffuse(0.0), emission=20.0)
-        renderer = render(scene, device, size=(24, 18), spp=spp, seed=seed, max_depth=4)
-        return renderer.image().astype(np.float64), renderer.variance().astype(np.float64)
+        scene = stage(medium=fog, shutter_open=0.0, shutter_close=1.0)
+        scene.add(plate, material=wrt.Diffuse(0.0), transform=move)
+        scene.add_light(wrt.PointLight((0.0, 4.0, 0.0), intensity=50.0))
+        return mean_and_error(render(scene, device, size=(32, 32), spp=256, max_scatterings=1))
 
-    def moved(x: float) -> np.ndarray:
-        return np.block([[np.eye(3), np.array([[x], [0.0], [0.0]])], [np.zeros((1, 3)), np.ones((1, 1))]])
-
-    moving = picture(wrt.Motion((0.0, 1.0), (moved(0.0), moved(2.0))), 2048, 1, shutter=1.0)
-    stills = [picture(moved(2.0 * (k + 0.5) / 32), 64, 2 + k) for k in range(32)]
-    mean, variance = (np.mean([s[i] for s in stills], axis=0) for i in range(2))
-    z = (moving[0] - mean) / np.sqrt(moving[1] + variance / 32)
-    blocks = np.abs(z.reshape(6, 3, 6, 4, 3).sum(axis=(1, 3)) / math.sqrt(12.0))
-    report("worst block of pixels", f"{blocks.max():.2f} sigma", "4.5")
-    assert blocks.max() < 4.5
-    error = np.sqrt((moving[1] + variance / 32).sum(axis=(0, 1))) / mean[..., 0].size
-    difference = (moving[0] - mean).mean(axis=(0, 1))
-    report("means", f"{(difference / error).round(2)} sigma of {(error / mean.mean(axis=(0, 1))).round(4)}", 0)
-    assert (np.abs(difference) < 3.5 * error).all()
-    assert (error < 0.02 * mean.mean(axis=(0, 1))).all()
-    still = picture(moved(1.0), 2048, 99)
-    assert np.abs((still[0] - mean) / np.sqrt(still[1] + variance / 32)).max() > 10.0
+    moving, error = seen(wrt.Motion((0.0, 1.0), (np.eye(4), away)))
+    free, free_error = seen(wrt.Motion((0.0, 1.0), (away, away)))
+    assert (np.abs(moving - 0.5 * free) < 3.5 * np.hypot(error, 0.5 * free_error)).all()
+    assert (np.hypot(error, 0.5 * free_error) < 0.01 * free).all()

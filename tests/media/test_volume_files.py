@@ -31,22 +31,14 @@ def density_of(folder: Path, density: str) -> wrt.DensityGrid:
     return medium.density
 
 
-def test_arrays(tmp_path: Path) -> None:
+def test_arrays_archives_and_volumes_of_mitsuba(tmp_path: Path) -> None:
     np.save(tmp_path / "smoke.npy", VALUES)
-    colors = np.full((2, 2, 2, 3), 0.25, np.float32)
-    np.save(tmp_path / "colors.npy", colors)
+    np.save(tmp_path / "colors.npy", np.full((2, 2, 2, 3), 0.25, np.float32))
     bounds = "lower = [-1, 0.5, -2], upper = [1, 2.5, 0], factor = 2.0"
-    loaded = density_of(tmp_path, f'file = "smoke.npy", {bounds}')
+    loaded = density_of(tmp_path, f'file = "smoke.npy", albedo = "colors.npy", {bounds}')
     np.testing.assert_array_equal(loaded.values, VALUES)
+    np.testing.assert_array_equal(loaded.albedo, np.load(tmp_path / "colors.npy"))
     assert (loaded.lower, loaded.upper, loaded.factor, loaded.transform) == (*BOX, 2.0, None)
-    place = "scale = 2.0, translate = [0.0, 1.0, 0.0]"
-    loaded = density_of(tmp_path, f'file = "smoke.npy", albedo = "colors.npy", {place}')
-    np.testing.assert_array_equal(loaded.albedo, colors)
-    np.testing.assert_array_equal(loaded.to_world[:3, 3], [0.0, 1.0, 0.0])
-    np.testing.assert_array_equal(loaded.boundary.bounds, [[0, 1, 0], [2, 3, 2]])
-
-
-def test_archives(tmp_path: Path) -> None:
     turned = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 3.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
     arrays = {"density": VALUES, "lower": BOX[0], "upper": BOX[1], "transform": turned, "emission": VALUES}
     np.savez(tmp_path / "smoke.npz", **arrays)
@@ -55,6 +47,10 @@ def test_archives(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.emission, VALUES)
     # The table's transform comes after the file's.
     np.testing.assert_array_equal(loaded.transform[:3, 3], [0.0, 3.0, 5.0])
+    write_vol(tmp_path / "plain.vol", VALUES, *BOX)
+    loaded = density_of(tmp_path, 'file = "plain.vol"')
+    np.testing.assert_array_equal(loaded.values, VALUES)
+    assert (loaded.lower, loaded.upper) == BOX
     np.savez(tmp_path / "several.npz", a=VALUES, b=2.0 * VALUES)
     np.testing.assert_array_equal(wrt.load_density(tmp_path / "several.npz", grid="b").values, 2.0 * VALUES)
     with pytest.raises(wrt.InputError, match=r"several\.npz: there is no array 'density' in it, but 'a', 'b'"):
@@ -73,51 +69,18 @@ def test_scenes_are_written_and_read_back(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("scene_files/density-*.npz"))) == 1
 
 
-def volume(name: str, file: str, inside: str = "") -> str:
-    return f'<volume type="gridvolume" name="{name}"><string name="filename" value="{file}"/>{inside}</volume>'
-
-
-def test_media_of_mitsuba(tmp_path: Path) -> None:
-    color = np.array([1.0, 0.5, 0.25], np.float32)
-    write_vol(tmp_path / "plain.vol", VALUES, *BOX)
-    loaded = density_of(tmp_path, 'file = "plain.vol"')
-    np.testing.assert_array_equal(loaded.values, VALUES)
-    assert (loaded.lower, loaded.upper) == BOX
-    write_vol(tmp_path / "smoke.vol", VALUES[..., None] * color, *BOX)
-    write_vol(tmp_path / "albedo.vol", np.random.default_rng(5).random((2, 3, 2, 3)))
-    place = '<transform name="to_world"><scale value="2"/><translate y="1"/></transform>'
-    cube = '<shape type="cube"><bsdf type="null"/><ref id="smoke" name="interior"/></shape>'
-    path = tmp_path / "scene.xml"
-
-    def media(albedo_place: str) -> list[wrt.Medium]:
-        volumes = volume("sigma_t", "smoke.vol", place) + volume("albedo", "albedo.vol", albedo_place)
-        medium = f'<medium type="heterogeneous" id="smoke">{volumes}<float name="scale" value="3"/></medium>'
-        path.write_text(f'<scene version="3.0.0">{medium}{cube}{cube}</scene>')
-        return wrt.load(path).media
-
-    first, second = media(place)
-    assert first == second
-    assert first.density is not None
-    assert first.density.albedo is not None
-    np.testing.assert_allclose(first.extinction, 3.0 * color, rtol=1e-6)
-    np.testing.assert_allclose(first.density.values, VALUES, rtol=1e-6)
-    np.testing.assert_array_equal(first.density.to_world, [[2, 0, 0, 0], [0, 2, 0, 1], [0, 0, 2, 0], [0, 0, 0, 1]])
-    with pytest.warns(UserWarning, match="'albedo' can vary only in the box of 'sigma_t'"):
-        assert media("")[0].density.albedo is None  # type: ignore[union-attr]
-
-
-@pytest.mark.parametrize(("wrap", "mode"), [("repeat", "wrap"), ("mirror", "symmetric"), ("clamp", "edge")])
+@pytest.mark.parametrize(("wrap", "mode"), [("repeat", "wrap"), ("mirror", "symmetric")])
 def test_an_albedo_grid_of_a_homogeneous_medium_is_continued_over_the_shape(
     wrap: str, mode: Any, tmp_path: Path
 ) -> None:
     albedo = np.random.default_rng(7).random((2, 3, 4, 3)).astype(np.float32)
     write_vol(tmp_path / "albedo.vol", albedo)
-    wrapped = volume("albedo", "albedo.vol", f'<string name="wrap_mode" value="{wrap}"/>')
     (tmp_path / "scene.xml").write_text(
         f"""<scene version="3.0.0"><shape type="cube"><bsdf type="null"/>
         <transform name="to_world"><scale x="0.6" y="0.9" z="0.2"/><translate x="1.2" y="0.5" z="0.5"/></transform>
-        <medium type="homogeneous" name="interior"><float name="sigma_t" value="2"/>{wrapped}</medium>
-        </shape></scene>"""
+        <medium type="homogeneous" name="interior"><float name="sigma_t" value="2"/>
+        <volume type="gridvolume" name="albedo"><string name="filename" value="albedo.vol"/>
+        <string name="wrap_mode" value="{wrap}"/></volume></medium></shape></scene>"""
     )
     (medium,) = wrt.load(tmp_path / "scene.xml", strict=True).media
     np.testing.assert_allclose(medium.extinction, 2.0)
@@ -191,31 +154,17 @@ def test_what_is_wrong_is_told(tmp_path: Path) -> None:
     for name, data, text in (
         ("short.vol", vol[:-4], "take 240 bytes, but it is shorter"),
         ("other.vol", b"PK" + vol, "must begin with 'VOL'"),
-        ("old.vol", vol[:3] + b"\2" + vol[4:], "only version 3"),
-        ("six.vol", vol[:20] + b"\6" + vol[21:], "cells of 1 or 3 channels"),
-        ("huge.vol", vol[:8] + b"\xff\xff\xff\x7f" + vol[12:], "but it is shorter"),
         ("smoke.vdb", b" BDV", r"OpenVDB files cannot be read; .* nanovdb_convert smoke\.vdb smoke\.nvdb"),
         ("smoke.txt", b"1", r"must be a file of \.npy, \.npz, \.vol, \.nvdb"),
         ("short.nvdb", nvdb[:-100], "damaged, or not whole"),
-        ("other.nvdb", vol, "not a NanoVDB file"),
         ("far.nvdb", nvdb[:leaf] + struct.pack("<i", -(2**30)) + nvdb[leaf + 4 :], "its volumes would take"),
-        ("text.npy", b"hello", "not a NumPy file"),
-        ("none.npy", b"", "the file is empty"),
     ):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(wrt.InputError, match=text) as error:
             density_of(tmp_path, f'file = "{name}"')
         assert name in str(error.value)
-        assert "\n" not in str(error.value)
     with pytest.raises(wrt.InputError, match="there is no 'heat'"):
         wrt.load_density(tmp_path / "smoke.nvdb", grid="heat")
     np.save(tmp_path / "flat.npy", VALUES[0])
     with pytest.raises(wrt.InputError, match=r"media\.smoke\.density\.file: .*values must be \(nz, ny, nx\)"):
         density_of(tmp_path, 'file = "flat.npy"')
-    with pytest.raises(wrt.InputError, match=r"media\.smoke\.density\.fil: unknown key"):
-        density_of(tmp_path, 'fil = "flat.npy"')
-    medium = f'<medium type="heterogeneous" name="interior">{volume("sigma_t", "smoke.txt")}</medium>'
-    shape = f'<shape type="cube"><bsdf type="null"/>{medium}</shape>'
-    (tmp_path / "smoke.xml").write_text(f'<scene version="3.0.0">{shape}</scene>')
-    with pytest.raises(wrt.InputError, match=r"smoke\.xml: line 1: .*smoke\.txt"):
-        wrt.load(tmp_path / "smoke.xml")

@@ -55,9 +55,6 @@ def test_guides_look_into_mirrors_and_through_glass():
     for x, albedo, normal in ((10, (0.8, 0.1, 0.05), (0.0, 0.0, -1.0)), (54, (0.1, 0.8, 0.1), (0.0, 0.0, 1.0))):
         np.testing.assert_allclose(guides["albedo"][32, x], albedo, atol=1e-5)
         np.testing.assert_allclose(guides["normal"][32, x], normal, atol=1e-5)
-    renderer.set_camera(wrt.PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
-    finish(renderer, 1)
-    np.testing.assert_allclose(renderer._guides.layers()["albedo"][32, 10], (0.8, 0.1, 0.1), atol=1e-5)
 
 
 @needs_denoiser
@@ -86,18 +83,11 @@ def test_files_show_the_denoised_picture_and_keep_the_noisy_one(tmp_path):
     np.testing.assert_array_equal(shown, renderer.denoised())
     assert "normal.X" in channels
     assert not np.array_equal(shown, noisy)
-    np.testing.assert_array_equal(wrt.render("cornell-box", spp=2, denoise=True, **SIZE), shown)
-
-
-def test_a_missing_package_is_named(monkeypatch):
-    monkeypatch.setattr(denoising, "PACKAGE", "no_such_package")
-    with pytest.raises(wrt.InputError, match=r"pip install 'wrt\[denoise\]'"):
-        denoise(np.ones((4, 4, 3)))
 
 
 @needs_denoiser
 @pytest.mark.usefixtures("render_kernels_when_launched")
-def test_guides_are_prepared_with_the_renderer_and_mistakes_are_named():
+def test_guides_are_prepared_with_the_renderer_and_mistakes_are_named(monkeypatch):
     """The command line can go over from compiled kernels to Warp only until the renderer is made."""
     scene = wrt.load("cornell-box")
     assert wrt.Renderer(scene, **SIZE)._guides is None
@@ -107,7 +97,8 @@ def test_guides_are_prepared_with_the_renderer_and_mistakes_are_named():
     assert layers_alone._guides is None
     with pytest.raises(wrt.InputError, match="renders only layers"):
         layers_alone.denoised()
-    with pytest.raises(wrt.InputError, match="image must have shape"):
-        denoise(np.ones((4, 4)))
     with pytest.raises(wrt.InputError, match="albedo must have the shape of the image"):
         denoise(np.ones((4, 4, 3)), np.ones((4, 5, 3)))
+    monkeypatch.setattr(denoising, "PACKAGE", "no_such_package")
+    with pytest.raises(wrt.InputError, match=r"pip install 'wrt\[denoise\]'"):
+        denoise(np.ones((4, 4, 3)))

@@ -8,8 +8,6 @@ import pytest
 from conftest import ROOT
 
 import wrt
-from wrt.errors import InputWarning
-from wrt.io.encodings import as_utf8
 from wrt.rendering.fingerprint import scene_fingerprint
 
 ENCODINGS = {
@@ -23,14 +21,13 @@ XML = """<scene version="3.0.0">
     <shape type="obj"><string name="filename" value="polygons.obj"/>
         <bsdf type="diffuse"><spectrum name="reflectance" filename="green.spd"/></bsdf>
     </shape>
-    <shape type="ply"><string name="filename" value="text.ply"/></shape>
 </scene>
 """
 # The file that is re-encoded, and the file that is loaded.
 FILES = [
-    *((name, name) for name in ("textured.obj", "text.ply", "text.stl", "quads.off", "scene.gltf", "shapes.toml")),
+    *((name, name) for name in ("text.ply", "text.stl", "quads.off", "scene.gltf", "shapes.toml")),
     ("paints.mtl", "textured.obj"),
-    *((name, "scene.xml") for name in ("scene.xml", "green.spd", "polygons.obj", "text.ply")),
+    *((name, "scene.xml") for name in ("scene.xml", "green.spd", "polygons.obj")),
 ]
 
 
@@ -43,17 +40,13 @@ def folder(tmp_path):
     return result
 
 
-def encoded(text, name):
-    return ENCODINGS[name] + text.encode(name)
-
-
 @pytest.mark.filterwarnings("ignore::wrt.errors.InputWarning")
 @pytest.mark.parametrize(("written", "loaded"), FILES)
 def test_every_reader_takes_every_encoding(written, loaded, folder):
     before = scene_fingerprint(wrt.load(folder / loaded))
     text = (folder / written).read_text()
     for name in ENCODINGS:
-        (folder / written).write_bytes(encoded(text, name))
+        (folder / written).write_bytes(ENCODINGS[name] + text.encode(name))
         if written.endswith(".xml") and name == "utf-32-le":  # XML parsers must support only UTF-8 and UTF-16
             with pytest.raises(wrt.InputError, match=r"^\S*scene\.xml: line \d+: not well-formed XML: [^\n]*$"):
                 wrt.load(folder / loaded)
@@ -61,32 +54,9 @@ def test_every_reader_takes_every_encoding(written, loaded, folder):
             assert scene_fingerprint(wrt.load(folder / loaded)) == before, name
 
 
-@pytest.mark.parametrize("name", ["polygons.obj", "text.ply", "quads.off", "shapes.toml", "scene.gltf", "scene.xml"])
+@pytest.mark.parametrize("name", ["polygons.obj", "shapes.toml", "scene.gltf", "scene.xml"])
 def test_what_only_begins_so_is_refused_in_one_line(name, folder):
     file = folder / name
     file.write_bytes(codecs.BOM_UTF16_LE + file.read_bytes() + b"\0\xd8")
     with pytest.raises(wrt.InputError, match=rf"^{re.escape(str(file))}: [^\n]+\Z"):
         wrt.load(file)
-
-
-def test_materials_that_only_begin_so_are_told_and_left_out(folder):
-    (folder / "paints.mtl").write_bytes(codecs.BOM_UTF16_LE + b"\0\xd8\0")
-    with pytest.warns(InputWarning, match=r"paints\.mtl: begins as UTF-16 text but is invalid .*; it is left out"):
-        wrt.load(folder / "textured.obj")
-
-
-@pytest.mark.filterwarnings("ignore:.*the STL file has no normals")
-def test_binary_files_may_begin_with_a_mark(folder):
-    """An STL file, with anything; before the header of a PLY file stands a mark."""
-    stl, ply = folder / "box.stl", folder / "little.ply"
-    before = scene_fingerprint(wrt.load(stl)), scene_fingerprint(wrt.load(ply))
-    for mark in (*ENCODINGS.values(), codecs.BOM_UTF16_BE + b"\xd8\0\xd8\0"):
-        stl.write_bytes(mark + stl.read_bytes()[len(mark) :])
-        assert scene_fingerprint(wrt.load(stl)) == before[0]
-    ply.write_bytes(codecs.BOM_UTF8 + ply.read_bytes())
-    assert scene_fingerprint(wrt.load(ply)) == before[1]
-
-
-def test_text_without_a_mark_is_not_touched():
-    data = b"# caf\xe9\n"
-    assert as_utf8(data) is data

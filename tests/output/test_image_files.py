@@ -14,8 +14,7 @@ from PIL import Image
 
 import wrt
 from wrt.develop.picture import develop_image
-from wrt.io.images import PICTURE, check_output, load_environment, load_image, save_image
-from wrt.io.safe_write import write_atomically
+from wrt.io.images import check_output, load_environment, load_image, save_image
 from wrt.scene.srgb import linear_from_srgb, srgb_from_linear
 
 NOISE = np.random.default_rng(5).random((13, 17, 3)).astype(np.float32)
@@ -43,12 +42,13 @@ def test_srgb_curve_has_its_published_values_and_inverse():
 # --- Written -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["a.exr", "a.npy", "A.EXR"])
+@pytest.mark.parametrize("name", ["a.npy", "A.EXR"])
 def test_float_formats_keep_every_bit(tmp_path, name):
     image = NOISE * 1e3 - 100.0
     image[0, 0] = (np.inf, 1e-30, 6e4)
-    save_image(tmp_path / name, image, exposure=3.0)
+    save_image(tmp_path / name, image, exposure=3.0, metadata={"spp": 12})
     np.testing.assert_array_equal(load_image(tmp_path / name), image)
+    assert name != "A.EXR" or OpenEXR.File(str(tmp_path / name)).header()["spp"] == "12"
 
 
 def test_png_keeps_every_code_and_clips(tmp_path):
@@ -60,32 +60,22 @@ def test_png_keeps_every_code_and_clips(tmp_path):
         np.testing.assert_array_equal(codes_of(path), codes)
     save_image(path, np.array([[[-1.0, 0.0, 1.0], [2.0, np.inf, np.nan]]]), tone="none", exposure=0.0)
     np.testing.assert_array_equal(codes_of(path), [[[0, 0, 255], [255, 255, 0]]])
-    save_image(path, np.full((8, 8, 3), 0.1), exposure=2.0)  # stops
-    save_image(tmp_path / "b.png", np.full((8, 8, 3), 0.4))
-    np.testing.assert_array_equal(codes_of(path), codes_of(tmp_path / "b.png"))
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "b.JPEG"])
-def test_jpeg_shows_what_png_does(tmp_path, name):
+def test_jpeg_shows_what_png_does(tmp_path):
     """At quality 95, without chroma subsampling: colours that change from pixel to pixel stay."""
-    ramp = np.linspace(0.0, 1.2, 64)
-    image = np.stack(np.broadcast_arrays(ramp[None, :], ramp[:, None], 0.3), axis=2).astype(np.float32)
-    image[:, 32:, 2] = image[:, 32:, 2] * (np.arange(32) % 2)
-    developed = save_image(tmp_path / name, image, tone="aces", exposure=0.5, metadata={"spp": 12, "scène": "boîte"})
-    with Image.open(tmp_path / name) as picture:
-        assert (picture.format, picture.size, picture.mode) == ("JPEG", (64, 64), "RGB")
+    path, image = tmp_path / "a.JPEG", NOISE.copy()
+    image[:, ::2, 2] = 0.0
+    developed = save_image(path, image, tone="aces", exposure=0.5, metadata={"spp": 12, "scène": "boîte"})
+    with Image.open(path) as picture:
         assert [component[1:3] for component in picture.layer] == [(1, 1)] * 3
         said = dict(line.split(": ", 1) for line in picture.info["comment"].decode().splitlines())
     Image.fromarray(developed.codes).save(tmp_path / "expected.jpg", quality=95, subsampling=0)
-    np.testing.assert_array_equal(codes_of(tmp_path / name), codes_of(tmp_path / "expected.jpg"))
+    np.testing.assert_array_equal(codes_of(path), codes_of(tmp_path / "expected.jpg"))
     developed_by = {"Tone": "aces", "Exposure": "0.5 stops"}
     assert said == {"Software": f"wrt {wrt.__version__}", "spp": "12", "scène": "boîte", **developed_by}
-
-
-def test_jpeg_refuses_what_it_cannot_hold(tmp_path):
     other = tmp_path / "b.jpg"
     refused(r"b\.jpg: a JPEG has no alpha; .* \.png or \.exr", save_image, other, np.ones((4, 4, 4)))
-    refused(r"b\.jpg: a JPEG has 65535 pixels a side at most", save_image, other, np.zeros((1, 65536, 3)))
     refused(r"b\.jpg: the metadata of a JPEG", save_image, other, NOISE, metadata={"long": "x" * 70_000})
     assert not other.exists()
 
@@ -101,25 +91,13 @@ def test_dither_keeps_the_mean_and_leaves_no_bands():
     assert set(np.unique(codes)) == {100, 101}
     # 49152 coin flips: the mean lies within 5 standard deviations of the value.
     np.testing.assert_allclose(codes.mean(axis=1) - 100, levels, atol=5 * 0.5 / 49152**0.5)
-    np.testing.assert_array_equal(quantized(image), quantized(image.copy()))
     # Neighbours and channels are decided independently of each other.
     half = quantized(np.full((256, 256, 3), linear_from_srgb(100.5 / 255.0))).astype(float) - 100.5
     for axis in range(3):
         assert abs((half * np.roll(half, 1, axis=axis)).mean()) < 0.25 * 5 / half.size**0.5
 
 
-def test_metadata_is_found_again(tmp_path):
-    save_image(tmp_path / "a.png", NOISE, metadata={"spp": 12, "scène": "boîte"})
-    with Image.open(tmp_path / "a.png") as image:
-        found = {key: str(value) for key, value in image.text.items()}
-    assert found.pop("Software").startswith("wrt ")
-    assert found == {"spp": "12", "scène": "boîte", "Tone": "soft", "Exposure": "0 stops"}
-    save_image(tmp_path / "a.exr", NOISE, metadata={"software": "wrt", "spp": 12})
-    header = OpenEXR.File(str(tmp_path / "a.exr")).header()
-    assert (header["software"], header["spp"]) == ("wrt", "12")
-
-
-@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.exr", "a.npy"])
+@pytest.mark.parametrize("name", ["a.png", "a.exr"])
 def test_a_write_that_fails_changes_nothing(tmp_path, name, monkeypatch):
     path = tmp_path / name
     save_image(path, NOISE)
@@ -136,24 +114,11 @@ def test_a_write_that_fails_changes_nothing(tmp_path, name, monkeypatch):
     assert sorted(os.listdir(tmp_path)) == sorted([name, "plain"])
 
 
-def test_an_interrupted_write_leaves_nothing(tmp_path):
-    def interrupted(temporary):
-        temporary.write_bytes(b"half")
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_atomically(tmp_path / "a.png", interrupted, PICTURE)
-    assert os.listdir(tmp_path) == []
-
-
 def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypatch):
-    assert check_output(tmp_path / "a.png") == tmp_path / "a.png"
-    assert os.listdir(tmp_path) == []
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "file").write_bytes(b"")
     for name, message in (
         ("a.gif", r"must end in one of \.png, \.jpg, \.jpeg, \.exr, \.npy"),
-        (".png", "must end in one of"),
         ("folder.png", "is a directory"),
         ("none/a.png", "does not exist"),
         ("file/a.png", "is not a folder"),
@@ -166,35 +131,26 @@ def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypa
     refused(r"^a picture is written to a path, not to BytesIO; .*wrt.develop_image", save_image, io.BytesIO(), NOISE)
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy"])
-def test_codes_are_not_taken_for_light(tmp_path, name):
+def test_codes_are_not_taken_for_light(tmp_path):
     codes = np.full((2, 2, 3), 200, np.uint8)
-    refused(f"{name}: an image must be linear numbers, not codes up to 200", save_image, tmp_path / name, codes)
-    refused("^an image must be linear numbers, not codes up to 200", wrt.develop_image, codes)
-    assert os.listdir(tmp_path) == []
+    for name in ("a.png", "a.exr", "a.npy"):
+        refused(f"{name}: an image must be linear numbers, not codes up to 200", save_image, tmp_path / name, codes)
     assert (wrt.develop_image(np.ones((2, 2, 3), np.uint8), tone="none") == 255).all()
 
 
 # --- Read --------------------------------------------------------------------------------------------
 
 
-def test_eight_bit_modes_decode_alike(tmp_path):
+def test_eight_bit_modes_decode_alike_and_sixteen_bits_are_read(tmp_path):
     path, grey = tmp_path / "a.png", np.array([[0, 10, 128, 255]], np.uint8)
     expected = np.repeat(linear_from_srgb(grey / 255.0)[:, :, None], 3, axis=2).astype(np.float32)
     for mode in ("L", "LA", "RGB", "RGBA", "P"):
         Image.fromarray(grey).convert(mode).save(path)
         np.testing.assert_array_equal(load_image(path), expected, err_msg=mode)
     np.testing.assert_allclose(load_image(path, linear=True)[0, :, 0], grey[0] / 255.0, rtol=1e-6)
-    Image.fromarray(np.array([[[200, 100, 50, 0]]], np.uint8)).save(path)  # clear
-    np.testing.assert_allclose(load_image(path)[0, 0], linear_from_srgb([200 / 255, 100 / 255, 50 / 255]))
-
-
-def test_sixteen_bit_grey_keeps_its_depth(tmp_path):
-    values = np.array([[0, 1, 257, 32768, 65535]], np.uint16)
-    Image.fromarray(values).save(tmp_path / "a.png")
-    expected = linear_from_srgb(values / 65535.0).astype(np.float32)
-    np.testing.assert_array_equal(load_image(tmp_path / "a.png")[:, :, 1], expected)
-    np.testing.assert_allclose(load_image(tmp_path / "a.png", linear=True)[0, :, 0], values[0] / 65535.0, rtol=1e-6)
+    values = np.array([[0, 1, 257, 32768, 65535]], np.uint16)  # keep their depth
+    Image.fromarray(values).save(path)
+    np.testing.assert_array_equal(load_image(path)[:, :, 1], linear_from_srgb(values / 65535.0).astype(np.float32))
 
 
 def test_float_tiff_and_grey_exr_are_linear(tmp_path):
@@ -216,25 +172,14 @@ def test_radiance_hdr_decodes_shared_exponents(tmp_path):
     np.testing.assert_allclose(load_image(tmp_path / "a.hdr"), expected, rtol=0.005)
 
 
-def test_a_real_environment_loads(assets):
-    environment = load_environment(assets / "textures" / "envmap.hdr", scale=2.0, rotation_degrees=30)
-    assert environment.pixels.shape == (512, 1024, 3)
-    assert environment.pixels.max() > 100.0  # the sun, which 8 bits would have clipped
-    assert (environment.name, environment.scale, environment.rotation_degrees) == ("envmap.hdr", 2.0, 30.0)
-
-
 def test_files_that_are_no_images_are_refused(tmp_path, capfd):
     refused("^an image is read from a path, not from BytesIO$", load_image, io.BytesIO())
     refused(r"none\.png: no such file", load_image, tmp_path / "none.png")
     refused("is a directory", load_image, tmp_path)
     for suffix in ("png", "jpg", "exr", "hdr", "npy", "txt"):
         path = tmp_path / f"a.{suffix}"
-        path.write_bytes(b"")
-        refused("the file is empty", load_image, path)
         path.write_bytes(b"not an image at all")
         refused(rf"^{re.escape(str(path))}: (?!.*{re.escape(str(path))})[^\n]+\Z", load_image, path)
-    np.save(tmp_path / "a.npy", np.array([{"x": 1}], object), allow_pickle=True)  # is never unpickled
-    refused(r"a\.npy: ", load_image, tmp_path / "a.npy")
     save_image(tmp_path / "b.exr", NOISE - 2.0)
     refused(r"b\.exr: .*not negative", load_environment, tmp_path / "b.exr")
     assert capfd.readouterr() == ("", "")
@@ -246,14 +191,14 @@ def test_truncated_images_are_refused_or_whole(tmp_path, name, capfd):
     save_image(path, NOISE)
     pixels, whole = load_image(path), path.read_bytes()
     refusals = 0
-    for length in np.linspace(1, len(whole) - 1, 40).astype(int):
+    for length in np.linspace(1, len(whole) - 1, 20).astype(int):
         path.write_bytes(whole[:length])
         try:
             # Past the last pixel PNG has checksums, which decoders may do without.
             np.testing.assert_array_equal(load_image(path), pixels)
         except wrt.InputError:
             refusals += 1
-    assert refusals >= 38
+    assert refusals >= 18
     assert capfd.readouterr() == ("", "")
 
 
@@ -261,7 +206,7 @@ def chunk(kind, data):
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-@pytest.mark.parametrize("mode", ["1", "LA", "P", "RGB", "I;16"])
+@pytest.mark.parametrize("mode", ["1", "P", "RGB"])
 def test_png_files_cannot_have_more_pixels_than_their_bytes_stand_for(tmp_path, mode):
     path = tmp_path / "even.png"
     Image.new(mode, (1500, 1000)).save(path, optimize=True)  # nothing packs better
@@ -272,8 +217,9 @@ def test_png_files_cannot_have_more_pixels_than_their_bytes_stand_for(tmp_path, 
     refused(r"even\.png: the file is too short for 1500x2000 pixels", load_image, path)
 
 
-def test_decompression_bombs_are_refused(tmp_path):
-    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0))
+@pytest.mark.parametrize("side", [12_000, 100_000])  # Pillow itself refuses the larger one
+def test_small_files_that_claim_huge_pictures_are_refused(tmp_path, side):
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0))
     body = chunk(b"IDAT", zlib.compress(b"\0" * 1000)) + chunk(b"IEND", b"")
     (tmp_path / "bomb.png").write_bytes(b"\x89PNG\r\n\x1a\n" + header + body)
     refused(r"bomb\.png: the image is too large", load_image, tmp_path / "bomb.png")

@@ -53,18 +53,99 @@ def test_a_picture_whose_folder_is_gone_is_written_elsewhere(folder, after_passe
     assert sorted(contents(folder)) == ["a.png"]
 
 
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), MemoryError(), RuntimeError("CUDA error")])
-def test_an_error_in_a_pass_loses_nothing_that_was_rendered(error, after_passes):
+FAILURES = {
+    "disk": (OSError(28, "No space left on device", "a.tmp"), "a.tmp: No space left on device"),
+    "memory": (MemoryError(), "not enough memory"),
+    "device": (RuntimeError("CUDA error 700"), "RuntimeError: CUDA error 700 (test_saving.py, line "),
+    "fault": (AttributeError("no ncores"), "AttributeError: no ncores (test_saving.py, line "),
+    "threads": (RuntimeError("can't start new thread"), "the system allows no more threads or processes (ulimit -u"),
+    "input": (wrt.InputError("the workers cannot render this scene"), "the workers cannot render this scene"),
+}
+
+
+@pytest.mark.parametrize("failure", FAILURES)
+def test_an_error_in_a_pass_loses_nothing_that_was_rendered(failure, after_passes, capsys):
+    error, said = FAILURES[failure]
+
     def fail():
         raise error
 
     after_passes(fail)
-    if isinstance(error, RuntimeError):
-        with pytest.raises(RuntimeError, match="CUDA error"):
-            run("render", "cornell-box", "-o", "a.png", *SMALL)
-    else:
-        assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
+    assert run("render", "cornell-box", "-o", "a.png", "--checkpoint", "a.ckpt", *SMALL) == 1
+    err = capsys.readouterr().err
+    assert err.startswith(f"wrt: error: {said}")
+    assert err.endswith("; stopped at 1 samples per pixel; a.png and a.ckpt saved\n")
+    assert err.count("\n") == 1
     assert wrt.load_image("a.png").shape == (8, 8, 3)
+    assert wrt.Renderer.resume("a.ckpt", wrt.load("cornell-box")).spp == 1
+
+
+def test_an_error_in_a_pass_and_another_in_saving_are_one_line(after_passes, monkeypatch, capsys):
+    """As when a GPU is lost, which has the film."""
+
+    def fail(*_, **__):
+        raise RuntimeError("CUDA error 700")
+
+    after_passes(fail)
+    monkeypatch.setattr(wrt.Renderer, "image", fail)
+    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
+    err = capsys.readouterr().err
+    assert err.count("CUDA error 700") == 2
+    assert "; saving what there is failed: " in err
+    assert err.count("\n") == 1
+
+
+def test_an_error_before_the_first_sample_is_one_line(folder, monkeypatch, capsys):
+    def fail(*_, **__):
+        raise RuntimeError("CUDA error 700")
+
+    monkeypatch.setattr("wrt.rendering.render_kernel.RenderKernel.launch", fail)
+    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("wrt: error: RuntimeError: CUDA error 700 (test_saving.py, line ")
+    assert err.count("\n") == 1
+    assert not contents(folder)
+
+
+def test_a_picture_that_cannot_be_denoised_is_saved_with_its_noise(monkeypatch, capsys):
+    def fail(*_, **__):
+        raise RuntimeError("out of threads")
+
+    monkeypatch.setattr("wrt.develop.denoise.require_denoiser", lambda: None)
+    monkeypatch.setattr(wrt.Renderer, "denoised", fail)
+    assert run("render", "cornell-box", "-o", "a.png", "--denoise", *SMALL) == 1
+    said = capsys.readouterr().err
+    assert "wrt: error: a.png: saved with its noise, denoising failed: RuntimeError: out of threads" in said
+    assert wrt.load_image("a.png").shape == (8, 8, 3)
+
+
+def test_an_error_in_a_frame_is_one_line_and_complete_frames_stay(folder, monkeypatch, capsys):
+    passes, begun = wrt.Renderer.passes, []
+
+    def fail_at_third(self, **options):  # the first is for the exposure of all frames
+        begun.append(1)
+        if len(begun) == 3:
+            raise AttributeError("no ncores")
+        yield from passes(self, **options)
+
+    monkeypatch.setattr(wrt.Renderer, "passes", fail_at_third)
+    assert run("render", "cornell-box", "--turntable", "3", "-o", "a_%d.png", *SMALL) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("wrt: error: AttributeError: no ncores (test_saving.py, line ")
+    assert err.count("\n") == 1
+    assert [name for name in contents(folder) if name.endswith(".png")] == ["a_0.png"]
+
+
+def test_an_error_in_a_part_is_one_line(folder, monkeypatch, capsys):
+    def fail(*_, **__):
+        raise AttributeError("no ncores")
+
+    monkeypatch.setattr("wrt.parts.render.render_windows", fail)
+    assert run("render", "cornell-box", "--part", "1/2", "-o", "a.wrt", *SMALL) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("wrt: error: AttributeError: no ncores (test_saving.py, line ")
+    assert err.count("\n") == 1
+    assert not contents(folder)
 
 
 def test_a_save_that_fails_meanwhile_is_a_warning(folder, monkeypatch, capsys):
@@ -129,3 +210,13 @@ def test_a_conversion_that_fails_leaves_nothing(folder):
     with pytest.raises(wrt.InputError, match="cannot hold materials of one's own"):
         wrt.save_scene("a.toml", scene)
     assert os.listdir(folder) == []
+
+
+def test_an_error_of_the_progress_display_loses_nothing_that_was_rendered(monkeypatch, capsys):
+    def fail(*_):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("wrt.progress.bar.ProgressBar.update", fail)
+    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
+    assert capsys.readouterr().err == "wrt: error: Input/output error; stopped at 1 samples per pixel; a.png saved\n"
+    assert wrt.load_image("a.png").shape == (8, 8, 3)

@@ -93,8 +93,8 @@ def test_the_contrast_of_agx_is_the_published_table():
 
 def test_aces_is_close_to_the_transform_that_it_fits():
     """OpenColorIO has the output transform of ACES 1.x itself; Hill's fit is within 4 % for greys."""
-    grey = greys(-4.0, 3.0, 30)[None].astype(np.float32)
     config = "ocio:ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3,sRGB - Display,ACES 1.0 - SDR Video"
+    grey = greys(-4.0, 3.0, 30)[None].astype(np.float32)
     ocio, ours = (wrt.develop_image(grey, tone=tone, exposure=0.0).astype(float) for tone in (config, "aces"))
     assert np.abs(ours - ocio).max() < 0.04 * 255.0
 
@@ -125,9 +125,7 @@ def test_ocio_is_what_its_processor_gives(tmp_path):
 def test_a_curve_stays_on_the_display_and_ascends(name):
     for values in (COLORS, COLORS * 1e30, np.zeros((1, 3))):
         out = CURVES[name].apply(values, 1e3)
-        assert np.isfinite(out).all()
-        assert out.min() >= -1e-12
-        assert out.max() <= 1.0 + 1e-12
+        assert -1e-12 <= out.min() <= out.max() <= 1.0 + 1e-12
     assert (np.diff(CURVES[name].apply(greys(-9.0, 5.0, 400), 1e3)[:, 0]) >= -1e-12).all()
 
 
@@ -142,12 +140,6 @@ def test_by_default_what_fits_the_display_is_exact():
     np.testing.assert_array_equal(codes[exact], plain[exact])
 
 
-def test_the_default_changes_continuously_as_a_picture_exceeds_white():
-    image = np.random.default_rng(2).random((32, 32, 3))
-    gains = 2.0 ** np.arange(-0.2, 1.6, 0.02)
-    assert np.abs(np.diff([wrt.develop_image(image * g, exposure=0.0).astype(int) for g in gains], axis=0)).max() <= 6
-
-
 @pytest.mark.parametrize("tone", [*TONES, "ocio"])
 def test_nothing_infinite_survives(tone):
     codes = wrt.develop_image([[[math.nan, -1.0, 0.5], [math.inf, 1e38, 0.0]]], tone=tone, exposure=0.0)
@@ -159,9 +151,7 @@ def test_nothing_infinite_survives(tone):
     ("tone", "message"),
     [
         ("agxx", "did you mean 'agx'"),
-        (7, "tone must be one of"),
         ("ocio:nothing.ocio", "nothing.ocio: no such OpenColorIO configuration"),
-        ("ocio:ocio://nothing", "cannot be read as an OpenColorIO configuration"),
         ("ocio:,sRGB - Display,nothing", "view of 'sRGB - Display' must be one of"),
     ],
 )

@@ -6,16 +6,14 @@ import json
 import re
 import shlex
 from pathlib import Path
-from xml.etree import ElementTree
 
 import benchmark
 import mutate
 import numpy as np
 import pytest
-from benchmarks import agreement, figures, measure, render, report, scaling, scenes
+from benchmarks import agreement, figures, measure, render, report, scenes
 from conftest import ROOT, Report
 from peers import peer
-from peers.mitsuba_worker import square_text
 from peers.picture_tests import image_z_test
 from support import statistics
 
@@ -47,23 +45,6 @@ def test_peers_get_the_same_scene(tmp_path: Path) -> None:
             peer.prepare(peer.PEERS["mitsuba-llvm"], scene, folder)
             tree = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
             assert tree["integrator"]["max_depth"] == case.depth
-
-
-def test_scene_files_of_others_are_rendered_alike(tmp_path: Path) -> None:
-    """Mitsuba's text has the size and the filter, also where another file has the film."""
-    sizes = '<integer name="width" value="$width"/><integer name="height" value="32"/>'
-    film = f'<film type="hdrfilm">{sizes}<rfilter type="gaussian"/></film>'
-    (tmp_path / "camera.xml").write_text(f'<scene><sensor type="perspective">{film}</sensor></scene>')
-    file = tmp_path / "box.xml"
-    file.write_text(
-        '<scene version="3.0.0"><default name="width" value="64"/><include filename="camera.xml"/>'
-        '<integrator type="path"/><shape type="rectangle"/></scene>'
-    )
-    found = ElementTree.fromstring(square_text(file, 24, box=True)).find("sensor/film")
-    assert found is not None
-    assert [entry.get("value") for entry in found.iterfind("integer")] == ["24", "24"]
-    assert [entry.get("type") for entry in found.iterfind("rfilter")] == ["box"]
-    assert 'rfilter type="gaussian"' in square_text(file, 24)
 
 
 # --- Verdicts, errors, laws and timings --------------------------------------------------------------
@@ -103,15 +84,6 @@ def test_errors_are_free_of_the_noise_of_references(report: Report) -> None:
     # Of each product the standard deviation is about sqrt(3 · 0.01² + 2 · 0.01 · 0.09 + 0.09²).
     assert errors["rmse"] == pytest.approx(0.01, abs=4.0 * 0.1 / np.sqrt(truth.size))
     assert render.squared_errors(truth, references)["rmse"] == pytest.approx(0.0, abs=4.0 * 0.09 / np.sqrt(truth.size))
-
-
-def test_laws_and_means_are_found() -> None:
-    x = np.array([1e3, 1e4, 1e5, 1e6])
-    assert measure.law_of_power(x, 5.0 * x**-0.2) == pytest.approx((5.0, -0.2, 1.0))
-    assert measure.line_through(x, 200.0 + 7e-5 * x) == pytest.approx((200.0, 7e-5, 1.0))
-    points = [{"triangles": n, "paths_per_second": 1e6, "peak_bytes": 2e8 + 70 * n} for n in x]
-    assert scaling.laws("triangles", points)["memory"].startswith("200 MB + 70 bytes · triangles")
-    assert measure.geometric_mean([0.5, 2.0, 8.0]) == pytest.approx(2.0)
 
 
 @pytest.mark.slow

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import json
 import os
 import re
-import shlex
 import shutil
 import subprocess
 import sys
 import zipfile
-from importlib.metadata import EntryPoint, entry_points, requires
 from pathlib import Path
 
 import pytest
@@ -22,7 +19,6 @@ from support.pages import parsed
 
 import wrt
 from wrt.backend import cache_folders
-from wrt.cli.arguments.options import make_parser
 
 SOURCES = ("wrt", "kernels", "meshes")
 
@@ -172,20 +168,3 @@ def test_the_dockerfile_keeps_kernels_in_a_folder_for_all_users(monkeypatch: pyt
     assert cache_folders.user_folder() == Path(made)
     assert Path(made) in cache_folders.warp_folder().parents
     assert Path(made) in cache_folders.wrt_folder().parents
-
-
-def test_commands_of_the_dockerfile_are_commands() -> None:
-    """Those of wrt have options that there are, and those of Dask belong to what the extra installs."""
-    pytest.importorskip("distributed")
-    lines = re.findall(r"^# +docker run .*? wrt (.*)$", DOCKERFILE, re.MULTILINE)
-    part, worker, usage = [*map(shlex.split, lines), json.loads(value_of("CMD"))]
-    assert [part[0], worker[0], usage] == ["wrt", "dask", ["wrt", "--help"]]
-    module, function = PROJECT["scripts"]["wrt"].split(":")
-    assert callable(getattr(importlib.import_module(module), function))
-    assert make_parser().parse_args(part[1:]).part is not None
-    assert [script.name for script in entry_points(group="console_scripts") if script.name == "dask"] == ["dask"]
-    found: list[EntryPoint] = [each for each in entry_points(group="dask_cli") if each.name == worker[1]]
-    assert [each.value.split(".")[0] for each in found] == ["distributed"]
-    options = {name for option in found[0].load().params for name in option.opts}
-    assert {word for word in worker if word.startswith("--")} <= options
-    assert [text for text in requires("distributed") or () if re.match(r"dask\b", text)]

@@ -149,7 +149,7 @@ def circles(graph: dict[str, set[str]]) -> list[str]:
 
 
 def test_imports_make_no_circle() -> None:
-    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}) == ["a", "b", "c"]
+    assert circles({"a": {"b"}, "b": {"a", "c"}, "c": set()}) == ["a", "b"]
     graph = {name: imported(path) & set(modules()) for name, path in modules().items()}
     assert len(graph) > 250
     assert sum(map(len, graph.values())) > 500

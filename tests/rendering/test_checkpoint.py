@@ -1,16 +1,13 @@
 """Checkpoints: whole or not there, and only for the scene and the settings they belong to."""
 
-import dataclasses
 import gc
 import json
 import os
 import re
-import warnings
-import zipfile
 
 import numpy as np
 import pytest
-from support.small_scenes import LAMP, assert_same_arrays, block_scene, finish, image_of
+from support.small_scenes import assert_same_arrays, block_scene, finish, image_of
 
 import wrt
 from wrt.rendering.checkpoint import FORMAT, identity_of, read_checkpoint, write_checkpoint
@@ -103,7 +100,6 @@ def test_paths_that_cannot_be_written_or_read(tmp_path):
 
 FOREIGN = {
     "empty": b"",
-    "text": b"[camera]\norigin = [0, 1, 2]\n",
     "picture": b"\x89PNG\r\n\x1a\n" + bytes(100),
     "pickle": {"header": np.array([{"format": FORMAT}], dtype=object)},
     "no header": {"total": np.zeros(3)},
@@ -114,39 +110,24 @@ FOREIGN = {
 }
 
 
-@pytest.mark.parametrize("name", [*FOREIGN, "zip", "array"])
+@pytest.mark.parametrize("name", FOREIGN)
 def test_foreign_files_are_refused(name, path):
-    if name == "zip":
-        with zipfile.ZipFile(path, "w") as file:
-            file.writestr("hello.txt", "hello")
-    else:
-        with path.open("wb") as file:
-            content = FOREIGN.get(name)
-            if isinstance(content, bytes):
-                file.write(content)
-            else:
-                np.savez(file, **content) if content else np.save(file, np.zeros(3))
+    with path.open("wb") as file:
+        content = FOREIGN[name]
+        file.write(content) if isinstance(content, bytes) else np.savez(file, **content)
     refusal(read_checkpoint, path)
 
 
-def test_truncated_files_are_refused(path):
-    write_checkpoint(path, HEADER, ARRAYS)
-    data = path.read_bytes()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        for length in [*range(0, len(data), 13), len(data) - 1]:
-            path.write_bytes(data[:length])
-            refusal(read_checkpoint, path)
-        gc.collect()
-    assert [str(w.message) for w in caught] == []  # a file left open is a ResourceWarning as soon as it is collected
-
-
-@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("flip", [0xFF, pytest.param(0x01, marks=pytest.mark.slow)])
-def test_damaged_files(flip, path):
+def test_damaged_and_truncated_files(flip, path, recwarn):
     """With any one byte changed, a checkpoint is refused, or read right where the byte does not count."""
     write_checkpoint(path, HEADER, ARRAYS)
     data = path.read_bytes()
+    for length in [*range(0, len(data), 13), len(data) - 1]:
+        path.write_bytes(data[:length])
+        refusal(read_checkpoint, path)
+    gc.collect()
+    assert [str(w.message) for w in recwarn] == []  # a file left open is a ResourceWarning as soon as it is collected
     refusals = []
     for i in range(len(data)):
         path.write_bytes(data[:i] + bytes([data[i] ^ flip]) + data[i + 1 :])
@@ -159,94 +140,69 @@ def test_damaged_files(flip, path):
             for name in set(arrays) & set(ARRAYS):
                 np.testing.assert_array_equal(arrays[name], ARRAYS[name])
             assert header == {"format": FORMAT, **HEADER}
-    gc.collect()
     assert len(refusals) > len(data) / 3
     assert all(re.fullmatch(rf"{re.escape(str(path))}: [^\n]+", text) for text in refusals)
 
 
-CHANGES = {
-    "geometry": {"shapes": [wrt.Shape(wrt.box((0, 0, 0), (1, 1, 1)), wrt.Diffuse(0.5)), LAMP]},
-    "materials": {"shapes": [wrt.Shape(wrt.box(), wrt.Diffuse(0.25)), LAMP]},
-    "emission": {"shapes": [wrt.Shape(wrt.box(), wrt.Diffuse(0.5)), dataclasses.replace(LAMP, emission=1.0)]},
-    "lights": {"lights": [wrt.PointLight((1.0, 2.0, 3.0), intensity=5.0)]},
-    "environment": {"environment": wrt.ImageEnvironment(np.ones((4, 8, 3), np.float32))},
-    "camera": {"camera": wrt.PerspectiveCamera((0.0, 1.0, 4.5), (0.0, 0.0, 0.0))},
-}
-
-
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_a_scene_that_differs_is_refused_by_its_parts(film, path):
+    """Which changes show in which part is in tests/files/test_fingerprint.py."""
     film.save_checkpoint(path)
-    for part, change in CHANGES.items():
-        text = refusal(wrt.Renderer.resume, path, block_scene(**change))
-        assert text == f"{path}: cannot resume, these differ: the scene's {part}"
-    both = block_scene(**CHANGES["lights"], **CHANGES["camera"])
-    text = refusal(wrt.Renderer.resume, path, both)
-    assert text.endswith("these differ: the scene's lights, the scene's camera")
+    other = block_scene(lights=[], camera=wrt.PerspectiveCamera((0.0, 1.0, 4.5), (0.0, 0.0, 0.0)))
+    text = refusal(wrt.Renderer.resume, path, other)
+    assert text == f"{path}: cannot resume, these differ: the scene's lights, the scene's camera"
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
-@pytest.mark.parametrize(
-    ("key", "there", "here"),
-    [
+def test_settings_that_differ_are_named(film, path):
+    film.save_checkpoint(path)
+    for key, there, here in (
         ("width", 6, 8),
-        ("height", 4, 5),
         ("seed", 0, 1),
         ("max_depth", 3, 4),
         ("filter", "blackman-harris", "box"),
         ("sampler", "sobol", "stratified"),
         ("strategy", "mis", "bsdf"),
         ("crop", None, [1, 0, 6, 3]),
-    ],
-)
-def test_settings_that_differ_are_named(key, there, here, film, path):
-    film.save_checkpoint(path)
-    other = renderer_of(**{key: here})
-    before = other.film.state()
-    text = refusal(other.load_checkpoint, path)
-    assert text == f"{path}: cannot resume, these differ: {key} ({there} there, {here} here)"
-    assert_same_arrays(other.film.state(), before)
+    ):
+        other = renderer_of(**{key: here})
+        before = other.film.state()
+        text = refusal(other.load_checkpoint, path)
+        assert text == f"{path}: cannot resume, these differ: {key} ({there} there, {here} here)"
+        assert_same_arrays(other.film.state(), before)
 
 
-@pytest.mark.parametrize(
-    "damage",
+def test_other_versions_and_nonsense_in_the_header_are_refused(film, path):
     # Another version may round otherwise, and then a resumed picture is not the picture.
-    [
+    for damage in (
         *({"wrt": "0.0.1"}, {"warp": "0.0.1"}, {"width": "six"}, {"height": -1}, {"width": 1e9}, {"seed": None}),
         *({"filter": []}, {"sampler": "random"}, {"max_depth": "deep"}, {"scene": None}, {"scene": {}}),
-    ],
-    ids=str,
-)
-def test_other_versions_and_nonsense_in_the_header_are_refused(damage, film, path):
-    write_checkpoint(path, {**identity_of(film), **damage}, film.film.state())
-    text = refusal(wrt.Renderer.resume, path, block_scene())
-    assert "0.0.1" not in str(damage) or f"these differ: {next(iter(damage))} (0.0.1 there, " in text
+    ):
+        write_checkpoint(path, {**identity_of(film), **damage}, film.film.state())
+        text = refusal(wrt.Renderer.resume, path, block_scene())
+        assert "0.0.1" not in str(damage) or f"these differ: {next(iter(damage))} (0.0.1 there, " in text
 
 
-@pytest.mark.parametrize("name", ["total", "total_of_squares", "count", "rejected"])
-def test_wrong_arrays_are_refused(name, film, path):
-    for change in (lambda array: None, lambda array: array[:-1], lambda array: array.astype(np.float32)):
-        state = film.film.state()
-        state[name] = change(state[name])
-        kept = {key: array for key, array in state.items() if array is not None}
-        write_checkpoint(path, identity_of(film), kept)
-        assert repr(name) in refusal(wrt.Renderer.resume, path, block_scene())
+def test_wrong_arrays_are_refused(film, path):
+    for name in ("total", "count"):
+        for change in (lambda array: None, lambda array: array[:-1], lambda array: array.astype(np.float32)):
+            state = film.film.state()
+            state[name] = change(state[name])
+            kept = {key: array for key, array in state.items() if array is not None}
+            write_checkpoint(path, identity_of(film), kept)
+            assert repr(name) in refusal(wrt.Renderer.resume, path, block_scene())
 
 
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
         ("count", -1, "'count' is -1 samples"),
-        ("count", 2, "do not match their squares"),
         ("rejected", 4, "'rejected' is below 0 or above"),
         ("total", np.nan, "not finite"),
-        ("total", 1e30, "do not match their squares"),
         ("total_of_squares", -1.0, "negative"),
         ("total_of_squares", 1e-9, "do not match their squares"),
         ("layer_sums", 1e6, "the layer '(normal|alpha)' has impossible values"),
-        ("layer_nearest", np.nan, "has values that are not numbers"),
         ("layer_object_number", 3, "not one of the scene's 2"),
-        ("layer_off_middle", -1.0, "'off_middle'"),
     ],
 )
 def test_impossible_numbers_are_refused(name, value, reason, film, path):

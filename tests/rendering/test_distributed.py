@@ -1,6 +1,5 @@
 """A Dask cluster, or several processes, render the bits of one machine, whatever happens to the workers."""
 
-import collections
 import contextlib
 import gc
 import os
@@ -14,7 +13,7 @@ import wrt
 import wrt.distributed
 from wrt.backend import arithmetic
 from wrt.cli import main
-from wrt.distributed import head, worker
+from wrt.distributed import head
 from wrt.distributed.clients import client_of
 from wrt.distributed.dask_cluster import DaskCluster
 from wrt.distributed.processes import devices_of
@@ -118,29 +117,6 @@ def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, mon
     assert len(DaskCluster(client).addresses()) == 2
 
 
-def test_a_worker_keeps_what_it_has_built_for_other_cameras(client, monkeypatch):
-    built, make = [], wrt.Renderer.__init__
-    monkeypatch.setattr(worker, "_renderers", collections.OrderedDict())
-    monkeypatch.setattr(wrt.Renderer, "__init__", lambda *a, **k: (built.append(k), make(*a, **k))[1])
-    renderer = spread(client)
-    film_of(renderer, 1)
-    assert len(built) == 2  # the head node's, which builds no scene, and one of this process, where both workers are
-    camera = wrt.PerspectiveCamera((2.0, 1.0, 3.0), (0.0, 0.0, 0.0))
-    renderer.set_camera(camera)
-    seen = film_of(renderer, 2)
-    assert len(built) == 2
-    assert_same_arrays(seen, film_of(wrt.Renderer(block_scene(camera=camera), **SIZE), 2))
-
-
-def test_a_window_knows_how_long_the_picture_takes(client, monkeypatch):
-    """Alone it would be too short to load the wide kernel."""
-    left, windows = [], render.render_windows
-    monkeypatch.setattr(render, "render_windows", lambda *a, **k: left.append(k["seconds_left"]) or windows(*a, **k))
-    film_of(spread(client), 64, pass_seconds=1e-3)
-    assert left[0] == 0.0
-    assert max(left) > 0.0
-
-
 def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
     """It would make other bits; what it has made is rendered again."""
     strange = sorted(client.scheduler_info()["workers"])[0]
@@ -215,6 +191,99 @@ def test_names_of_several_devices(monkeypatch, capsys):
     for name, why in (("cuda:0,3", "only cuda:0 to cuda:2"), ("cuda:1,1", "named twice")):
         with pytest.raises(wrt.InputError, match=why):
             devices_of(name)
+
+
+@pytest.fixture
+def lost_scheduler(monkeypatch):
+    """A client whose scheduler is lost after the fourth window."""
+    how = {"processes": False, "dashboard_address": ":0", "silence_logs": 50}
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "200ms"}),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, **how) as cluster,
+        distributed.Client(cluster.scheduler_address, timeout=0.2) as client,
+    ):
+        keep, kept = head._keep, []
+
+        def keep_and_lose(*arguments):
+            keep(*arguments)
+            kept.append(arguments[2])
+            if len(kept) == 4:
+                cluster.close()
+
+        monkeypatch.setattr(head, "_keep", keep_and_lose)
+        monkeypatch.setattr("wrt.distributed.windows.SHORTEST_SECONDS", 0.0)
+        yield client
+
+
+def test_a_lost_scheduler_leaves_the_film(lost_scheduler, one, tmp_path):
+    with pytest.raises(wrt.distributed.ClusterError, match="the connection to the scheduler of Dask is lost") as caught:
+        wrt.distributed.render(block_scene(), client=lost_scheduler, spp=64, **SIZE)
+    renderer = caught.value.renderer
+    assert 0 < renderer.film.counts.max() < 64
+    renderer.save_checkpoint(tmp_path / "a.ckpt")
+    resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", block_scene())
+    assert_same_arrays(film_of(resumed, 64), film_of(sharing(one), 64))
+
+
+def test_the_command_line_saves_what_there_is_when_the_scheduler_is_lost(lost_scheduler, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("wrt.cli.load._client", lambda _: lost_scheduler)
+    options = ("--dask", "there", "--spp", "64", "--size", "20x30", "--checkpoint", "a.ckpt", "-o", "a.png", "--quiet")
+    assert main(["render", "cornell-box", *options]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("wrt: error: the connection to the scheduler of Dask is lost; stopped at ")
+    assert said.endswith("; a.png and a.ckpt saved\n")
+    assert said.count("\n") == 1
+    assert wrt.load_image("a.png").shape == (30, 20, 3)
+    assert wrt.Renderer.resume("a.ckpt", wrt.load("cornell-box")).film.counts.any()
+
+
+def test_processes_that_die_one_after_the_other_leave_the_film(monkeypatch):
+    processes = wrt.distributed.Processes(["cpu", "cpu"])
+    try:
+        keep = head._keep
+
+        def keep_and_kill(*arguments):
+            keep(*arguments)
+            for pool in list(processes._pools.values())[:1]:
+                os.kill(next(iter(pool._processes)), signal.SIGKILL)
+
+        monkeypatch.setattr(head, "_keep", keep_and_kill)
+        with pytest.raises(wrt.distributed.ClusterError, match="the processes that render have died") as caught:
+            film_of(spread(processes, threads=1), 64)
+        assert caught.value.renderer.film.counts.any()
+    finally:
+        processes.close()
+
+
+def test_what_a_worker_raises_is_an_error_of_the_cluster(client, monkeypatch):
+    renderer = film = spread(client)
+    film_of(renderer, 1)
+    for error, said in (
+        (RuntimeError("CUDA error"), r"a worker failed: RuntimeError\('CUDA error'\)"),
+        (wrt.InputError("too large"), "too large"),
+    ):
+
+        def fail(*_, error=error, **__):
+            raise error
+
+        monkeypatch.setattr(render, "render_windows", fail)
+        with pytest.raises(wrt.distributed.ClusterError, match=said) as caught:
+            film_of(renderer, 64)
+        assert caught.value.renderer is film
+
+
+def test_a_person_is_told_that_there_is_no_worker(monkeypatch):
+    monkeypatch.setattr("wrt.distributed.spread.MENTIONED_SECONDS", 0.0)
+    monkeypatch.setattr("wrt.distributed.spread.WITHOUT_WORKERS_SECONDS", 0.5)
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", protocol="inproc://") as cluster,
+        distributed.Client(cluster) as client,
+        pytest.warns(wrt.errors.InputWarning, match="the scheduler has no worker; waiting for one") as told,
+        pytest.raises(wrt.distributed.ClusterError, match="has had no worker for"),
+    ):
+        film_of(spread(client), 1)
+    assert len(told) == 1
 
 
 @pytest.mark.slow

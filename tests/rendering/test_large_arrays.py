@@ -25,8 +25,6 @@ from wrt.kernels.native.constants import LEAF_FLOATS, NODE_FLOATS, PACKET, RAYS_
 from wrt.kernels.scene.scene_data import ImageRecord, SceneData
 from wrt.kernels.textures.textures import image_color
 from wrt.upload.accel.geometry import upload_triangles
-from wrt.upload.grids import _Tables
-from wrt.upload.lights.environment import upload_environment
 from wrt.upload.limits import MOST_ELEMENTS, require_countable
 from wrt.upload.textures.texels import Texels
 
@@ -159,18 +157,6 @@ def test_the_last_pixels_of_the_largest_films(place):
     assert not rows[-some:, :8].any()
 
 
-def large_environment():
-    environment = wrt.ImageEnvironment(np.ones((2, 4, 3), np.float32))
-    object.__setattr__(environment, "pixels", np.broadcast_to(np.ones(3, np.float32), (2**15, 2**16, 3)))
-    return environment
-
-
-def large_grids():
-    tables = _Tables()
-    tables.values.append(np.broadcast_to(np.float32(1.0), 2**30))
-    tables._put(tables.values, np.broadcast_to(np.float32(1.0), 2**30), (2**10, 2**10, 2**10))
-
-
 MESH = SimpleNamespace(vertices=range(2**30), faces=range(2**20))
 FACES = SimpleNamespace(vertices=range(3), faces=range(2**29))
 TEXTURE = np.broadcast_to(np.zeros(3, np.float32), (2**15, 2**15, 3))
@@ -181,11 +167,6 @@ ROOM = wrt.Scene([wrt.Shape(wrt.box())], environment=wrt.ConstantEnvironment(1.0
     ("make", "message"),
     [
         (lambda: Texels([TEXTURE, TEXTURE]), r"^2,147,483,648 texels of the scene's textures are more than the"),
-        pytest.param(
-            lambda: upload_environment(large_environment(), "cpu"),
-            "^2,147,483,648 texels of the environment are more than",
-            marks=pytest.mark.slow,
-        ),
         (
             lambda: upload_triangles([MESH, MESH], [MESH], np.zeros(1, np.int64), "cpu"),
             "^2,147,483,648 vertices of the scene are more than",
@@ -194,7 +175,6 @@ ROOM = wrt.Scene([wrt.Shape(wrt.box())], environment=wrt.ConstantEnvironment(1.0
             lambda: upload_triangles([FACES], [FACES, FACES], np.zeros(2, np.int64), "cpu"),
             "^3,221,225,472 corners of the scene's triangles are more than",
         ),
-        (large_grids, "^2,147,483,648 cells of the grids of the scene's media"),
         (lambda: wrt.Renderer(ROOM, width=65_536, height=32_768), r"more than the 2\^31 pixels"),
         (
             lambda: require_countable(MOST_ELEMENTS + 1, "things"),

@@ -1,18 +1,9 @@
 """What makes large files fast changes nothing: shared arrays, keys of positions, lines of OBJ taken together."""
 
-import os
-import sys
-import time
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import wrt
-from wrt.backend.memory import zeros
-from wrt.cli.process import importing
-from wrt.errors import InputError
-from wrt.io.mesh import obj
 from wrt.scene import normals
 
 
@@ -34,31 +25,6 @@ def test_what_nobody_can_write_to_is_in_memory_once_and_stays_as_it_was(name, tm
     renderer.update_vertices(0, before + np.float32(0.25))
     assert not np.shares_memory(mesh.vertices, renderer._built.data.points.numpy())
     np.testing.assert_array_equal(mesh.vertices, before)
-
-
-@pytest.mark.usefixtures("render_kernels_when_launched")
-def test_arrays_of_a_person_are_not_shared():
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
-    mesh = wrt.Mesh(vertices, np.array([[0, 1, 2]], np.int32))
-    renderer = wrt.Renderer(wrt.Scene([wrt.Shape(mesh, emission=1.0)]), width=8, height=8)
-    assert not np.shares_memory(vertices, mesh.vertices)
-    assert not np.shares_memory(vertices, renderer._built.data.points.numpy())
-
-
-def test_zeros_take_no_memory_until_they_are_written_however_often_there_were_some_before():
-    def resident():
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-    size = 24 << 20
-    for _ in range(3):
-        before = resident()
-        rows = zeros((size // 12, 3), np.float32)
-        assert resident() - before < size // 8
-        assert not rows.any()
-        rows += 1.0
-        assert resident() - before > size // 2
-        del rows
-    assert zeros((2, 3), np.int32).tolist() == [[0, 0, 0], [0, 0, 0]]
 
 
 @pytest.mark.parametrize("collide", [False, True])
@@ -105,30 +71,3 @@ def test_corners_of_thin_triangles_weigh_by_their_angles_and_normals_that_cancel
     mended = normals.with_normals(wrt.Mesh(square, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])))
     flat = np.array([[0, 0, 1]] * 2 + [[0, 0, -1]] * 2)
     np.testing.assert_allclose(mended.normals[mended.faces], np.repeat(flat[:, None], 3, axis=1), atol=1e-6)
-
-
-def test_modules_are_imported_beside_other_work_and_mistakes_of_theirs_are_told_by_whoever_needs_them():
-    interval = sys.getswitchinterval()
-    sys.modules.pop("wave", None)
-    with importing(["no_such_module_of_anybody"]), importing(["wave"]):
-        for _ in range(1000):
-            if "wave" in sys.modules:
-                break
-            time.sleep(0.01)
-    assert "wave" in sys.modules
-    assert sys.getswitchinterval() == interval
-
-
-def test_lines_of_obj_taken_together_say_what_they_say_one_by_one():
-    faces = ["f 1 2 3", "f 1/1 2/2 3/3", "f 1//1 2//1 3//1", "f 1/1/1 2/2/1 3/3/1", "f 1 2 3 4", "f 1/1 2/1 3/1 4/1"]
-    lines = ["v 0 0 0"] * 1200 + ["vt  0 0 "] * 3 + ["vn 0 0 1", "# no more", ""]
-    for face in faces:
-        lines += [face] * 3 + ["usemtl m"]
-    plain = obj._plain(Path("a.obj"), "\n".join(lines) + "\n").split("\n")
-    said = [" ".join(line.split()) for line in lines if line and not line.startswith("#")]
-    assert [line for line in plain if line and not line.startswith("g ")] == said
-    groups = ["g 3 0 False", "g 3 3 False", "g 3 6 True", "g 3 6 False", "g 4 0 False", "g 4 4 False"]
-    assert [line for line in plain if line.startswith("g ")] == groups
-    text = "v 0 0 0\n" * 1300 + "f 1 2 3\n" * 700 + "f 1 2 -1301\n"
-    with pytest.raises(InputError, match="line 2001: face corner '-1301'"):
-        obj._plain(Path("a.obj"), text)

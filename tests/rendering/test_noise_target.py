@@ -6,7 +6,6 @@ from support.small_scenes import finish, image_of
 
 import wrt
 from wrt.rendering.noise.noise_target import NoiseEstimate
-from wrt.rendering.noise.pilot import one_of_each_block
 from wrt.rendering.noise.tile_budget import SIDE, Tiles, tiles_to_stop
 
 TARGET = 0.002
@@ -59,19 +58,7 @@ def test_adaptive_sampling_is_less_work_for_the_same_noise(report):
 
 
 @pytest.mark.slow
-def test_independent_samples_agree_with_their_variance():
-    """Both estimates hold for them. What the mean absolute value leaves out are the tails of the distribution."""
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0)))
-    scene.environment = wrt.ConstantEnvironment(1.0)
-    scene.add(wrt.sphere(), material=wrt.Diffuse(0.5))
-    renderer = finish(wrt.Renderer(scene, sampler="independent", width=64, height=64), noise=0.01)
-    assert renderer.noise() == pytest.approx(renderer.film.noise(), rel=0.1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "adaptive", [*(pytest.param(each, marks=pytest.mark.slow) for each in (False, True)), "unbiased"]
-)
+@pytest.mark.parametrize("adaptive", [False, True, "unbiased"])
 def test_the_end_does_not_depend_on_passes_threads_or_interruptions(adaptive, tmp_path):
     limits = {"noise": TARGET, "adaptive": adaptive}
     whole = finish(ball(threads=1), **limits, pass_seconds=5.0)
@@ -95,7 +82,6 @@ def test_other_limits_come_first():
     assert finish(box(), time=1e-6, noise=0.01).spp == 1
     scene = wrt.load("cornell-box")
     scene.settings = wrt.RenderSettings(width=32, height=32, noise=0.5)
-    assert wrt.render(scene).shape == (32, 32, 3)
     own = finish(wrt.Renderer(scene))
     assert 8 <= own.spp < 64
     assert finish(own, 70).spp == 70
@@ -147,15 +133,11 @@ def test_damaged_states_are_refused():
     for change in (
         {"noise_mean": good["noise_mean"][1:]},
         {"noise_mean": good["noise_mean"] * np.nan},
-        {"noise_tiles": good["noise_tiles"] - 1.0},
         {"noise_counts": good["noise_counts"] + 1},
-        {"noise_counts": good["noise_counts"] * 1.0},
         {"noise_target": np.array([2.0])},
     ):
         with pytest.raises(wrt.InputError, match="noise"):
             again.restore({**good, **change})
-    with pytest.raises(wrt.InputError, match="noise"):
-        again.restore({"noise_mean": good["noise_mean"]})
 
 
 @pytest.mark.parametrize("adaptive", [pytest.param(True, marks=pytest.mark.slow), "unbiased"])
@@ -179,16 +161,6 @@ def test_with_a_pilot_the_picture_decides_nothing(adaptive):
         assert np.equal(*means).any(axis=1)[noisy].mean() < 0.05  # at edges of the sky by chance
 
 
-@pytest.mark.parametrize(("width", "height"), [(1, 1), (5, 4), (96, 72)])
-def test_a_pilot_measures_one_pixel_of_each_block(width, height):
-    measured = one_of_each_block(width, height).reshape(height, width)
-    padded = np.pad(measured, ((0, height % 2), (0, width % 2)))
-    assert (padded.reshape(len(padded) // 2, 2, -1, 2).sum(axis=(1, 3)) == 1).all()
-    if width > 5:
-        places = [measured[y::2, x::2].mean() for y in (0, 1) for x in (0, 1)]
-        np.testing.assert_allclose(places, 0.25, atol=0.02)
-
-
 def test_the_last_sample_of_each_pixel_removes_as_much_error():
     """Without regard to neighbours: half of the tiles have errors of 1, half of 27, which is 1 to 9 samples at a = 1/2.
 
@@ -206,11 +178,3 @@ def test_the_last_sample_of_each_pixel_removes_as_much_error():
         assert not stop[9:].any()
     enough = float(errors.sum()) * 1.5
     assert not tiles_to_stop(tiles, errors, going, 0.5, enough, enough).any()  # all end before the next power of two
-
-
-def test_tiles_cover_every_pixel_once():
-    tiles = Tiles(SIDE + 3, 2 * SIDE + 1)
-    assert tiles.count == 6
-    assert tiles.pixels.tolist() == [256, 48, 256, 48, 16, 3]
-    assert tiles.sums(np.ones((SIDE + 3) * (2 * SIDE + 1))).tolist() == tiles.pixels.tolist()
-    assert tiles.around(np.arange(6.0))[0] == pytest.approx((0 * 4 + 1 * 2 + 2 * 2 + 3) / 9)

@@ -6,7 +6,7 @@ import math
 import pytest
 
 import wrt
-from wrt.rendering.passes import BRIEF_PASS, LONGEST_PASS, SAMPLES_TOGETHER, SHARE, SHORT_PASS, samples_of_next_pass
+from wrt.rendering.passes import LONGEST_PASS, SAMPLES_TOGETHER, SHARE, SHORT_PASS, samples_of_next_pass
 
 # The emulator is too slow for what is said about seconds.
 pytestmark = pytest.mark.not_emulated
@@ -39,24 +39,13 @@ def test_whoever_watches_waits_for_no_pass_longer_than_a_quarter_of_what_was_ren
         assert max(seconds) > LONGEST_PASS - SAMPLES_TOGETHER * sample  # they grow to the longest
 
 
-def test_where_nobody_watches_passes_are_as_long_as_asked_for():
+def test_where_nobody_watches_passes_are_as_long_as_asked_for_and_on_a_gpu_short():
     # The second one is what is left but for a remainder.
     assert passes(64, 0.05, asked=LONGEST_PASS)[0] == [1, 48, 15]
-    counts, seconds = passes(1000, 0.05, asked=2.0)
-    assert max(seconds) <= 2.0
-    assert counts[1:-2] == [32] * len(counts[1:-2])
-    assert max(passes(10**4, 0.05, asked=1e6)[1]) <= LONGEST_PASS
+    assert max(passes(1000, 0.05, asked=2.0)[1]) <= 2.0
     assert LONGEST_PASS < max(passes(10**4, 0.05, asked=1e6, longest=25.0)[1]) <= 25.0
-    assert max(passes(1000, 1e-3, asked=0.03)[1]) <= 0.03  # shorter than short
-
-
-def test_short_passes_stay_short():
     for asked in (None, 5.0):
         assert max(passes(10**4, 0.01, asked=asked, short=True)[1]) <= SHORT_PASS + 1e-9
-    counts, seconds = passes(10**4, 1e-4, short=True)
-    assert counts[:3] == [1, 496, 496]  # what nobody waits for need not double
-    assert seconds[1] <= BRIEF_PASS
-    assert passes(10**4, 0.02, short=True)[0][:4] == [1, 2, 3, 6]
     # A thousand samples of a GPU that takes one in a millisecond: one, a short pass, doubled, then 0.4 s each.
     assert passes(1000, 1e-3, short=True)[0] == [1, 48, 48, 96, 192, 384, 224, 7]
 

@@ -1,21 +1,17 @@
 """`wrt.render_views` and `Renderer.set_camera` give the pictures of new renderers, from one build of the scene."""
 
 import dataclasses
-import importlib.util
-import itertools
 import json
 import math
-import sys
 import threading
 
+import dataset
 import numpy as np
 import pytest
-from conftest import ROOT
 from support.small_scenes import assert_same_arrays, block_scene, finish, image_of
 
 import wrt
 from wrt.rendering import renderer as renderers
-from wrt.rendering.render_kernel import RenderKernel
 
 SIZE = {"width": 16, "height": 12, "max_depth": 3}
 LAYERS = ("albedo", "depth", "object", "material")
@@ -35,18 +31,6 @@ def test_views_are_the_pictures_of_single_renders(monkeypatch):
         assert_same_arrays(view.layers, single.layers())
 
 
-def test_a_view_is_one_pass_once_the_time_of_one_is_known(monkeypatch):
-    targets, trace = [], wrt.Renderer._trace
-    monkeypatch.setattr(wrt.Renderer, "_trace", lambda self, spp, left: targets.append(spp) or trace(self, spp, left))
-    views = list(wrt.render_views(block_scene(), CAMERAS, spp=5, **SIZE))
-    assert [view.spp for view in views] == [5] * 5
-    # The first two are rendered at once, both before the time is known.
-    assert 1 <= targets.count(1) <= 2
-    targets.clear()
-    list(wrt.render_views(block_scene(), CAMERAS, noise=0.5, **SIZE))
-    assert targets.count(1) == 5
-
-
 @pytest.mark.slow
 def test_views_in_media_begin_in_their_own_bodies():
     """The bodies around the camera belong to the built scene; where it is set anew, they are found again."""
@@ -63,24 +47,6 @@ def test_views_in_media_begin_in_their_own_bodies():
     renderer.set_camera(INSIDE)
     np.testing.assert_array_equal(image_of(renderer, 2), pictures[INSIDE])
     np.testing.assert_allclose(renderer.image()[8, 12], np.exp(-2.0 * np.array(absorption)), rtol=0.02)
-
-
-def test_a_view_knows_that_others_follow(monkeypatch):
-    """Alone it would be too short to load the wide kernel."""
-    launch = RenderKernel.launch
-    for cameras in (iter(lambda: CAMERAS[0], None), CAMERAS):
-        after = []
-
-        def noted(kernel, *arguments, after=after):
-            after.append(kernel.seconds_after)
-            launch(kernel, *arguments)
-
-        monkeypatch.setattr(RenderKernel, "launch", noted)
-        views = wrt.render_views(block_scene(), cameras, spp=1, **SIZE)
-        assert len(list(itertools.islice(views, 5))) == 5
-        views.close()
-        assert after[0] == 0.0  # nothing is known
-        assert max(after) > 0.0
 
 
 def test_leaving_the_loop_ends_rendering():
@@ -128,12 +94,8 @@ def test_the_picture_of_a_camera_that_is_set_is_a_new_renderers(camera):
 @pytest.mark.slow
 def test_a_dataset_maps_points_to_the_pixels_that_show_them(tmp_path):
     """The teapot of scripts/dataset.py: positions of the layer, moved by the matrices, project onto their pixels."""
-    spec = importlib.util.spec_from_file_location("dataset", ROOT / "scripts" / "dataset.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["dataset"] = module
-    spec.loader.exec_module(module)
     folder = tmp_path / "d"
-    assert module.main(["teapot", "-o", str(folder), "--views", "2", "--size", "32", "--spp", "2"]) == 0
+    assert dataset.main(["teapot", "-o", str(folder), "--views", "2", "--size", "32", "--spp", "2"]) == 0
     written = json.loads((folder / "transforms.json").read_text())
     assert len(written["frames"]) == 2
     for frame in written["frames"]:

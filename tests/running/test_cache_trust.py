@@ -79,3 +79,15 @@ def test_notes_cannot_name_code_where_others_write(cache: Path, tmp_path: Path) 
 def test_checksums_do_not_depend_on_the_python() -> None:
     """Two interpreters that share a cache must not find each other's kernels damaged."""
     assert digest(b"kernel") == b"5dd29aab00000006"
+
+
+def test_folders_whose_paths_are_not_utf8_are_not_used(cache: Path, tmp_path: Path, monkeypatch) -> None:
+    """Compilers take paths in UTF-8."""
+    odd = tmp_path / "\udcff"
+    odd.mkdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(odd))
+    monkeypatch.setenv("TMPDIR", str(odd))
+    monkeypatch.setattr(cache_folders, "_work", None)
+    with pytest.warns(UserWarning, match="its path is not UTF-8"):
+        assert cache_folders.warp_folder() == cache_folders.work_folder() / "warp"
+    assert odd not in cache_folders.work_folder().parents

@@ -13,12 +13,27 @@ import wrt
 from wrt.compiling.kernel import command
 from wrt.distributed.processes import Processes
 from wrt.io.gltf.step import read_step
+from wrt.io.load_mesh import load_file
 
-SHADOWS = ("cascadio", "ctypes", "json", "multiprocessing", "numpy", "signal", "subprocess", "warp", "wrt")
+SHADOWS = (
+    "cascadio",
+    "ctypes",
+    "json",
+    "multiprocessing",
+    "numpy",
+    "pxr",
+    "resource",
+    "signal",
+    "subprocess",
+    "warp",
+    "wrt",
+)
 
 
 def compile_in_another_process() -> None:
-    done = subprocess.run(command("wrt.compiling.later", "no-such-notes", "nowhere"), check=False, capture_output=True)
+    # In a session of its own, as it lowers the priority of the whole session.
+    call = command("wrt.compiling.later", "no-such-notes", "nowhere")
+    done = subprocess.run(call, check=False, capture_output=True, start_new_session=True)
     assert done.returncode == 1, done.stderr
 
 
@@ -27,10 +42,18 @@ def read_a_step_file() -> None:
         read_step(Path("part.step"), b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
 
 
+def read_a_usd_file() -> None:
+    pytest.importorskip("pxr")
+    Path("stage.usda").write_text("#usda 1.0\n")
+    with pytest.raises(wrt.InputError, match="no triangles"):
+        load_file("stage.usda")
+
+
 def call_in_another_process() -> None:
     processes = Processes(["cpu"])
     try:
         future = processes.submit("0:cpu", lambda: None, "", abs, -1)
+        future.result(timeout=120)  # a busy machine takes its time to start a process; `result` does not wait for that
         assert processes.result(future) == 1
     finally:
         processes.close()
@@ -41,6 +64,7 @@ def call_in_another_process() -> None:
     [
         compile_in_another_process,
         read_a_step_file,
+        read_a_usd_file,
         pytest.param(
             call_in_another_process,
             marks=pytest.mark.skipif(sys.version_info < (3, 11), reason="PYTHONSAFEPATH is new in Python 3.11"),

@@ -6,31 +6,24 @@ import contextlib
 import dataclasses
 import hashlib
 import os
-import random
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import ROOT
-from support.caches import copy_of_warm_cache, without_notes
+from support.caches import copy_of_warm_cache, python, without_notes
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
 from wrt.backend.builds import Builds
-from wrt.backend.device import Device
-from wrt.backend.kernel_cache import compiled_modules
 from wrt.backend.lanes import SWITCH as WIDE
-from wrt.backend.lanes import lanes_here
 from wrt.cli import main
 from wrt.compiling import kernel, later
 from wrt.compiling.general import general_features, is_general
-from wrt.compiling.later import BEGUN, BUILD_MACHINE, REQUESTED, RETRY_SECONDS, SWITCH, is_done, request
+from wrt.compiling.later import BEGUN, BUILD_MACHINE, RETRY_SECONDS, SWITCH, is_done, request
 from wrt.describe.system import system_text
 from wrt.kernels.features import Features
 from wrt.rendering.guides import guide_features
@@ -105,10 +98,8 @@ def test_build_machines_and_the_switch(
 
 def test_what_is_requested_is_compiled_once(started, builds: Builds, compiled, tmp_path: Path) -> None:
     kernels, others = tmp_path / "kernels", tmp_path / "others"
-    path, other = (
-        request(MIRROR, 8, builds, kernels),
-        request(dataclasses.replace(MIRROR, opacity=True), 8, builds, others),
-    )
+    path = request(MIRROR, 8, builds, kernels)
+    other = request(dataclasses.replace(MIRROR, opacity=True), 8, builds, others)
     general = general_features(DIFFUSE)[0]
     request(general, 8, builds, kernels)
     assert path is not None
@@ -121,18 +112,19 @@ def test_what_is_requested_is_compiled_once(started, builds: Builds, compiled, t
     assert started == [kernels, others, kernels]
 
 
-def test_what_cannot_be_compiled_is_left_for_an_hour(started, builds: Builds, compiled, tmp_path: Path) -> None:
-    path = request(DIFFUSE, 8, builds, tmp_path)
+def test_what_cannot_be_compiled_is_left_for_an_hour_and_damaged_requests_are_removed(
+    started, builds: Builds, compiled, tmp_path: Path
+) -> None:
+    path, other = request(DIFFUSE, 8, builds, tmp_path), request(MIRROR, 8, builds, tmp_path)
     assert path is not None
-    request(MIRROR, 8, builds, tmp_path)
+    assert other is not None
+    other.write_text("{")
     assert serve(builds, tmp_path) == 0
-    assert compiled == [MIRROR]
-    begun = path.with_suffix(BEGUN)
-    assert begun.exists()
+    assert compiled == []
+    assert not other.exists()
     assert request(DIFFUSE, 8, builds, tmp_path) is None
-    assert len(started) == 2
     before = time.time() - RETRY_SECONDS - 1.0
-    os.utime(begun, (before, before))
+    os.utime(path.with_suffix(BEGUN), (before, before))
     assert request(DIFFUSE, 8, builds, tmp_path) == path
     assert len(started) == 3
 
@@ -156,19 +148,6 @@ def test_one_process_compiles_and_serves_what_comes_meanwhile(
     assert compiled == [MIRROR, second]
     assert len(started) == 1
     assert is_done(paths[0])
-
-
-def test_damaged_and_old_requests_are_removed(started, builds: Builds, compiled, tmp_path: Path) -> None:
-    path = request(MIRROR, 8, builds, tmp_path)
-    assert path is not None
-    old = path.with_name(f"builds-old{REQUESTED}")
-    old.write_text("[]")
-    os.utime(old, (1.0, 1.0))
-    path.write_text("{")
-    serve(builds, tmp_path)
-    assert compiled == []
-    assert not path.exists()
-    assert not old.exists()
 
 
 def test_a_cache_that_cannot_be_written_to_is_left_alone(started: list[Path], builds: Builds, tmp_path: Path) -> None:
@@ -225,11 +204,8 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None
 
     def render(name: str) -> list[str]:
         """Return the wide kernels that were loaded without Warp."""
-        done = subprocess.run(
-            [sys.executable, "-c", SHORT, name], env=variables, cwd=tmp_path, stdout=subprocess.PIPE, check=True
-        )
-        # The stream is read to its end: a compiler that held it open would keep the shell waiting.
-        return done.stdout.decode().split()
+        # The streams are read to their end: a compiler that held them open would keep the shell waiting.
+        return python(tmp_path, variables, "-c", SHORT, name).split()
 
     requests, kernels = tmp_path / "cache" / "wrt" / "requests", tmp_path / "cache" / "warp"
     render("first.npy")
@@ -260,34 +236,6 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None
 # --- Before any render --------------------------------------------------------------------------------
 
 
-def test_the_second_call_compiles_nothing() -> None:
-    assert lanes_here() == 0, "tests run without the wide kernel, else this says nothing"
-    wrt.precompile("cornell-box")
-    again = wrt.precompile(wrt.load("cornell-box"), width=20, height=10, threads=1)
-    assert (again.modules, again.lanes, again.wide_seconds) == ((), 1, 0.0)
-    assert str(again) == "everything was compiled before; there is only the scalar kernel"
-    both = wrt.Precompiled(("a", "b"), 5.04, 16, 9.96)
-    assert str(both) == "2 modules of kernels compiled in 5.0 s; the wide kernel of 16 lanes compiled in 10.0 s"
-    assert str(wrt.Precompiled(("a",), 1.0, 8, 0.0)) == "1 module of kernels compiled in 1.0 s"
-
-
-def test_what_is_compiled_is_named() -> None:
-    number = float(random.SystemRandom().randrange(10**9))
-    unique = f"unique{number:.0f}"
-
-    @wp.kernel(module=unique, enable_backward=False)
-    def set_number(x: wp.array(dtype=float)):  # type: ignore[valid-type]
-        x[0] = wp.static(number)
-
-    device = Device("cpu")
-    with compiled_modules() as outer, compiled_modules() as modules:
-        device.compile(set_number)
-    assert modules == outer == {unique}
-    with compiled_modules() as modules:
-        device.compile(set_number)
-    assert modules == set()
-
-
 def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("bad.toml").write_text("shapes = 1")
@@ -297,6 +245,10 @@ def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch
     none, bad = said.err.splitlines()
     assert "none.obj" in none
     assert "bad.toml" in bad
+    assert main(["compile", "cornell-box", "--threads", "1"]) == 0
+    assert capsys.readouterr().out == "cornell-box: everything was compiled before; there is only the scalar kernel\n"
+    both = wrt.Precompiled(("a", "b"), 5.04, 16, 9.96)
+    assert str(both) == "2 modules of kernels compiled in 5.0 s; the wide kernel of 16 lanes compiled in 10.0 s"
     assert main(["compile"]) == 2
     assert capsys.readouterr().err == "wrt: error: name a scene, or give --general\n"
 
@@ -317,19 +269,6 @@ def test_general_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, caps
     assert len(asked) == 5
 
 
-RENDER = """
-import sys
-from wrt.cli import main
-from wrt.rendering import wide_kernel
-wide_kernel.COMPILED_LOADING_SECONDS = 0.0
-sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", "wide.npy", "--quiet"]
-assert main() == 0
-from wrt.backend import current_backend
-assert "warp" not in sys.modules
-print(*(name for name in current_backend().builds._loaded if ".wide" in name))
-"""
-
-
 @needs_lanes
 @pytest.mark.machinery
 @pytest.mark.parametrize("cache", ["warm", "empty"])
@@ -340,19 +279,14 @@ def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
     if cache == "empty":
         del variables["WARP_CACHE_PATH"]
 
-    def python(*arguments: str) -> str:
-        command = [sys.executable, *arguments]
-        done = subprocess.run(command, env=variables, cwd=tmp_path, stdout=subprocess.PIPE, text=True, check=True)
-        return done.stdout
-
-    said = python("-m", "wrt", "compile", "cornell-box")
+    said = python(tmp_path, variables, "-m", "wrt", "compile", "cornell-box")
     assert said.startswith("cornell-box: ")
     if cache == "empty":
         assert "modules of kernels compiled in" in said
         assert f"the wide kernel of {LANES} lanes compiled in" in said
-    assert python("-c", RENDER).strip().startswith(f"wrt.render.wide{LANES}.")
+    assert python(tmp_path, variables, "-c", SHORT, "wide.npy").startswith(f"wrt.render.wide{LANES}.")
     scalar = wrt.Renderer(wrt.load("cornell-box"), width=96, height=96)
     list(scalar.passes(spp=40))
     np.testing.assert_array_equal(np.load(tmp_path / "wide.npy"), scalar.image())
     call = "import wrt; print('cornell-box:', wrt.precompile('cornell-box'))"
-    assert python("-c", call) == "cornell-box: everything was compiled before\n"
+    assert python(tmp_path, variables, "-c", call) == "cornell-box: everything was compiled before\n"

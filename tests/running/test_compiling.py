@@ -12,18 +12,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import warp as wp
-from conftest import ROOT, WARPS_FLAGS
+from conftest import ROOT
+from support.caches import python
 
-from wrt.backend import headers, kernel_cache
+from wrt.backend import headers
 from wrt.backend.device import Device
-from wrt.backend.kernel_cache import Build
-from wrt.backend.warp_backend import initialize_warp
 
 VARIABLES = {**os.environ, "PYTHONPATH": str(ROOT)}
 
@@ -56,11 +54,6 @@ def kernel(name: str) -> SimpleNamespace:
     return SimpleNamespace(module=SimpleNamespace(name=name))
 
 
-def test_a_launch_compiles_once_for_all_its_threads(loads: Loads) -> None:
-    Device("cpu", threads=4).launch(kernel("a"), 1000, [])
-    assert [name for name, _ in loads.begun] == ["a"]
-
-
 def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> None:
     device = Device("cpu", threads=2)
     with device.compiling() as compile:
@@ -73,43 +66,36 @@ def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> No
     assert next(name for name, thread in loads.begun if thread.startswith("wrt-compile")) == "a"
 
 
-def test_one_thread_alone_does_all_there_is_when_it_comes_to_it(loads: Loads) -> None:
-    device = Device("cpu", threads=1)
-    with device.compiling() as compile:
-        compile(kernel("a"))
-        compile(kernel("b"))
-        device.compile(kernel("b"))
-    assert [name for name, _ in loads.begun] == ["b", "a"]
-    assert len({thread for _, thread in loads.begun}) == 1
-
-
 @pytest.mark.parametrize("threads", [1, 2])
 def test_what_does_not_compile_is_told(threads: int, loads: Loads) -> None:
     with pytest.raises(RuntimeError, match="does not compile"), Device("cpu", threads=threads).compiling() as compile:
         compile(kernel("broken"))
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
-def test_after_an_error_nobody_waits_for_what_was_begun_and_nothing_else_begins(
-    error: type[BaseException], loads: Loads
-) -> None:
+def test_after_an_error_nobody_waits_for_what_was_begun_and_nothing_else_begins(loads: Loads) -> None:
     def fail(compile: Callable[[object], None]) -> None:
         for name in "abc":
             compile(kernel(name))
         while not loads.begun:
             time.sleep(0.01)
-        raise error
+        raise ZeroDivisionError
 
-    with pytest.raises(error), Device("cpu", threads=2).compiling() as compile:
+    with pytest.raises(ZeroDivisionError), Device("cpu", threads=2).compiling() as compile:
         fail(compile)
     assert loads.ended == []
     Device("cpu", threads=2).compile(kernel("a"))  # waits for the compile that continues
     assert [name for name, _ in loads.begun] == loads.ended == ["a"]
 
 
-@pytest.mark.parametrize(("way", "threads"), [("compile", 1), ("launch", 2), ("compiling", 1), ("compiling", 2)])
+def compile_beside(device: Device) -> None:
+    with device.compiling() as compile:
+        compile(kernel("a"))
+
+
+@pytest.mark.parametrize("begin", [lambda device: device.launch(kernel("a"), 10, []), compile_beside])
+@pytest.mark.parametrize("threads", [1, 2])
 def test_an_interrupt_does_not_wait_for_the_compiler(
-    way: str, threads: int, loads: Loads, monkeypatch: pytest.MonkeyPatch
+    threads: int, begin: Callable[[Device], None], loads: Loads, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("wrt.backend.slices.INTERRUPT_SECONDS", 0.05)
     release = threading.Event()
@@ -124,19 +110,9 @@ def test_an_interrupt_does_not_wait_for_the_compiler(
     monkeypatch.setattr(wp, "load_module", slow)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     device = Device("cpu", threads=threads)
-
-    def begin() -> None:
-        if way == "compiling":
-            with device.compiling() as compile:
-                compile(kernel("a"))
-        elif way == "compile":
-            device.compile(kernel("a"))
-        else:
-            device.launch(kernel("a"), 10, [])
-
     try:
         with pytest.raises(KeyboardInterrupt):  # fails after a minute if anything waits
-            begin()
+            begin(device)
     finally:
         signal.signal(signal.SIGINT, before)
         release.set()
@@ -172,21 +148,7 @@ assert os.waitpid(child, 0)[1] == 0
 
 
 def test_a_fork_works_by_threads_of_its_own() -> None:
-    subprocess.run([sys.executable, "-c", FORKED], env=VARIABLES, check=True)
-
-
-def test_what_compiling_leaves_behind_is_given_back(loads: Loads, monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[str] = []
-    monkeypatch.setattr("wrt.backend.warp_backend.trim", lambda: given.append("heap"))
-    monkeypatch.setattr(
-        "wrt.backend.warp_backend.forget_code", lambda *libraries: given.extend(each.name for each in libraries)
-    )
-    monkeypatch.setattr("wrt.backend.warp_backend.LOAD_SECONDS", 0.1)
-    device = Device("cpu")
-    given.clear()
-    device.compile(kernel("a"))
-    device.compile(kernel("a"))  # only loaded
-    assert given == ["heap", "warp.so", "warp-clang.so"]
+    python(ROOT, VARIABLES, "-c", FORKED)
 
 
 def test_a_process_ends_with_its_last_message_and_its_folders(tmp_path: Path) -> None:
@@ -202,117 +164,7 @@ end(143)"""
     assert not list(tmp_path.iterdir())
 
 
-def test_seconds_are_those_that_somebody_waited(monkeypatch: pytest.MonkeyPatch) -> None:
-    # By a clock of its own, a load takes a second. It ends only after somebody has looked at the clock and waits.
-    now, ended, loaded, waits = 0.0, threading.Event(), set[str](), threading.Event()
-
-    def clock() -> float:
-        waits.set()
-        return now
-
-    def load(module: SimpleNamespace, device: str) -> None:
-        nonlocal now
-        if module.name not in loaded:
-            assert waits.wait(60.0)
-            loaded.add(module.name)
-            now += 1.0
-        ended.set()
-
-    monkeypatch.setattr(wp, "load_module", load)
-    monkeypatch.setattr(wp, "launch", lambda *_, **__: None)
-    monkeypatch.setattr("wrt.backend.device.time", SimpleNamespace(perf_counter=clock))
-    device = Device("cpu", threads=2)
-    with device.compiling() as compile:
-        waits.set()
-        compile(kernel("beside"))
-        assert ended.wait(60.0), "other work takes longer"
-    assert device.seconds_compile == 0.0
-    waits.clear()
-    with device.compiling() as compile:
-        compile(kernel("waited for"))
-    assert device.seconds_compile == 1.0
-    device.launch(kernel("needed at once"), 1, [])
-    device.launch(kernel("needed at once"), 1, [])
-    assert device.seconds_compile == 2.0
-
-
 # --- Headers ------------------------------------------------------------------------------------------
-
-
-def test_the_thread_that_compiles_is_always_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Warp writes its headers down, in a form quick to read, for each thread anew.
-    threads: list[threading.Thread] = []  # themselves, not their numbers, which others get after them
-    monkeypatch.setattr(wp, "load_module", lambda *_, **__: threads.append(threading.current_thread()))
-    for _ in range(3):
-        with Device("cpu", threads=2).compiling() as compile:
-            compile(kernel("a"))
-    assert (len(threads), len(set(threads))) == (3, 1)
-    assert threads[0] is not threading.current_thread()
-
-
-@pytest.fixture
-def no_headers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder of a cache without precompiled headers."""
-    initialize_warp()
-    headers._PRECOMPILER.submit(int).result()  # what Warp's start has begun is done
-    monkeypatch.setattr(headers, "_kept", lambda: tmp_path / "headers-0")
-    monkeypatch.setattr(wp.config, "cpu_compiler_flags", WARPS_FLAGS)
-    return tmp_path / "headers-0"
-
-
-def test_one_thread_precompiles_headers_and_all_get_them(no_headers: Path) -> None:
-    asked: list[int] = []
-
-    def header() -> Path:
-        return Path(str(headers._of_thread()), "builtin_1.pch")
-
-    def precompile() -> None:
-        asked.append(threading.get_ident())
-        time.sleep(0.05)
-        header().write_bytes(b"headers")
-
-    def compile(_: int) -> tuple[int, bytes]:
-        everybody.wait()
-        headers.lend_headers(precompile)
-        found = header().read_bytes()
-        header().unlink()  # a thread of another test may get this folder
-        return threading.get_ident(), found
-
-    everybody = threading.Barrier(4)
-    with ThreadPoolExecutor(4) as pool:
-        found = dict(pool.map(compile, range(4)))
-    assert len(asked) == 1
-    assert list(found.values()) == [b"headers"] * 4
-
-
-@pytest.mark.machinery
-@pytest.mark.parametrize("early", [False, True], ids=["by Warp", "without Warp"])
-def test_headers_precompiled_before_kernels_are_those_of_kernels(early: bool, no_headers: Path, tmp_path: Path) -> None:
-    @wp.kernel(enable_backward=False, module=wp.get_module("wrt.test_headers"))
-    def nothing(first: int) -> None:
-        pass
-
-    own = Build.of(nothing.module, "cpu")
-    assert own is not None
-
-    def precompile() -> None:
-        assert not early
-        kernel_cache.compile_nothing()
-
-    def compile() -> str:
-        headers.lend_headers(precompile)
-        (written,) = Path(str(headers._of_thread())).glob(headers.WRITTEN)
-        before = written.stat().st_mtime_ns
-        own.compile(tmp_path / "build")
-        assert [path.stat().st_mtime_ns for path in written.parent.glob(headers.WRITTEN)] == [before]
-        return written.name
-
-    if early:
-        headers.precompile_early()
-        headers._PRECOMPILER.submit(int).result()
-    with ThreadPoolExecutor(1) as pool:
-        name = pool.submit(compile).result()
-    assert [kept.name.rpartition("-")[0] for kept in no_headers.iterdir()] == [name]
 
 
 COMPILE_ONCE = """
@@ -339,15 +191,14 @@ def test_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp
     variables = {**VARIABLES, "XDG_CACHE_HOME": str(tmp_path)}
 
     def compile_once(number: int) -> str:
-        command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / f"kernels{number}")]
-        return subprocess.run(command, env=variables, check=True, capture_output=True, text=True).stdout.strip()
+        return python(tmp_path, variables, "program.py", str(tmp_path / f"kernels{number}"))
 
-    assert compile_once(0) == "written"
-    assert compile_once(1) == "lent"
+    assert compile_once(0) == "written\n"
+    assert compile_once(1) == "lent\n"
     (kept,) = tmp_path.glob("wrt/headers-*/*")
     whole = kept.read_bytes()
     kept.write_bytes(whole[: len(whole) // 2])
-    assert compile_once(2) == "written"
+    assert compile_once(2) == "written\n"
     (kept,) = tmp_path.glob("wrt/headers-*/*")
     assert len(kept.read_bytes()) == len(whole)
 

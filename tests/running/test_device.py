@@ -14,14 +14,7 @@ import warp as wp
 
 import wrt
 from wrt.backend.device import Device
-from wrt.backend.slices import (
-    FIRST_SLICE,
-    SLICE_SECONDS,
-    SLICES_PER_THREAD,
-    SMALLEST_SLICE,
-    Slices,
-    available_threads,
-)
+from wrt.backend.slices import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, Slices
 
 
 @wp.kernel(enable_backward=False)
@@ -41,6 +34,7 @@ def assert_each_once(device: Device, n: int, **options: int) -> None:
 def test_each_index_runs_once(threads: int, device: str) -> None:
     for n in (0, 1, 2, 15, 16, 17, 33, 1000, 100_003):
         assert_each_once(Device(device, threads=threads), n)
+    assert_each_once(Device(device, threads=threads), 1000, spared=3)  # one thread always works
 
 
 # --- Slices -------------------------------------------------------------------------------------------
@@ -71,22 +65,7 @@ def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: i
         free.append(end)
 
 
-@pytest.mark.parametrize("threads", [1, 2, 64])
-@pytest.mark.parametrize("n", [0, 1, 63, 65_536])
-def test_slices_follow_one_another_and_the_last_are_small(n: int, threads: int) -> None:
-    slices = simulated(n, threads, lambda _: 1e-9)
-    sizes = [size for _, size, _ in slices]
-    assert [start for start, _, _ in slices] == [sum(sizes[:i]) for i in range(len(sizes))]
-    assert sum(sizes) == n
-    few = [size for _, size, _ in simulated(n, threads, lambda _: 1e-9, least=40)][:-1]
-    assert min(few, default=40) >= 40
-    if n == 65_536:
-        assert max(sizes) == -(-n // (threads * SLICES_PER_THREAD))
-        assert threads == 1 or sizes[-1] <= SMALLEST_SLICE * max(sizes)
-        assert len(sizes) < threads * (SLICES_PER_THREAD + 13)
-
-
-@pytest.mark.parametrize(("threads", "total"), [(1, 1.0), (2, 60.0), (16, 60.0), (2, 1000.0)])
+@pytest.mark.parametrize(("threads", "total"), [(1, 1.0), (16, 60.0), (2, 1000.0)])
 def test_no_slice_of_a_long_launch_takes_long(threads: int, total: float) -> None:
     """For indices that take the same time, and for a second half that takes ten times as long."""
     n = 1 << 15
@@ -104,26 +83,6 @@ def test_no_slice_of_a_long_launch_takes_long(threads: int, total: float) -> Non
         assert longest[2 * threads :][0] <= max(SLICE_SECONDS, first) * 1.01
         # At most one launch, which costs 25 us, for every 0.05 s.
         assert len(slices) <= threads * (SLICES_PER_THREAD + 20) + sum(longest) / 0.05
-
-
-@pytest.mark.parametrize(("spared", "running"), [(0, 3), (1, 2), (5, 1)])
-def test_threads_are_spared_but_one(spared: int, running: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All slices are run, by the threads that are left: each waits in its first slice until all have one."""
-    names: list[str] = []
-    met, launch = threading.Barrier(running), wp.launch
-
-    def recorded(kernel: wp.Kernel, dim: int, inputs: list, **options: object) -> None:
-        name = threading.current_thread().name
-        names.append(name)
-        if names.count(name) == 1:
-            met.wait(timeout=60.0)
-        launch(kernel, dim=dim, inputs=inputs, **options)
-
-    monkeypatch.setattr(wp, "launch", recorded)
-    assert_each_once(Device("cpu", threads=3), 1000, spared=spared)
-    assert len(set(names)) == running
-    assert threading.main_thread().name not in names
-    assert len(names) <= 3 * (SLICES_PER_THREAD + 5)
 
 
 def test_an_error_in_a_slice_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,46 +131,20 @@ def test_an_interrupt_leaves_no_worker_running(monkeypatch: pytest.MonkeyPatch) 
 # --- Names and numbers --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["", "gpu", "CPU", "cpu:0", "cuda:x", "cuda:-1", "cuda0", None, 0])
-def test_unknown_devices_are_refused(name: object) -> None:
-    with pytest.raises(wrt.InputError, match="unknown device") as caught:
+@pytest.mark.parametrize("name", ["", "gpu", "cpu:0", "cuda:-1", None])
+def test_unknown_devices_and_bad_numbers_of_threads_are_refused(name: object) -> None:
+    with pytest.raises(wrt.InputError, match=f"^unknown device {name!r}.*use cpu, cuda or cuda:N[^\n]*$"):
         Device(name)  # type: ignore[arg-type]
-    said = str(caught.value)
-    assert repr(name) in said
-    assert "use cpu, cuda or cuda:N" in said
-    assert name != "gpu" or said.endswith("(did you mean 'cuda'?)")
-    assert "\n" not in said
+    for threads in (0, 1025, 2.0, True):
+        with pytest.raises(wrt.InputError, match="threads"):
+            Device("cpu", threads=threads)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("threads", [0, 1025, 2.0, "two", True])
-def test_bad_numbers_of_threads_are_refused(threads: object) -> None:
-    with pytest.raises(wrt.InputError, match="threads") as caught:
-        Device("cpu", threads=threads)  # type: ignore[arg-type]
-    assert "\n" not in str(caught.value)
-
-
-def test_gpus_that_are_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gpus_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     Device("cpu")
-    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 0)
-    for name in ("cuda", "cuda:7"):
-        with pytest.raises(wrt.InputError, match=f"{name!r}.* was found; use cpu"):  # no driver, or no GPU
-            Device(name)
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 2)
     assert Device("cuda").name == "cuda:0"
     device = Device("cuda:1", threads=4)
     assert (device.name, device.threads, device.is_cpu) == ("cuda:1", 1, False)
     with pytest.raises(wrt.InputError, match="only cuda:0 to cuda:1"):
         Device("cuda:2")
-
-
-def test_threads_default_to_the_cores_there_are() -> None:
-    assert Device("cpu").threads == available_threads() >= 1
-    assert Device("cpu", threads=3).threads == 3
-
-
-def test_the_renderer_refuses_as_the_device_does() -> None:
-    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
-    scene.add(wrt.box())
-    for options in ({"device": "gpu"}, {"threads": 0}):
-        with pytest.raises(wrt.InputError):
-            wrt.Renderer(scene, width=4, height=4, **options)

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import ast
-import dataclasses
 import itertools
 from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import ROOT
 from support.feature_sets import FEATURES
+from support.small_scenes import LAMP, block_scene, finish, image_of
 from warp._src.context import user_modules
 
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.features import Features, identifier
-from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.render import make_render_kernel
-from wrt.kernels.scene.materials import make_bsdf_at
 from wrt.kernels.specialise import specialised
 from wrt.upload.scene_data import build_scene
 
@@ -36,16 +33,6 @@ def test_names_are_of_modules_and_tell_variants_apart() -> None:
     variants = itertools.product(models, (False, True), ("none", "constant", "image"))
     assert len({Features(*each).name for each in variants}) == 6 * len(models)
     assert identifier(["a:b-c", ("d", "e"), 1, True]) == "a_b_c_d_e_1_True"
-
-
-def test_hashes_tell_variants_apart() -> None:
-    """Each of these differs from the first in one feature alone."""
-    base = Features(("diffuse", "mirror"), False, "constant")
-    changes = [{}, {"models": ("diffuse",)}, {"models": ("conductor", "mirror")}, {"textured": True}]
-    changes += [{"environment": "none"}, {"environment": "image"}, {"models": ("conductor", "diffuse", "mirror")}]
-    kernels = [make_render_kernel(dataclasses.replace(base, **change)) for change in changes]
-    assert len({bytes(kernel.module.get_module_hash()) for kernel in kernels}) == len(kernels)
-    assert make_render_kernel(Features(("diffuse", "mirror"), bool(0), "".join(["cons", "tant"]))) is kernels[0]
 
 
 def scene(*materials: wrt.Material, environment: object = None) -> wrt.Scene:
@@ -79,67 +66,32 @@ def loaded() -> set[tuple[str, str]]:
     return {(name, str(key)) for name, module in user_modules.items() for key in module.execs}
 
 
-def room(triangles: int, metal: wrt.Material, lamps: int, seed: int) -> wrt.Scene:
-    rng = np.random.default_rng(seed)
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera(tuple(rng.normal(0.0, 0.2, 3) + (0.0, 1.0, 3.0)), (0.0, 0.5, 0.0)))
-    scene.environment = wrt.ConstantEnvironment(float(rng.uniform(0.1, 0.9)))
-    scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse(float(rng.uniform(0.2, 0.8))))
-    corners = rng.normal(0.0, 0.1, (triangles, 3, 3)) + rng.uniform(-1.0, 1.0, (triangles, 1, 3)) + (0.0, 1.2, 0.0)
-    scene.add(wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * triangles).reshape(-1, 3)), material=metal)
-    for k in range(lamps):
-        scene.add_light(wrt.PointLight((k - 1.0, 3.0, 1.0), intensity=4.0))
-    return scene
-
-
 @pytest.mark.slow
 def test_a_new_scene_of_seen_features_loads_nothing(device: str) -> None:
-    list(wrt.Renderer(room(3_000, wrt.Conductor(), 1, 1), device=device, width=16, height=12).passes(spp=2))
+    """Other meshes, sizes, values, numbers of lights, depths and seeds."""
+
+    def scene_with(subdivisions: int, lamps: int) -> wrt.Scene:
+        lights = [wrt.PointLight((k - 1.0, 3.0, 1.0), intensity=4.0) for k in range(lamps)]
+        return block_scene(shapes=[wrt.Shape(wrt.sphere(subdivisions=subdivisions)), LAMP], lights=lights)
+
+    options: dict[str, Any] = {"device": device, "light_choice": "power"}
+    finish(wrt.Renderer(scene_with(4, 1), **options, width=16, height=12), 2)
     before = loaded()
     kernels = "wrt.render." if device == "cpu" else "wrt.regenerating."
     assert any(name.startswith(kernels) for name, _ in before)
     assert any(name == "wrt.kernels.accel.build.split" for name, _ in before)
-    # Other meshes, sizes, values, numbers of lights, places, depths and seeds.
-    other = {"device": device, "width": 23, "height": 9, "seed": 7, "max_depth": 5}
-    renderer = wrt.Renderer(room(5_000, wrt.Conductor(metal="gold"), 3, 2), **other)
-    list(renderer.passes(spp=2))
-    assert renderer.image().max() > 0.0
+    options |= {"width": 23, "height": 9, "seed": 7, "max_depth": 5}
+    assert image_of(wrt.Renderer(scene_with(5, 3), **options), 2).max() > 0.0
     assert loaded() == before
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def double(x: wp.array(dtype=float)):  # type: ignore[valid-type]
-        x[wp.tid()] *= 2.0
-
-    wp.launch(double, 3, [wp.ones(3, dtype=float, device="cpu")], device="cpu")
-    assert len(loaded() - before) == 1, "what is new is seen to be loaded"
 
 
 # --- Factories of device functions --------------------------------------------------------------------
-
-
-def test_equal_fields_share_one_result() -> None:
-    assert make_bsdf_at(PLAIN) is make_bsdf_at(dataclasses.replace(PLAIN, sampler="sobol", media="absorbing"))
-    assert make_bsdf_at(PLAIN) is not make_bsdf_at(dataclasses.replace(PLAIN, textured=True))
-    assert make_lights(PLAIN) is make_lights(dataclasses.replace(PLAIN, models=("mirror",)))
-    made = []
-
-    @specialised()
-    def make(first: str, second: int = 1) -> list[str]:
-        made.append((first, second))
-        return [first]
-
-    assert make("a") is make("a")
-    assert make("a") is not make("a", 2)
-    assert made == [("a", 1), ("a", 2)]
 
 
 def test_what_a_factory_does_not_declare_it_cannot_read() -> None:
     @specialised("models", "nested")
     def make_one(features: Features) -> Any:
         return features.models, features.nested
-
-    @specialised("models")
-    def make_other(features: Features) -> Any:
-        return features.textured
 
     @specialised("models")
     def make_through(features: Features) -> Any:
@@ -150,7 +102,7 @@ def test_what_a_factory_does_not_declare_it_cannot_read() -> None:
         return features.bodies
 
     assert make_one(PLAIN) == (("diffuse",), False)
-    for make, field in ((make_other, "textured"), (make_through, "nested"), (make_derived, "media")):
+    for make, field in ((make_through, "nested"), (make_derived, "media")):
         with pytest.raises(AttributeError, match=f"{make.__name__} does not declare .* {field!r}"):
             make(PLAIN)
     with pytest.raises(ValueError, match="no features texturd"):

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from PIL import Image
-from support.caches import render_small, without_notes
-from support.digests import Case, cases, film_digest, rendered
+from support.caches import python, render_small, without_notes
+from support.commands import CAMERA, QUAD
+from support.digests import cases, film_digest, rendered
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
-from wrt.backend.builds import Builds, NotCompiled
+from wrt.backend.builds import Builds
 from wrt.compiling import exercise, general, later
 from wrt.compiling.kernel import SCALAR, name_of_kernel
 from wrt.kernels.features import Features
@@ -55,22 +53,9 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
     assert not PLAIN.covers(WITH_HOLES)
     # Such a kernel would take the front's material for each of a mixture.
     assert not dataclasses.replace(WITH_HOLES, composite="sides").covers(scene)
-
-
-def test_integrators_that_do_not_decide_at_run_time_cover_their_own_scenes_alone() -> None:
-    for integrator in ("whitted", "ao"):
+    for integrator in ("whitted", "ao"):  # which do not decide at run time
         plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
-        assert [large.covers(plain), large.covers(large), plain.covers(plain)] == [False, True, True]
-
-
-def test_there_are_none_for_what_few_use() -> None:
-    few = {"media": "absorbing", "aovs": True, "clamped": True, "cameras": ("own",), "integrator": "ao"}
-    for name, value in few.items():
-        assert general.general_features(dataclasses.replace(PLAIN, **{name: value})) == []
-    for changes in ({}, {"sampler": "independent"}, {"instances": "moving"}, {"exact": "spheres"}):
-        scene = dataclasses.replace(PLAIN, **changes)
-        assert all(general.is_general(kernel) for kernel in general.general_features(scene))
-        assert not general.is_general(scene)
+        assert [large.covers(plain), large.covers(large)] == [False, True]
 
 
 def test_the_exercise_has_all_models_and_lights() -> None:
@@ -97,52 +82,29 @@ def test_the_best_that_is_compiled_is_chosen() -> None:
         (16, (own_wide, *wides), PLAIN),
         (16, (own, *wides), SMALL),
         (16, (own,), None),
-        (16, wides, SMALL),
         (16, wides[2:], WITH_HOLES),
         (8, wides, None),
-        (0, (own_wide, *wides), None),
     ):
         assert general.compiled_for(PLAIN, lanes, Notes(*known)) == best
-    own = guide_features(PLAIN, wrt.RenderSettings())
-    names = [name_of_kernel(kernel, SCALAR) for kernel in GUIDES]
-    assert general.compiled_for(own, 16, Notes(*names)) == GUIDES[0]
-    assert general.compiled_for(own, 16, Notes(names[1])) == GUIDES[1]
-    assert general.compiled_for(own, 16, Notes(name_of_kernel(own, SCALAR), *names)) is None
-    assert general.compiled_for(own, 0, Notes(*names)) is None
+    guides = [name_of_kernel(kernel, SCALAR) for kernel in GUIDES]
+    assert general.compiled_for(guide_features(PLAIN, wrt.RenderSettings()), 16, Notes(guides[1])) == GUIDES[1]
 
 
 @pytest.mark.slow
 @needs_lanes
 @pytest.mark.usefixtures("render_kernels_when_launched")
-def test_processes_without_warp_have_one_compiled_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_renders_without_warp_request_one_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     requested: list[tuple[Features, int]] = []
     monkeypatch.setattr(later, "request_if_missing", lambda features, lanes, _: requested.append((features, lanes)))
     monkeypatch.setattr(WideKernel, "prepare", lambda *_: None)
     monkeypatch.setattr(render_kernel, "lanes_here", lambda: 16)
     renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
-    for prefers, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1), (True, 9.0, 1):
+    for prefers, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1):
         monkeypatch.setattr(render_kernel, "prefers_compiled", lambda prefers=prefers: prefers)
         renderer._kernel.launch([1, *renderer._inputs], seconds)
         assert requested == [(SMALL, 16)] * expected
     renderer.denoising_guides()
     assert requested[1:] == [(GUIDES[0], SCALAR)]
-
-
-def test_arrays_that_are_too_large_are_left_to_the_scalar_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The general kernel cannot be loaded, so the render is prepared again with Warp."""
-    kernel: Any = object.__new__(RenderKernel)
-    kernel.__dict__.update(scalar=None, read=SMALL, records=(), _stand_in=None, _features=PLAIN, _device=None)
-
-    class Useless:
-        kernel = None
-
-        def __init__(self, *_: Any) -> None: ...
-
-        def expect(self, _: float) -> None: ...
-
-    monkeypatch.setattr(render_kernel, "WideKernel", Useless)
-    with pytest.raises(NotCompiled):
-        kernel.start()
 
 
 # --- Bits ---------------------------------------------------------------------------------------------
@@ -184,23 +146,6 @@ def test_films_have_the_bits_of_their_own_kernel(name: str, by_general: list[Fea
     assert len(set(by_general)) == 1
 
 
-def guides_of(case: Case) -> Any:
-    renderer = wrt.Renderer(case.make(), width=24, height=24, sampler="sobol")
-    list(renderer.passes(spp=2))
-    return renderer.denoising_guides()
-
-
-@pytest.mark.machinery
-@pytest.mark.parametrize("name", ["models-perspective", "textures-perspective"])
-def test_guides_have_the_values_of_their_own_kernel(name: str, by_general: list[Features]) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(general, "general_features", lambda _: [])
-        own = guides_of(CASES[name])
-    found = guides_of(CASES[name])
-    assert {features.guides for features in by_general} == {False, True}
-    assert all(np.array_equal(found[layer], own[layer]) for layer in ("albedo", "normal"))
-
-
 COMPILE = """
 import sys
 import warp as wp
@@ -216,12 +161,9 @@ compile_kernel(general_features(plain)[0], int(sys.argv[1]), Builds.known(), exe
 compile_kernel(general_features(guide_features(plain, RenderSettings()))[0], SCALAR, Builds.known(), exercise)
 """
 
-NEW = """
-[camera]
-origin = [0, 0, 3]
+NEW = f"""{CAMERA}{QUAD}material = "painted"
 [environment]
 type = "constant"
-radiance = 0.5
 [[lights]]
 type = "spot"
 position = [1, 1, 2]
@@ -229,14 +171,8 @@ direction = [-1, -1, -2]
 intensity = 9.0
 [materials.painted]
 type = "principled"
-base_color = { texture = "squares.png" }
+base_color = {{ texture = "squares.png" }}
 metallic = 0.5
-[[shapes]]
-type = "quad"
-origin = [-1, -1, 0]
-edge_u = [2, 0, 0]
-edge_v = [0, 2, 0]
-material = "painted"
 """
 
 
@@ -247,7 +183,7 @@ def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
     Image.new("RGB", (8, 8), (200, 60, 30)).save(tmp_path / "squares.png")
     (tmp_path / "new.toml").write_text(NEW)
     assert render_small(tmp_path, variables, "known.npy", "cornell-box") == (True, "")
-    subprocess.run([sys.executable, "-c", COMPILE, str(LANES)], cwd=tmp_path, env=variables, check=True)
+    python(tmp_path, variables, "-c", COMPILE, str(LANES))
     alone = {**variables, "XDG_CACHE_HOME": str(tmp_path / "other")}
     for name, options in (("film", []), ("smooth", ["--denoise"])):
         assert render_small(tmp_path, variables, f"{name}.npy", "new.toml", *options) == (False, "")

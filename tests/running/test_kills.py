@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from collections import Counter
 from pathlib import Path
@@ -14,9 +11,9 @@ from pathlib import Path
 import kill_and_resume
 import numpy as np
 import pytest
-from conftest import ROOT
 from kill_and_resume import Kills, RoundError, leftovers, play_round, references, require_whole
 from support.caches import CORNELL_BOX, copy_of_warm_cache
+from support.commands import ENVIRONMENT, run, start
 
 import wrt
 
@@ -54,26 +51,18 @@ def test_the_script_notices_what_a_kill_would_damage(tmp_path: Path) -> None:
 @pytest.mark.machinery
 @pytest.mark.parametrize(
     ("number", "seconds", "options"),
-    [
-        (signal.SIGTERM, 0.1, ["--threads", "1"]),
-        (signal.SIGINT, 0.7, []),
-        (signal.SIGKILL, 1.5, []),
-    ],
+    [(signal.SIGTERM, 0.1, ["--threads", "1"]), (signal.SIGINT, 0.7, []), (signal.SIGKILL, 1.5, [])],
 )
 def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
     number: signal.Signals, seconds: float, options: list[str], tmp_path: Path
 ) -> None:
     """The two kernels that take longest are not compiled yet."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
-    command = [sys.executable, "-m", "wrt", *CORNELL_BOX]
-    subprocess.run([*command, "right.npy"], cwd=tmp_path, env=environment, check=True)
+    environment = {**ENVIRONMENT, "TMPDIR": str(tmp_path)}
+    run(tmp_path, *CORNELL_BOX, "right.npy", env=environment)
     copy_of_warm_cache(tmp_path / "cache", but_for=("wrt.render.", "wrt.kernels.accel.build.split_"))
     environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")
     environment.pop("WARP_CACHE_PATH", None)
-    process = subprocess.Popen(
-        [*command, "film.npy", *options], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )  # fmt: skip
+    process = start(tmp_path, *CORNELL_BOX, "film.npy", *options, env=environment)
     while not list(tmp_path.glob("wrt-work-*/kernels/*")) and process.poll() is None:
         time.sleep(0.01)
     time.sleep(seconds)
@@ -81,7 +70,7 @@ def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
     _, said = process.communicate(timeout=5.0)
     assert process.returncode != 0  # otherwise it ended before the signal
     assert said.count("\n") <= 1
-    done = subprocess.run([*command, "film.npy"], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = run(tmp_path, *CORNELL_BOX, "film.npy", env=environment)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "film.npy").read_bytes() == (tmp_path / "right.npy").read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cache", "film.npy", "right.npy"]

@@ -5,20 +5,17 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
-from conftest import ROOT
-from support.wide_scenes import LANES, needs_lanes, with_uvs
+from support.caches import without_notes
+from support.wide_scenes import needs_lanes, with_uvs
 
 import wrt
 from wrt.backend import current_backend, lanes
@@ -27,17 +24,11 @@ from wrt.backend.device import Device
 from wrt.backend.lanes import NEEDED, SWITCH, lanes_here
 from wrt.compiling import later
 from wrt.rendering import wide_kernel as wide
-from wrt.rendering.passes import FASTEST, Limits
-from wrt.rendering.render_kernel import RenderKernel
 from wrt.rendering.wide_kernel import (
     COMPILED_LOADING_SECONDS,
     COMPILING_SECONDS,
     LOADING_SECONDS,
-    SPEEDUP,
-    SPEEDUP_OF_OWN,
-    WORTH_SECONDS,
     WideKernel,
-    compiling_pays,
     largest_array,
 )
 
@@ -118,18 +109,21 @@ def kernel_of(renderer: wrt.Renderer) -> WideKernel:
     return WideKernel(renderer.device, renderer._kernel._features, renderer._kernel.records)
 
 
-# --- When it is compiled ------------------------------------------------------------------------------
+# --- When it is compiled and loaded -------------------------------------------------------------------
 
 
 def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, renderer: wrt.Renderer, asked) -> None:
+    """A shorter render has it compiled for the next, the shortest does not."""
     kernel = kernel_of(renderer)
-    for seconds in (LOADING_SECONDS / 2, COMPILING_SECONDS / 2):
-        kernel.prepare(seconds)
+    kernel.prepare(LOADING_SECONDS / 2)
+    assert not asked
+    for _ in range(2):
+        kernel.prepare((LOADING_SECONDS + COMPILING_SECONDS) / 2)
+    assert asked == [kernel._features]
     assert not started
     for _ in range(2):
         kernel.prepare(COMPILING_SECONDS * 10)
     (compiler,) = started
-    assert kernel.kernel is None
     assert json.loads(compiler.command[3]) == json.loads(json.dumps(dataclasses.asdict(kernel._features)))
     assert compiler.command[4] == "16"
     compiler.returncode, notes.compiled = 0, True
@@ -140,16 +134,19 @@ def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, render
     assert len(started) == 1
 
 
-def test_a_short_render_asks_once_and_the_shortest_never(notes: Noted, renderer, asked, monkeypatch) -> None:
+def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(notes, renderer, monkeypatch) -> None:
     kernel = kernel_of(renderer)
-    kernel.prepare(LOADING_SECONDS / 2)
-    monkeypatch.setattr(wide, "LOADING_SECONDS", 0.0)
-    kernel.prepare(WORTH_SECONDS / 2)
-    assert asked == []
-    for _ in range(3):
-        kernel.prepare((LOADING_SECONDS + COMPILING_SECONDS) / 2)
-    assert asked == [kernel._features]
-    assert not kernel.is_being_compiled
+    kernel.wait()
+    kernel.prepare(math.inf)
+    assert (kernel.kernel, len(started)) == (None, 1)
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise FileNotFoundError(2, "no such file")
+
+    monkeypatch.setattr(subprocess, "Popen", fail)
+    kernel = kernel_of(renderer)
+    kernel.wait()
+    assert kernel.kernel is None
 
 
 def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, asked, monkeypatch) -> None:
@@ -167,114 +164,20 @@ def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, aske
     assert asked == [features]
 
 
-@pytest.mark.parametrize("threads", [1, 2, 16])
-@pytest.mark.parametrize("speedup", [SPEEDUP, SPEEDUP_OF_OWN])
-def test_compiling_pays_where_the_render_ends_earlier(threads: int, speedup: float) -> None:
-    def seconds_with_compiler(seconds: float) -> float:
-        """Return when a render ends that takes `seconds` on all threads without the wide kernel."""
-        done = COMPILING_SECONDS * (1.0 - 1.0 / threads)
-        return COMPILING_SECONDS + (seconds - done) / speedup
-
-    for seconds in (COMPILING_SECONDS, 10.0, 15.0, 20.0, 25.0, 35.0, 45.0, 100.0):
-        assert compiling_pays(seconds, threads, speedup) == (seconds_with_compiler(seconds) < seconds)
-
-
-def test_a_thread_rests_while_it_is_compiled(notes: Noted, renderer: wrt.Renderer, monkeypatch) -> None:
-    rested: list[int] = []
-    kernel = RenderKernel(renderer.device, renderer._kernel._features, 20, 19)
-    kernel.records = renderer._kernel.records
-    monkeypatch.setattr(Device, "launch", lambda *_, spared=0, **__: rested.append(spared))
-    for left in (0.0, math.inf, math.inf):
-        kernel.launch([], left)
-    started[0].returncode = 1
-    kernel.launch([], math.inf)
-    assert rested == [0, 1, 1, 0]
-
-
-def test_what_does_not_compile_is_not_tried_again(notes: Noted, renderer: wrt.Renderer) -> None:
-    kernel = kernel_of(renderer)
-    kernel.wait()
-    kernel.wait()
-    kernel.prepare(math.inf)
-    assert (kernel.kernel, len(started)) == (None, 1)
-
-
-def test_no_python_to_start_is_no_error(notes: Noted, renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: Any, **__: Any) -> None:
-        raise FileNotFoundError(2, "no such file")
-
-    monkeypatch.setattr(subprocess, "Popen", fail)
-    kernel = kernel_of(renderer)
-    kernel.wait()
-    assert kernel.kernel is None
-
-
-def test_seconds_of_the_compiler_are_counted_until_it_ends(notes: Noted, renderer, monkeypatch) -> None:
-    now = [100.0]
-    monkeypatch.setattr(wide, "time", SimpleNamespace(perf_counter=lambda: now[0], monotonic=lambda: now[0]))
-    kernel = kernel_of(renderer)
-    assert kernel.seconds == 0.0
-    kernel.prepare(1e9)
-    now[0] += 2.0
-    assert kernel.seconds == 2.0
-    started[0].returncode = 0
-    kernel.prepare(0.0)
-    now[0] += 2.0
-    assert not kernel.is_being_compiled
-    assert kernel.seconds == 2.0
-
-
-# --- When it is loaded --------------------------------------------------------------------------------
-
-
 def test_what_loads_quickly_is_loaded_before_the_first_pass(notes: Noted, renderer, monkeypatch) -> None:
-    """But nothing is compiled on a guess; and Warp's backend must generate code first."""
-    kernel = kernel_of(renderer)
-    notes.compiled = True
-    kernel.expect(math.inf)
-    assert kernel.kernel is None
+    """But nothing is compiled on a guess."""
     monkeypatch.setattr(renderer.device.backend, "builds", notes)
-    kernel.expect(COMPILED_LOADING_SECONDS / 2)
-    notes.compiled = False
+    kernel = kernel_of(renderer)
     kernel.expect(math.inf)
-    assert (kernel.kernel, started) == (None, [])
     notes.compiled = True
+    kernel.expect(COMPILED_LOADING_SECONDS / 2)
+    assert (kernel.kernel, started) == (None, [])
     kernel.expect(COMPILED_LOADING_SECONDS * 2)
     assert (kernel.kernel, started) == ("loaded", [])
 
 
-@pytest.mark.parametrize(
-    ("limits", "expected"),
-    [
-        ({"spp": 64}, 64 * 20 * 19 / (2 * FASTEST)),
-        ({"spp": 10**9, "time": 5.0}, 5.0),
-        ({"time": 60.0}, 60.0),
-        ({"noise": 0.01, "time": 60.0}, 0.0),
-    ],
-)
-def test_a_guess_of_seconds_is_a_lower_bound(limits: dict[str, float], expected: float) -> None:
-    renderer = wrt.Renderer(wrt.load("cornell-box"), width=20, height=19, threads=2)
-    given: dict[str, Any] = {"spp": None, "time": None, "noise": None, "adaptive": None, "pass_seconds": None, **limits}
-    found = Limits.of(renderer.settings, **given, renders_light=True).least_seconds(renderer.film)
-    assert found == pytest.approx(expected)
-
-
-def test_one_thread_loads_a_wide_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The others go on without: Warp generates the code of a kernel in one thread at a time."""
-    prepared: list[float] = []
-    monkeypatch.setattr(WideKernel, "_prepare", lambda _, seconds, speedup: prepared.append(seconds))
-    kernel = WideKernel(Device("cpu"), None, ())
-    with wide._LOADING:
-        kernel.prepare(1e9)
-    assert not prepared
-    kernel.prepare(1e9)
-    assert prepared == [1e9]
-
-
-@pytest.mark.parametrize("lacking", ["nothing", "processor", "warp", "array", "film", "integrator", "switch", "cpu"])
-def test_what_is_compiled_is_loaded_at_once_and_where_it_cannot_be_had_nothing_is_tried(
-    lacking: str, notes: Noted, renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("lacking", ["processor", "warp", "array", "film", "integrator", "switch", "cpu"])
+def test_where_it_cannot_be_had_nothing_is_tried(lacking: str, notes: Noted, renderer, monkeypatch) -> None:
     kernel = kernel_of(renderer)
     if lacking == "processor":
         monkeypatch.setattr(lanes, "processor_flags", lambda: NEEDED[8] - {"avx2"})
@@ -285,39 +188,31 @@ def test_what_is_compiled_is_loaded_at_once_and_where_it_cannot_be_had_nothing_i
     elif lacking == "film":
         kernel = kernel_of(wrt.Renderer(wrt.load("cornell-box"), width=500, height=400))
         monkeypatch.setattr(wide, "MOST_BYTES", 24 * 500 * 400 - 1)
-    elif lacking == "switch":
-        monkeypatch.setenv(SWITCH, "0")
     elif lacking == "integrator":
         kernel._features = dataclasses.replace(kernel._features, integrator="ao")
+    elif lacking == "switch":
+        monkeypatch.setenv(SWITCH, "0")
     elif lacking == "cpu":
         device = Device("cpu")
         device.name = "cuda:0"
-        kernel = WideKernel(device, renderer._kernel._features, renderer._kernel.records)
+        kernel = WideKernel(device, kernel._features, kernel._records)
     notes.compiled = True
-    if lacking != "nothing":
-        kernel.wait()
+    kernel.wait()
     kernel.prepare(math.inf)
-    assert (kernel.kernel, started) == ("loaded" if lacking == "nothing" else None, [])
+    assert (kernel.kernel, started) == (None, [])
 
 
-@pytest.mark.parametrize(
-    ("flags", "told", "expected"),
-    [
+def test_lanes_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    for flags, told, expected in (
         (NEEDED[16] | NEEDED[8], "", 16),
         (NEEDED[8] | {"avx512f"}, "", 8),
         (NEEDED[8] - {"fma"}, "", 0),
         (NEEDED[8], "0", 0),
         (NEEDED[8], "4", 4),
-    ],
-)
-def test_lanes_are_those_of_the_processor(flags: frozenset[str], told: str, expected: int, monkeypatch) -> None:
-    monkeypatch.setattr(lanes, "processor_flags", lambda: flags)
-    monkeypatch.setenv(SWITCH, told)
-    assert lanes_here() == expected
-
-
-def test_an_unknown_number_of_lanes_is_ignored_with_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lanes, "processor_flags", lambda: NEEDED[8])
+    ):
+        monkeypatch.setattr(lanes, "processor_flags", lambda flags=flags: flags)
+        monkeypatch.setenv(SWITCH, told)
+        assert lanes_here() == expected
     monkeypatch.setenv(SWITCH, "5")
     with pytest.warns(UserWarning, match="WRT_WIDE=5 is ignored: it may be 0, 4, 8, 16 or empty"):
         assert lanes_here() == 8
@@ -363,49 +258,6 @@ def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch
     assert first.rays + second.rays == scalar.rays
 
 
-COMPILED = """
-import sys
-import wrt.rendering.wide_kernel
-wrt.rendering.wide_kernel.COMPILED_LOADING_SECONDS = float(sys.argv[1])
-from wrt.cli import main
-sys.argv = ["wrt", "render", "cornell-box", "--size", "40x30", "--spp", "40", "--quiet", "-o", sys.argv[2]]
-status = main()
-from wrt.backend import current_backend
-assert "warp" not in sys.modules
-print(status, [name for name in current_backend().builds._loaded if ".wide" in name])
-"""
-
-COMPILING = """
-import os
-import sys
-from wrt.compiling.kernel import main
-print(main(sys.argv), os.nice(0))
-"""
-
-
-@needs_lanes
-@pytest.mark.machinery
-def test_the_command_line_loads_it_without_warp(tmp_path: Path) -> None:
-    kernels = Path(wp.config.kernel_cache_dir).parent
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "WARP_CACHE_PATH": str(kernels)}
-    environment["XDG_CACHE_HOME"] = str(tmp_path / "cache")  # where nothing is known yet
-
-    def run(*command: str) -> str:
-        command = (sys.executable, *command)
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
-        assert done.stderr == ""
-        return done.stdout
-
-    features = wrt.Renderer(wrt.load("cornell-box"), width=20, height=19)._kernel._features
-    # As all cores render meanwhile, it would never come to its end behind them.
-    said = run("-c", COMPILING, json.dumps(dataclasses.asdict(features)), str(LANES), str(os.getpid()))
-    assert said == f"0 {os.nice(0)}\n"
-    run("-m", "wrt", "render", "cornell-box", "--size", "8x8", "--spp", "1", "--quiet", "-o", "first.npy")
-    assert run("-c", COMPILED, "inf", "scalar.npy") == "0 []\n"
-    assert run("-c", COMPILED, "-1", "wide.npy").startswith(f"0 ['wrt.render.wide{LANES}.")
-    assert (tmp_path / "wide.npy").read_bytes() == (tmp_path / "scalar.npy").read_bytes()
-
-
 LONG = """
 import wrt
 for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passes(time=1e6):
@@ -417,12 +269,9 @@ for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passe
 @pytest.mark.slow
 def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) -> None:
     """Killed while another compiles, so that its own waits; nothing is left of it."""
-    kernels = Path(wp.config.kernel_cache_dir).parent
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path)}
-    environment["WARP_CACHE_PATH"] = str(kernels)
-    builds = Builds.known()
+    environment, builds = without_notes(tmp_path), Builds.known()
     assert builds is not None
-    builds.path = tmp_path / "wrt" / builds.path.name
+    builds.path = tmp_path / "cache" / "wrt" / builds.path.name
     with builds.alone():
         process = subprocess.Popen([sys.executable, "-c", LONG], env=environment, stdout=subprocess.PIPE, text=True)
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")

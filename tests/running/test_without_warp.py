@@ -5,8 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import shutil
-import subprocess
-import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -15,74 +13,18 @@ import numpy as np
 import pytest
 import warp as wp
 from conftest import ROOT
-from support.caches import render_small, without_notes
+from support.caches import python, render_small, without_notes
+from support.commands import CAMERA, QUAD
+from support.wide_scenes import CAMERAS, SCENES, add_balls
 
+import wrt
 from wrt import backend
 from wrt.backend import builds, fingerprint, recording
 from wrt.backend.builds import Builds, NotCompiled
 from wrt.backend.compiled_backend import CompiledBackend
-from wrt.backend.device import Device
 from wrt.backend.kernel_cache import digest
 from wrt.backend.warp_backend import WarpBackend
 from wrt.kernels.bsdf import model_of
-from wrt.kernels.camera.camera import Camera
-from wrt.kernels.film.film import film_noise
-
-FILM = "wrt.kernels.film.film"
-EVERYTHING = """
-[camera]
-origin = [0, 1, 6]
-aperture_radius = 0.01
-shutter_close = 0.02
-[environment]
-type = "sun-sky"
-[media.wine]
-type = "color"
-color = [0.5, 0.02, 0.05]
-distance = 0.04
-[materials.wine]
-type = "dielectric"
-ior = 1.34
-interior = "wine"
-priority = 1
-[materials.metal]
-type = "rough-conductor"
-metal = "gold"
-alpha = 0.3
-multiple_bounces = true
-[[lights]]
-type = "sphere"
-center = [2, 3, 1]
-radiance = 9
-[[lights]]
-type = "spot"
-position = [-2, 3, 1]
-direction = [1, -1, 0]
-intensity = 9
-[[shapes]]
-type = "sphere"
-material = "wine"
-[[shapes]]
-type = "box"
-material = "metal"
-motion = { times = [0.0, 0.02], rotate = { axis = [0, 1, 0], degrees = 40 } }
-[[shapes]]
-type = "mesh"
-file = "teapot.ply"
-scale = 0.1
-instances = [{ translate = [1, 0, 0] }, { translate = [-1, 0, 0] }]
-"""
-"""A scene with most of what a scene can have."""
-
-DARK = """
-[camera]
-origin = [0, 0, 3]
-[[shapes]]
-type = "quad"
-origin = [-1, -1, 0]
-edge_u = [2, 0, 0]
-edge_v = [0, 2, 0]
-"""
 
 
 @pytest.fixture
@@ -93,12 +35,25 @@ def environment(tmp_path: Path) -> dict[str, str]:
 # --- From the shell -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scene", ["cornell-box", pytest.param("everything.toml", marks=pytest.mark.machinery)])
-def test_the_second_start_is_without_warp_and_gives_the_same_bits(scene: str, tmp_path: Path, environment) -> None:
-    (tmp_path / "everything.toml").write_text(EVERYTHING)
-    shutil.copy(ROOT / "meshes" / "teapot.ply", tmp_path)
-    assert render_small(tmp_path, environment, "warp.npy", scene) == (True, "")
-    assert render_small(tmp_path, environment, "compiled.npy", scene) == (False, "")
+def test_a_process_without_warp_gives_the_same_bits(tmp_path: Path, environment, monkeypatch) -> None:
+    """By the kernels that this process has compiled with Warp, and noted."""
+    for name in ("XDG_CACHE_HOME", "WARP_CACHE_PATH"):
+        monkeypatch.setenv(name, environment[name])
+    image = wrt.render("cornell-box", width=24, height=16, spp=2)
+    backend.note_compiled()
+    assert render_small(tmp_path, environment, "compiled.npy", "cornell-box") == (False, "")
+    np.testing.assert_array_equal(np.load(tmp_path / "compiled.npy"), image)
+
+
+@pytest.mark.machinery
+def test_the_second_start_is_without_warp_whatever_the_scene_has(tmp_path: Path, environment) -> None:
+    scene = SCENES["textures"][0]()
+    scene.camera = CAMERAS["moving"]
+    scene.lights += SCENES["models"][0]().lights
+    add_balls(scene, wrt.Dielectric(1.34, interior=wrt.Medium(absorption=(0.5, 0.2, 1.5)), priority=1))
+    wrt.save_scene(tmp_path / "scene.toml", scene)
+    assert render_small(tmp_path, environment, "warp.npy", "scene.toml") == (True, "")
+    assert render_small(tmp_path, environment, "compiled.npy", "scene.toml") == (False, "")
     assert (tmp_path / "compiled.npy").read_bytes() == (tmp_path / "warp.npy").read_bytes()
 
 
@@ -110,7 +65,7 @@ def read_notes(path: Path) -> dict[str, dict[str, object]]:
 
 @pytest.mark.slow
 def test_what_is_missing_is_compiled_and_nothing_is_said_twice(tmp_path: Path, environment: dict[str, str]) -> None:
-    (tmp_path / "dark.toml").write_text(DARK)
+    (tmp_path / "dark.toml").write_text(CAMERA + QUAD)
     has_warp, said = render_small(tmp_path, environment, "a.npy", "dark.toml")
     assert (has_warp, said.count("no light")) == (True, 1)
     (index,) = (tmp_path / "cache" / "wrt").glob("builds-*.json")
@@ -199,16 +154,12 @@ for needs in (
 print(json.dumps([has_warp(), made]))
 """
 
-GUIDES = "normals = renderer_with(2).denoising_guides()['normal']\nprint(json.dumps([has_warp(), digest(normals)]))"
 PRECOMPILE = "print(json.dumps([True, [str(wrt.precompile(scene, denoise=True)) != '']]))"
 
 
 def run(folder: Path, variables: dict[str, str], script: str, begin: str = BEGIN) -> tuple[bool, list[Any]]:
     """Run a script; return whether it has imported Warp, and what it found."""
-    command = [sys.executable, "-W", "error", "-c", begin + script]
-    process = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, check=False)
-    assert process.returncode == 0, process.stderr
-    has_warp, found = json.loads(process.stdout)
+    has_warp, found = json.loads(python(folder, variables, "-W", "error", "-c", begin + script))
     return has_warp, found
 
 
@@ -227,8 +178,6 @@ def test_what_is_not_compiled_moves_the_picture_to_warp(tmp_path: Path, environm
     assert run(tmp_path, environment, RENDER)[0] is False, "kernels are compiled beforehand"
     with_warp = run(tmp_path, environment, GOES_OVER, "import warp\n" + BEGIN)
     assert run(tmp_path, environment, GOES_OVER) == with_warp
-    guides = run(tmp_path, environment, GUIDES)
-    assert run(tmp_path, environment, GUIDES) == (False, guides[1]), "guides are noted for the next process"
 
 
 OF_A_USER = """
@@ -254,8 +203,7 @@ def test_cooperative_kernels_of_users_go_on_to_work(tmp_path: Path, environment:
     launch = "wp.launch_tiled(sums, dim=[1], inputs=[values, total], block_dim=8, device='cpu')\n"
     script = tmp_path / "script.py"
     script.write_text(BEGIN + started + OF_A_USER + compiled + launch + "print(total.numpy().tolist())")
-    process = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, check=False)
-    assert process.stdout.splitlines()[-1:] == ["[8.0]"], process.stderr
+    assert python(tmp_path, environment, str(script)).endswith("[8.0]\n")
 
 
 # --- Structs ------------------------------------------------------------------------------------------
@@ -272,7 +220,6 @@ def structs_of_kernels() -> list[Any]:
 
 
 def compiled_backend(notes: dict[str, Any]) -> CompiledBackend:
-    """Return a backend to which what a process may have noted is known."""
     known = Builds(Path("none"), Path("none"), "1.19.0")
     known.notes |= json.loads(json.dumps(notes))
     return CompiledBackend(known)
@@ -287,30 +234,6 @@ def test_structs_lie_in_memory_as_warp_lays_them() -> None:
         layout, expected = noted.struct(name).numpy, np.dtype(struct.numpy_dtype())
         assert layout.itemsize == expected.itemsize
         assert layout == expected, name
-
-
-def test_a_struct_holds_what_warps_would() -> None:
-    structs: dict[str, Any] = {}
-    modules = {"c": {"Camera": {"struct": recording._struct(Camera, structs)}}}
-    noted = compiled_backend({"structs": structs, "modules": modules})
-    ours, warps = noted.kernels("c").Camera(), Camera()
-    keys = np.zeros((2, 3), np.float32)
-    for camera in (ours, warps):
-        camera.kind, camera.pixel, camera.origin = 3, (0.1, 0.2), np.array([1.0, 2.0, 3.0])
-        camera.motion.center = (4, 5, 6)
-        camera.motion.keys = 7
-    ours.motion_keys = noted.array(keys, "vec3")
-    assert ours._memory["motion_keys"]["data"] == ours.motion_keys.ptr
-    ours.motion_keys = noted.array(keys[:0], "vec3")
-    expected = np.frombuffer(bytes(warps.__ctype__()), Camera.numpy_dtype())[0]
-    for name in ("kind", "pixel", "origin", "motion", "width"):
-        assert ours._memory[name].tobytes() == expected[name].tobytes(), name
-    whole = noted.kernels("c").Camera()
-    whole.motion = ours.motion  # a copy, in which later changes of the other are not seen
-    ours.motion.keys = 8
-    assert (whole.motion.keys, ours.motion.keys) == (7, 8)
-    with pytest.raises(AttributeError, match="nothing"):
-        ours.nothing = 1
 
 
 # --- Notes --------------------------------------------------------------------------------------------
@@ -379,22 +302,6 @@ def test_notes_of_a_render_that_ends_meanwhile_are_kept(tmp_path: Path) -> None:
     assert last.notes["calls"] == {"scalar": {"value": 1}, "wide": {"value": 2}}
 
 
-def test_what_is_not_noted_is_not_compiled() -> None:
-    noted = compiled_backend({"modules": {"known": {"ROWS": {"value": 3}, "kernel": {"kernel": ["nobody", "kernel"]}}}})
-    assert noted.kernels("known").ROWS == 3
-    for ask in (
-        lambda: noted.kernels("unknown"),
-        lambda: noted.kernels("known").COLUMNS,
-        lambda: noted.call("known", "make", 1),
-        lambda: noted.load(noted.kernels("known").kernel, "cpu"),
-        noted.gpus,
-        noted.cuda_versions,
-        lambda: noted.gpu("cuda:0"),
-    ):
-        with pytest.raises(NotCompiled):
-            ask()
-
-
 # --- Warp where it is needed --------------------------------------------------------------------------
 
 
@@ -432,19 +339,7 @@ def test_models_of_a_persons_own_are_left_to_warp() -> None:
     assert recording._described(model._replace(evaluate=evaluate), {}) is None
 
 
-def files_of_warp() -> dict[str, Any]:
-    """Return the notes of what Warp has loaded in this process."""
-    return recording.compiled_by_warp(WarpBackend())["files"]
-
-
-def test_kernels_whose_threads_wait_for_one_another_are_left_to_warp(monkeypatch: pytest.MonkeyPatch) -> None:
-    Device("cpu").compile(film_noise)
-    assert "film_noise" in files_of_warp()[FILM]["kernels"]
-    # A name that all of them have, in place of one that such kernels have.
-    monkeypatch.setattr(recording, "_COOPERATIVE", b"film_mean")
-    assert FILM not in files_of_warp()
-
-
+@pytest.mark.slow
 def test_kernels_that_their_names_do_not_tell_apart_are_left_to_warp() -> None:
     def make(factor: int) -> wp.Kernel:
         @wp.kernel(module=wp.get_module("wrt.test_compiled"), enable_backward=False)
@@ -453,10 +348,8 @@ def test_kernels_that_their_names_do_not_tell_apart_are_left_to_warp() -> None:
 
         return times
 
-    one = make(2)
-    wp.load_module("wrt.test_compiled", device="cpu")
-    assert len(files_of_warp()["wrt.test_compiled"]["kernels"]) == 1
-    both = [one, make(3)]
-    wp.load_module("wrt.test_compiled", device="cpu")
-    assert len(both) == 2
-    assert "wrt.test_compiled" not in files_of_warp()
+    kept = []
+    for factor, is_noted in ((2, True), (3, False)):
+        kept.append(make(factor))
+        wp.load_module("wrt.test_compiled", device="cpu")
+        assert ("wrt.test_compiled" in recording.compiled_by_warp(WarpBackend())["files"]) is is_noted

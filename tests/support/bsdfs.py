@@ -261,12 +261,6 @@ def walked(escapes: float, color: ArrayLike, *, first: int = 1) -> tuple[NDArray
     return left.mean(axis=0), left.std(axis=0) / np.sqrt(len(left))
 
 
-def total_pdf(case: Case, degrees: float, device: str) -> float:
-    """Return the integral of the density over the sphere."""
-    wo = viewer(degrees)
-    return float(integrate_pdf_over_bins(lambda wi: case.evaluate(wo, wi, device)[1]).sum())
-
-
 def assert_finite(case: Case, device: str, *, n: int = 20_000) -> None:
     """Values, densities and samples are finite and not negative, at the horizon and for the last random numbers too."""
     grazing = np.array([viewer(a, b) for a in (0.0, 89.9, 89.99, 89.9999) for b in (0.0, 0.3, 3.0)])

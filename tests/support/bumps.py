@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import wrt
 from support.covering_kernels import covering
+from support.small_scenes import image_of
 from wrt.kernels import bsdf as models
 from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample, zero_pdf
 
@@ -108,6 +109,4 @@ def rendered(scene: wrt.Scene, device: str, spp: int = 1, size: int = 4, **optio
     """Return a picture of the light that is reflected once."""
     options = {"max_depth": 2, "filter": "box", "sampler": "independent", **options}
     renderer = wrt.Renderer(scene, width=size, height=size, device=device, **options)
-    for _ in renderer.passes(spp=spp):
-        pass
-    return renderer.image().astype(np.float64)
+    return image_of(renderer, spp).astype(np.float64)

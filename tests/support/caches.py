@@ -60,6 +60,14 @@ def without_notes(folder: Path) -> dict[str, str]:
     return {**os.environ, **own}
 
 
+def python(folder: Path, environment: dict[str, str], *arguments: str) -> str:
+    """Run Python in a folder, and return what it prints; it must succeed."""
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 def render_small(folder: Path, environment: dict[str, str], output: str, *arguments: str) -> tuple[bool, str]:
     """Render in a process; return whether it imported Warp, and what it said."""
     command = ["-m", "wrt", "render", *arguments, "--size", "24x16", "--spp", "2", "--quiet", "-o", output]

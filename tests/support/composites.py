@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -53,16 +54,20 @@ def render(scene: wrt.Scene, device: str, spp: int = 64, size: int = 16, **optio
     return renderer
 
 
-def room(lamp: bool = True) -> wrt.Scene:
-    """A floor, a box and a mirror under a lamp, a point light and an image of a sky."""
+ROOM = (wrt.Diffuse((0.6, 0.5, 0.4)), wrt.Diffuse(wrt.VertexColor()), wrt.Mirror(0.9), wrt.Diffuse())
+
+
+def room(materials: Sequence[wrt.Material] = ROOM) -> wrt.Scene:
+    """A floor, a box and a ball under a lamp, a point light and an image of a sky; the last material is the lamp's."""
     sky = np.random.default_rng(4).random((4, 8, 3)).astype(np.float32)
     scene = wrt.Scene(environment=wrt.ImageEnvironment(sky))
     scene.camera = wrt.PerspectiveCamera((0.0, 1.2, 4.0), (0.0, 0.5, 0.0))
-    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse((0.6, 0.5, 0.4)))
-    scene.add(wrt.box((-1.0, 0.0, -0.5), (-0.3, 0.8, 0.2)), material=wrt.Diffuse(wrt.VertexColor()))
-    scene.add(wrt.sphere((0.7, 0.5, 0.0), 0.5, subdivisions=3), material=wrt.Mirror(0.9))
-    if lamp:
-        scene.add(wrt.quad((-0.5, 2.5, -0.5), (1, 0, 0), (0, 0, 1)), emission=4.0)
+    floor, box, ball, *lamp = materials
+    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=floor)
+    scene.add(wrt.box((-1.0, 0.0, -0.5), (-0.3, 0.8, 0.2)), material=box)
+    scene.add(wrt.sphere((0.7, 0.5, 0.0), 0.5, subdivisions=3), material=ball)
+    for material in lamp:
+        scene.add(wrt.quad((-0.5, 2.5, -0.5), (1, 0, 0), (0, 0, 1)), material=material, emission=4.0)
     scene.add_light(wrt.PointLight((1.0, 2.0, 1.0), power=20.0))
     return scene
 

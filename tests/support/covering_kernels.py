@@ -36,6 +36,16 @@ def render_with(kernels: Sequence[Features], monkeypatch: pytest.MonkeyPatch) ->
     render_by(lambda own: next((kernel for kernel in kernels if kernel.covers(own)), own), monkeypatch)
 
 
+def rendering_with(*kernels: Features) -> Any:
+    """Return a fixture by which all tests of a file `render_with` these kernels."""
+
+    @pytest.fixture(autouse=True)
+    def kernels_of_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+        render_with(kernels, monkeypatch)
+
+    return kernels_of_the_file
+
+
 def render_by(kernel_for: Callable[[Features], Features], monkeypatch: pytest.MonkeyPatch) -> None:
     """Render each scene with the kernel that a function of the scene's own features chooses."""
     make = RenderKernel.__init__

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -55,14 +56,10 @@ def check_irradiance(
     clear = np.hypot(*(where - 50.0 * np.array(center)[:, None, None] / (50.0 - height))) > radius * 1.1 + 0.15
     assert clear.mean() > 0.3
     # The mean over each pixel, by a 4x4 Gauss-Legendre rule.
-    nodes, weights = np.polynomial.legendre.leggauss(4)
     half = 0.5 * (POINTS[1] - POINTS[0])
-    pairs = [
-        (a, b, 0.25 * wa * wb)
-        for a, wa in zip(nodes, weights, strict=True)
-        for b, wb in zip(nodes, weights, strict=True)
-    ]
-    exact = sum(share * expected(where[0] + half * a, where[1] + half * b) for a, b, share in pairs)[clear]
+    nodes = [(half * a, 0.5 * share) for a, share in zip(*np.polynomial.legendre.leggauss(4), strict=True)]
+    pairs = itertools.product(nodes, repeat=2)
+    exact = sum(wa * wb * expected(where[0] + a, where[1] + b) for (a, wa), (b, wb) in pairs)[clear]
     measured = (renderer.image()[..., 0] * math.pi / 0.5)[clear]
     variance = (renderer.variance()[..., 0] * (math.pi / 0.5) ** 2)[clear]
     p = t_test_mean(measured, variance, spp, exact)
@@ -78,11 +75,8 @@ def check_like_triangles(
     make: Callable[[bool], wrt.Scene], claim: str, device: str, report: Report, spp: int = 256
 ) -> None:
     """Compare the scenes that `make` returns of exact shapes and of triangles in their place."""
-    pair = [
-        rendered(make(exact), spp, seed=seed, device=device, filter="box") for seed, exact in ((1, True), (2, False))
-    ]
-    (a, var_a), (b, var_b) = ((renderer.image(), renderer.variance()) for renderer in pair)
-    result = image_z_test(a, var_a, b, var_b, n_a=spp, n_b=spp)
+    a, b = (rendered(make(exact), spp, seed=1 + exact, device=device, filter="box") for exact in (True, False))
+    result = image_z_test(a.image(), a.variance(), b.image(), b.variance(), n_a=spp, n_b=spp)
     difference = f"{100.0 * result.relative_difference[1]:+.3f}"
     report(f"{claim} against triangles, per cent", difference, 0, p=result.mean_p)
     assert result.agrees(), result.message

@@ -22,8 +22,8 @@ EPSILON = 2.0**-24
 SECOND_ORDER = 1.0 + 1e-6
 """Bounds below are sums of first-order terms; products of two of them are smaller than this."""
 
-MANY_TRIANGLES = 5000
-"""Triangles above which it pays to leave out those that a ray passes far from."""
+PAIRS = 200_000
+"""Rays times triangles that are held in memory at once."""
 
 Array = NDArray[np.float64]
 
@@ -192,23 +192,18 @@ class Reason(enum.Enum):
     """Why an answer is not the exact one."""
 
     SAME = "same triangle"
-    TIE = "equally far within 4 ulp"
-    SLANTED_TIE = "equally far within the rounding of t"
-    EDGE = "an edge within rounding"
-    OWN_ERROR = "nearer than the error of its own distance"
+    ROUNDING = "another within rounding"
     NONE = "not explained"
 
 
 class Explained(NamedTuple):
-    """What `explain` finds, ray by ray: why, the exact answer, and of the answer given the distance and its error.
+    """What `explain` finds, ray by ray: why, and the exact answer, −1 for none.
 
-    `nearest` is −1 and `t` infinite for none. `open`: whether another answer than the exact one could be explained.
+    `open`: whether another answer than the exact one could be explained.
     """
 
     reason: NDArray[np.object_]
     nearest: NDArray[np.int64]
-    t: Array
-    t_error: Array
     open: NDArray[np.bool_]
 
     def counts(self) -> dict[Reason, int]:
@@ -230,52 +225,30 @@ def exact_distances(corners: ArrayLike, origins: ArrayLike, directions: ArrayLik
 
 
 def explain(
-    corners: ArrayLike,
-    origins: ArrayLike,
-    directions: ArrayLike,
-    triangle: ArrayLike,
-    model: Model,
-    pairs: int = 200_000,
+    corners: ArrayLike, origins: ArrayLike, directions: ArrayLike, triangle: ArrayLike, model: Model
 ) -> Explained:
     """Judge the (R,) triangles that a tracer says rays hit first, −1 for none, against all triangles in float64.
 
     An answer can be right if the ray meets that triangle for some rounding, and no triangle that it meets for any
-    rounding is nearer. `pairs` is how many rays times triangles to hold in memory at once; of more than MANY_TRIANGLES
-    a ray is tested only against those that it comes near.
+    rounding is nearer. Triangles whose circle around the mean of the corners is farther from the lines of the rays than
+    1e-4 of its own distance, a thousand times what rounding may do, can neither be hit nor seem to be.
     """
     corners, origins, directions = (np.asarray(a, np.float64) for a in (corners, origins, directions))
-    answers = np.asarray(triangle)
-    if len(corners) > MANY_TRIANGLES and len(answers):
-        found = [
-            _explain_one(corners, o, d, answer, model)
-            for o, d, answer in zip(origins, directions, answers, strict=True)
-        ]
-    else:
-        size = max(1, pairs // len(corners))
-        chunks = [slice(i, i + size) for i in range(0, max(1, len(origins)), size)]
-        found = [_explain(model(corners[None], origins[c], directions[c]), answers[c]) for c in chunks]
+    answers, middle = np.asarray(triangle), corners.mean(axis=1)
+    radius = np.sqrt(((corners - middle[:, None]) ** 2).sum(axis=2).max(axis=1))
+    found, size = [], max(1, PAIRS // len(corners))
+    for i in range(0, max(1, len(origins)), size):
+        o, d, answer = (a[i : i + size] for a in (origins, directions, answers))
+        away = middle - o[:, None]
+        along2 = np.einsum("rtk,rk->rt", away, d) ** 2 / (d**2).sum(axis=1, keepdims=True)
+        away2 = (away**2).sum(axis=2)
+        near = (away2 - along2 <= (1.0001 * radius + 1e-4 * np.sqrt(away2)) ** 2).any(axis=0)
+        near[answer[answer >= 0]] = True
+        numbers = np.flatnonzero(near) if near.any() else np.array([0])
+        place = np.where(answer >= 0, np.searchsorted(numbers, answer), -1)
+        one = _explain(model(corners[None, numbers], o, d), place)
+        found.append(one._replace(nearest=np.where(one.nearest >= 0, numbers[one.nearest], -1)))
     return Explained(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
-
-
-def _explain_one(corners: Array, origin: Array, direction: Array, answer: int, model: Model) -> Explained:
-    """Judge one answer, testing only triangles that the ray comes near.
-
-    Those whose circle around the mean of the corners is farther from the line of the ray than 1e-4 of
-    its own distance, a thousand times what rounding may do, can neither be hit nor seem to be.
-    """
-    from_origin = corners.mean(axis=1) - origin
-    radius = np.sqrt(((corners - corners.mean(axis=1, keepdims=True)) ** 2).sum(axis=2).max(axis=1))
-    aside = np.linalg.norm(np.cross(from_origin, direction / np.linalg.norm(direction)), axis=1)
-    near = aside <= 1.0001 * radius + 1e-4 * np.linalg.norm(from_origin, axis=1)
-    if answer >= 0:
-        near[answer] = True
-    numbers = np.flatnonzero(near)
-    if not len(numbers):
-        numbers = np.array([0])
-    place = np.searchsorted(numbers, answer) if answer >= 0 else -1
-    found = _explain(model(corners[None, numbers], origin[None], direction[None]), np.array([place]))
-    nearest = np.where(found.nearest >= 0, numbers[found.nearest], -1)
-    return found._replace(nearest=nearest)
 
 
 def _explain(tested: Tested, answer: NDArray[np.integer]) -> Explained:
@@ -294,21 +267,7 @@ def _explain(tested: Tested, answer: NDArray[np.integer]) -> Explained:
     possible = np.where(given, perhaps[rows, answer] & ~(t_given - error_given > reach), ~np.isfinite(reach))
 
     same = np.where(given, exact & (nearest == answer), ~exact)
-    both = given & exact & inside[rows, answer]
-    apart = np.where(both, np.abs(t_given - t[rows, nearest]), np.inf)
-    tie = both & (ulps(apart, t[rows, nearest]) <= 4.0)
-    at_edge = (given & ~inside[rows, answer]) | (exact & ~tested.edges_clear[rows, nearest])
-    own_error = exact & ~surely[rows, nearest]
-
-    reason = np.full(len(answer), Reason.SLANTED_TIE, dtype=object)
-    for mask, name in (
-        (own_error, Reason.OWN_ERROR),
-        (at_edge, Reason.EDGE),
-        (tie, Reason.TIE),
-        (~possible, Reason.NONE),
-        (same & possible, Reason.SAME),
-    ):
-        reason[mask] = name
+    reason = np.where(same & possible, Reason.SAME, np.where(possible, Reason.ROUNDING, Reason.NONE))
     others = (perhaps & ~((t - t_error) > reach[:, None])).sum(axis=1)
     unsure = (others > 1) | ((others == 1) & ~np.isfinite(reach))
-    return Explained(reason, np.where(exact, nearest, -1), t_given, error_given, unsure)
+    return Explained(reason, np.where(exact, nearest, -1), unsure)

@@ -66,6 +66,7 @@ def make_cast(geometry: str) -> wp.Kernel:
         normal_out: wp.array(dtype=wp.vec3),
         uv_out: wp.array(dtype=wp.vec2),
         left_out: wp.array2d(dtype=int),
+        edges_out: wp.array2d(dtype=wp.vec3),
     ):
         """Write the nearest hit, the surface there, the next hit, and what rays meet that leave to both sides."""
         i = wp.tid()
@@ -83,6 +84,8 @@ def make_cast(geometry: str) -> wp.Kernel:
                 position_out[i, 1] = surface_at(scene, ray, after).position
             front = wp.where(surface.front, 1.0, -1.0)
             normal_out[i] = surface.normal * front
+            edges_out[i, 0] = surface.e1
+            edges_out[i, 1] = surface.e2
             uv_out[i] = add_texture_coordinates(scene, hit, surface).uv
             # Straight on from behind, mirrored in front, and nearly along the surface on both sides
             mirrored = ray.direction - surface.normal * (2.0 * wp.dot(ray.direction, surface.normal))
@@ -101,14 +104,14 @@ def make_cast(geometry: str) -> wp.Kernel:
 
 
 def cast_rays(shapes: list[wrt.Mesh], origins: NDArray, directions: NDArray, device: str) -> list[NDArray]:
-    """Return what the kernel above writes: number, distances, positions, front normals, coordinates, what leaves."""
+    """Return what the kernel above writes, array by array."""
     scene = wrt.Scene()
     for mesh in shapes:
         scene.add(mesh)
     built = build_scene(scene, Device(device), texture_coordinates=True)
     assert built.features.has_exact
     n = len(origins)
-    made = [(int, n), (wp.vec2, n), (wp.vec3, (n, 2)), (wp.vec3, n), (wp.vec2, n), (int, (n, 4))]
+    made = [(int, n), (wp.vec2, n), (wp.vec3, (n, 2)), (wp.vec3, n), (wp.vec2, n), (int, (n, 4)), (wp.vec3, (n, 2))]
     out = [wp.zeros(shape, dtype=dtype, device=device) for dtype, shape in made]
     rays = [wp.array(values, dtype=wp.vec3, device=device) for values in (origins, directions)]
     wp.launch(make_cast(built.features.geometry), n, [built.data, *rays], out, device=device)

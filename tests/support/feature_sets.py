@@ -78,15 +78,7 @@ FEATURES = [
         if name != "path"
     ),
     Features(
-        ("dielectric", "diffuse"),
-        True,
-        "image",
-        True,
-        True,
-        mipmapped=True,
-        clamped=True,
-        regularized=True,
-        aovs=True,
+        ("dielectric", "diffuse"), True, "image", True, True, mipmapped=True, clamped=True, regularized=True, aovs=True
     ),
     Features(("dielectric", "null", "thin_dielectric"), False, "constant", media="absorbing"),
     Features(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import wrt
 from support.covering_kernels import covering
+from support.small_scenes import finish
 from support.statistics import sidak, t_test_mean
 from wrt.kernels.lights.shapes import BUILT_IN
 
@@ -36,9 +37,7 @@ def floor_scene(eye: float = 50.0) -> wrt.Scene:
 def irradiance(scene: wrt.Scene, device: str, spp: int, **options: object) -> tuple[NDArray, NDArray, NDArray]:
     """Return where the pixel centres meet the floor, the irradiance there and the variance of that."""
     options = {"sampler": "independent", "max_depth": 2, "filter": "box", "seed": 3, **options}
-    renderer = wrt.Renderer(scene, width=SIZE, height=SIZE, device=device, **options)
-    for _ in renderer.passes(spp=spp):
-        pass
+    renderer = finish(wrt.Renderer(scene, width=SIZE, height=SIZE, device=device, **options), spp)
     scale = math.pi / REFLECTANCE
     where = np.stack(np.meshgrid(POINTS, POINTS))
     return where, renderer.image()[..., 0] * scale, renderer.variance()[..., 0] * scale**2

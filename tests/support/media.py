@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
+from support.small_scenes import finish
 from wrt.kernels.features import Features
 
 FAR = 1000.0
@@ -36,10 +37,7 @@ def stage(
 def render(scene: wrt.Scene, device: str, *, size: tuple[int, int] = (2, 2), spp: int = 1, **options: object):
     """Return a renderer that has rendered so many samples, independent ones so that its variance is known."""
     options = {"sampler": "independent", "filter": "box", "device": device, **options}
-    renderer = wrt.Renderer(scene, width=size[0], height=size[1], **options)  # type: ignore[arg-type]
-    for _ in renderer.passes(spp=spp):
-        pass
-    return renderer
+    return finish(wrt.Renderer(scene, width=size[0], height=size[1], **options), spp)  # type: ignore[arg-type]
 
 
 def mean_and_error(renderer: wrt.Renderer) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -14,7 +14,6 @@ import pytest
 from numpy.typing import ArrayLike
 
 import wrt
-from support.gltf_rays import joined
 from support.meshes import check_message, gltf_box, write
 
 ORDERS = "ascii", "binary_little_endian", "binary_big_endian"
@@ -61,6 +60,16 @@ def facets(corners: np.ndarray, normal: str = "0 0 0") -> str:
         vertices = "".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle)
         text += f"facet normal {normal}\nouter loop\n{vertices}endloop\nendfacet\n"
     return text
+
+
+def joined(tree: dict[str, Any], binary: bytes) -> bytes:
+    """Return the GLB of a JSON and a binary chunk ("glTF 2.0 Specification", section 4.4)."""
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    binary += bytes(-len(binary) % 4)
+    parts = [b"glTF", (2).to_bytes(4, "little"), (28 + len(text) + len(binary)).to_bytes(4, "little")]
+    parts += [len(text).to_bytes(4, "little"), b"JSON", text, len(binary).to_bytes(4, "little"), b"BIN\0", binary]
+    return b"".join(parts)
 
 
 def box_files() -> dict[str, bytes]:

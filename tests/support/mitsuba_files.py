@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import wrt
-from support.measurements import rough_metal
+from support.measurements import arbitrary, azimuths
 from support.mitsuba_scene import VARIANT, Reference, load_mitsuba
 from support.statistics import ImageTest
 from wrt.io.measured.measurement import save_measurement
@@ -33,9 +33,9 @@ def write_files(folder: Path) -> None:
     _write_png(folder / "bumps.png", np.rint(255.0 * np.repeat((bumps[:, None] * bumps)[..., None], 3, axis=2)))
     write_vol(folder / "smoke.vol", random.random((5, 4, 6)), (0.25, 0.05, -0.35), (0.95, 0.75, 0.35))
     write_vol(folder / "albedo.vol", random.random((2, 3, 2, 3)))
-    for name, alpha in (("metal", (0.3, 0.3)), ("brushed", (0.5, 0.2))):
+    for seed, name in enumerate(("metal", "brushed")):
         with (folder / f"{name}_rgb.bsdf").open("wb") as file:
-            save_measurement(file, rough_metal(alpha, 0.6, fine=24, viewers=7))
+            save_measurement(file, arbitrary(azimuths(4, 4), seed=seed))
     ball = wrt.sphere(subdivisions=3)
     lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
     (folder / "ball.obj").write_text("\n".join(lines))

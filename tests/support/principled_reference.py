@@ -5,39 +5,16 @@ By glTF's appendix B and its extensions, but with height-correlated masking, and
 
 from __future__ import annotations
 
-import functools
-import importlib.util
-from collections.abc import Callable
-from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 import numpy as np
-from conftest import ROOT
 from numpy.typing import NDArray
 
 import wrt
-from support.fresnel import cook_torrance as exact
+from support.kernels import map_function
+from wrt.kernels.bsdf.lobes import albedo_fits
 
 Array = NDArray[np.float64]
-__all__ = ["Albedos", "charlie", "dot", "exact", "facets", "ggx", "load_fits", "masking", "smith", "unit", "value"]
-
-Albedo = Callable[[Array, tuple[float, float]], tuple[Array, Array]]
-
-
-@dataclass(frozen=True)
-class Albedos:
-    """Albedos of layers, for directions (N, 3).
-
-    Attributes:
-        facets: (w, (αu, αv)) -> W and G of GGX: f0 (W − G) + f90 G is reflected by Schlick's Fresnel.
-        average: (αu, αv) -> 2 ∫ (W, G) μ dμ.
-        sheen: (w, roughness) -> albedo of white sheen.
-    """
-
-    facets: Albedo
-    average: Callable[[tuple[float, float]], tuple[float, float]]
-    sheen: Callable[[Array, float], Array]
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -71,9 +48,9 @@ def masking(wo: Array, wi: Array, alpha: tuple[float, float], kind: str) -> Arra
     return 1.0 / (1.0 + o + i) if kind == "correlated" else 1.0 / ((1.0 + o) * (1.0 + i))
 
 
-def facets(wo: Array, wi: Array, alpha: tuple[float, float], kind: str) -> Array:
+def facets(wo: Array, wi: Array, alpha: tuple[float, float]) -> Array:
     """Return D G / (4 cosθi cosθo)."""
-    return ggx(unit(wo + wi), alpha) * masking(wo, wi, alpha, kind) / (4.0 * wo[:, 2] * wi[:, 2])
+    return ggx(unit(wo + wi), alpha) * masking(wo, wi, alpha, "correlated") / (4.0 * wo[:, 2] * wi[:, 2])
 
 
 def grain(p: wrt.Principled) -> tuple[float, float]:
@@ -86,6 +63,30 @@ def turned(w: Array, angle: float) -> Array:
     """Return directions in a frame turned counter-clockwise about z."""
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * w[:, 0] + s * w[:, 1], c * w[:, 1] - s * w[:, 0], w[:, 2]], axis=1)
+
+
+# The kernels' albedos of layers: test_albedo_fits.py tests them by themselves.
+
+
+def facet_albedos(w: Array, alpha: tuple[float, float], device: str) -> tuple[Array, Array]:
+    """Return W and G of GGX: f0 (W − G) + f90 G is reflected by Schlick's Fresnel."""
+    shapes = np.broadcast_to([*alpha, 0.0], (len(w), 3))
+    white, grazing = map_function(albedo_fits.facet_albedo, w, shapes, device=device).astype(np.float64).T
+    return white, grazing
+
+
+def average_albedos(alpha: tuple[float, float], device: str) -> tuple[float, float]:
+    """Return 2 ∫ (W, G) μ dμ."""
+    white, grazing = map_function(albedo_fits.average_facet_albedo, np.array([[*alpha, 0.0]]), device=device)[
+        0
+    ].tolist()
+    return white, grazing
+
+
+def sheen_albedo(w: Array, roughness: float, device: str) -> Array:
+    """Return the albedo of white sheen."""
+    found = map_function(albedo_fits.sheen_albedo, w[:, 2], np.full(len(w), roughness), device=device)
+    return np.asarray(found, np.float64)
 
 
 def dielectric_f0(p: wrt.Principled) -> tuple[Array, float]:
@@ -103,15 +104,15 @@ def boundary(p: wrt.Principled, cos: Array, front: bool, body: bool) -> Array:
     return np.where((cos2 > 0.0)[:, None], schlick(np.sqrt(np.maximum(cos2, 0.0)), f0, f90), 1.0)
 
 
-def diffuse(p: wrt.Principled, wo: Array, wi: Array, alpha: tuple[float, float], albedos: Albedos) -> Array:
+def diffuse(p: wrt.Principled, wo: Array, wi: Array, alpha: tuple[float, float], device: str) -> Array:
     """Return (N, 1) what the dielectric's body reflects diffusely, without its colour (Kulla and Conty 2017)."""
     f0, f90 = dielectric_f0(p)
 
     def left(white: Any, grazing: Any) -> Any:
         return 1.0 - (f0.max() * (white - grazing) + f90 * grazing)
 
-    both = left(*albedos.facets(wo, alpha)) * left(*albedos.facets(wi, alpha))
-    return np.asarray((both / left(*albedos.average(alpha)) / np.pi)[:, None])
+    both = left(*facet_albedos(wo, alpha, device)) * left(*facet_albedos(wi, alpha, device))
+    return np.asarray((both / left(*average_albedos(alpha, device)) / np.pi)[:, None])
 
 
 def refraction(wo: Array, wi: Array, eta: float, alpha: tuple[float, float]) -> tuple[Array, Array]:
@@ -126,7 +127,7 @@ def refraction(wo: Array, wi: Array, eta: float, alpha: tuple[float, float]) -> 
     return np.where(seen, value, 0.0), np.where(seen, o, 1.0)
 
 
-def base_value(p: wrt.Principled, wo: Array, wi: Array, front: bool, albedos: Albedos) -> Array:
+def base_value(p: wrt.Principled, wo: Array, wi: Array, front: bool, device: str) -> Array:
     """Return (N, 3) f |cosθi| of what lies under sheen and coat, directions all on one side."""
     alpha = grain(p)
     wo, wi = turned(wo, p.anisotropy_rotation), turned(wi, p.anisotropy_rotation)
@@ -136,12 +137,12 @@ def base_value(p: wrt.Principled, wo: Array, wi: Array, front: bool, albedos: Al
         cos = dot(wo, unit(wo + wi))
         f = (1.0 - t) * boundary(p, cos, True, body) + t * boundary(p, cos, front, body)
         total = p.metallic * schlick(cos, color, 1.0) + dielectric * f
-        value = total * facets(wo, wi, alpha, "correlated")[:, None]
-        return (value + dielectric * (1.0 - t) * color * diffuse(p, wo, wi, alpha, albedos)) * wi[:, 2:]
+        value = total * facets(wo, wi, alpha)[:, None]
+        return (value + dielectric * (1.0 - t) * color * diffuse(p, wo, wi, alpha, device)) * wi[:, 2:]
     if p.thin_walled:
         mirrored = wi * np.array([1.0, 1.0, -1.0])
         f = boundary(p, dot(wo, unit(wo + mirrored)), front, body).max(axis=1)
-        shape = facets(wo, mirrored, alpha, "correlated") * mirrored[:, 2]
+        shape = facets(wo, mirrored, alpha) * mirrored[:, 2]
     else:
         shape, cos = refraction(wo, wi, p.ior if front else 1.0 / p.ior, alpha)
         f = boundary(p, cos, front, body).max(axis=1)
@@ -180,17 +181,17 @@ def charlie(wo: Array, wi: Array, roughness: float) -> Array:
     return distribution / ((1.0 + lambda_sheen(o, alpha) + lambda_sheen(i, alpha)) * (4.0 * o * i))
 
 
-def value(p: wrt.Principled, wo: Array, wi: Array, albedos: Albedos, *, front: bool = True) -> Array:
+def value(p: wrt.Principled, wo: Array, wi: Array, device: str, *, front: bool = True) -> Array:
     """Return (N, 3) f |cosθi|.
 
     Args:
         p: constants only.
         wo: (N, 3) towards the viewer, above the surface.
         wi: (N, 3) towards the light, all above or all below it.
-        albedos: of layers.
+        device: where the kernels' albedos of layers are evaluated.
         front: whether the viewer is outside of a transparent body.
     """
-    result = base_value(p, wo, wi, front, albedos)
+    result = base_value(p, wo, wi, front, device)
     above = wi[0, 2] > 0.0
     body = p.transmission > 0.0 and not p.thin_walled
     sides = (np.ones(len(wo)) if front or not body else 0.0, np.ones(len(wi)) if not body or front == above else 0.0)
@@ -198,7 +199,7 @@ def value(p: wrt.Principled, wo: Array, wi: Array, albedos: Albedos, *, front: b
     lit = above and np.all(sides[0])
     color = np.array(p.sheen_color)
     if color.any():
-        o, i = (side * albedos.sheen(w, p.sheen_roughness) for side, w in zip(sides, (wo, up), strict=True))
+        o, i = (side * sheen_albedo(w, p.sheen_roughness, device) for side, w in zip(sides, (wo, up), strict=True))
         most = np.maximum(o, i)
         result = result * (1.0 - color.max() * np.minimum(most, 1.0))[:, None]
         if lit:
@@ -208,21 +209,10 @@ def value(p: wrt.Principled, wo: Array, wi: Array, albedos: Albedos, *, front: b
         alpha = (max(p.coat_roughness**2, 1e-4),) * 2
         o, i = (
             side * p.coat * (0.04 * (white - grazing) + grazing)
-            for side, (white, grazing) in zip(sides, (albedos.facets(w, alpha) for w in (wo, up)), strict=True)
+            for side, (white, grazing) in zip(sides, (facet_albedos(w, alpha, device) for w in (wo, up)), strict=True)
         )
         result = result * (1.0 - np.maximum(o, i))[:, None]
         if lit:
             fresnel = schlick(dot(wo, unit(wo + wi)), np.full(3, 0.04), 1.0)[:, 0]
-            result = result + (p.coat * fresnel * facets(wo, wi, alpha, "correlated") * wi[:, 2])[:, None]
+            result = result + (p.coat * fresnel * facets(wo, wi, alpha) * wi[:, 2])[:, None]
     return result
-
-
-@functools.cache
-def load_fits() -> ModuleType:
-    """Return scripts/albedo_fits.py, whose quadratures have nothing to do with the kernels."""
-    spec = importlib.util.spec_from_file_location("albedo_fits_script", ROOT / "scripts" / "albedo_fits.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module

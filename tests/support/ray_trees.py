@@ -9,10 +9,8 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 import wrt
-from support.exact_rays import Explained, Reason, explain, woop
 from support.kernels import upload
 from wrt.backend.device import Device
-from wrt.kernels.accel.bvh import Bvh, bvh_any_hit, bvh_closest_hit
 from wrt.kernels.native.constants import LEAF_FLOATS, LEAF_SIZE, MAX_DEPTH, NODE_FLOATS, WIDTH
 from wrt.upload.accel.bvh import BuiltBvh, build_bvh
 
@@ -31,6 +29,11 @@ class Tree:
     children: NDArray
     corners: NDArray
     numbers: NDArray
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Whether a child is at each place: a ray hits no box whose lower corner is above its upper one."""
+        return np.asarray((self.lower <= self.upper).all(axis=2))
 
 
 def build(corners: ArrayLike, device: str) -> Tree:
@@ -59,66 +62,48 @@ def read_back(built: BuiltBvh) -> Tree:
 
 def check(tree: Tree, corners: ArrayLike, *, pieces: bool | None = None) -> None:
     """Assert all that must hold of any tree, or of one over `pieces` of triangles; None for what the builder chose."""
+    corners, used = np.asarray(corners, np.float32), tree.used
     cut = tree.built.references > len(corners)
     pieces = cut if pieces is None else pieces
-    corners = np.asarray(corners, np.float32)
-    assert len(tree.children) == tree.built.nodes
-    assert len(tree.numbers) == tree.built.leaves
-    used = (tree.lower <= tree.upper).all(axis=2)
-    # Unused places can be hit by no ray.
     assert (tree.lower[~used] > tree.upper[~used]).all()
     assert used.any(axis=1).all()
-    inner = used & (tree.children >= 0)
-    leaf = used & (tree.children < 0)
-    # Every node but the root, and every leaf, has one parent.
-    np.testing.assert_array_equal(np.sort(tree.children[inner]), np.arange(1, tree.built.nodes))
-    np.testing.assert_array_equal(np.sort(-1 - tree.children[leaf]), np.arange(tree.built.leaves))
-    # A parent is written before its children, so one sweep finds all depths.
-    depth = np.zeros(tree.built.nodes, int)
-    parents, places = np.nonzero(inner)
-    order = np.argsort(tree.children[parents, places])
-    for parent, place in zip(parents[order], places[order], strict=True):
-        child = tree.children[parent, place]
-        assert child > parent
+    # Every node but the root, and every leaf, has one parent, which is written before it.
+    parents, places = np.nonzero(used & (tree.children >= 0))
+    inner, leaves = tree.children[parents, places], -1 - tree.children[used & (tree.children < 0)]
+    np.testing.assert_array_equal(np.sort(inner), np.arange(1, len(tree.children)))
+    np.testing.assert_array_equal(np.sort(leaves), np.arange(len(tree.numbers)))
+    assert (inner > parents).all()
+    depth = np.ones(len(tree.children), int)
+    for child, parent in sorted(zip(inner, parents, strict=True)):
         depth[child] = depth[parent] + 1
-    assert depth.max() + 1 == tree.built.depth <= MAX_DEPTH
+    assert depth.max() == tree.built.depth <= MAX_DEPTH
 
     # Leaves: distinct places, each triangle once, or at least once where some are cut; its corners its own.
-    degenerate = (tree.corners == tree.corners[:, :, :1]).all(axis=(2, 3))
-    first = np.ones_like(tree.numbers, bool)
     # A place beyond the leaf's triangles repeats the number of its last, with one corner three times.
+    first = np.ones_like(tree.numbers, bool)
     first[:, 1:] = tree.numbers[:, 1:] != tree.numbers[:, :-1]
+    repeated = (tree.corners == tree.corners[:, :, :1]).all(axis=(2, 3))
     if cut:
-        whole = (tree.corners == corners[tree.numbers]).all(axis=(2, 3))
-        assert (whole | degenerate)[~first].all()
+        repeated |= (tree.corners == corners[tree.numbers]).all(axis=(2, 3))
         np.testing.assert_array_equal(np.unique(tree.numbers[first]), np.arange(len(corners)))
     else:
-        assert degenerate[~first].all()
         assert (np.diff(first.astype(int), axis=1) <= 0).all()
         np.testing.assert_array_equal(np.sort(tree.numbers[first]), np.arange(len(corners)))
-    assert first.any(axis=1).all()
+    assert repeated[~first].all()
     np.testing.assert_array_equal(tree.corners[first], corners[tree.numbers[first]])
     if pieces:
         check_pieces(tree, corners, first)
 
-    # Boxes: exactly those of what is inside, from the leaves up.
+    # Boxes: exactly those of what is inside, from the leaves up, and within them for pieces.
     inside = np.where(first[:, :, None, None], tree.corners, np.nan)
-    leaf_low, leaf_high = np.nanmin(inside, axis=(1, 2)), np.nanmax(inside, axis=(1, 2))
-    low, high = tree.lower.copy(), tree.upper.copy()
-    for node in range(tree.built.nodes - 1, -1, -1):
-        for place in np.flatnonzero(used[node]):
-            child = tree.children[node, place]
-            if child < 0:
-                expected = leaf_low[-1 - child], leaf_high[-1 - child]
-                if pieces:
-                    assert (low[node, place] >= expected[0]).all()
-                    assert (high[node, place] <= expected[1]).all()
-                    continue
-            else:
-                filled = used[child]
-                expected = low[child][filled].min(axis=0), high[child][filled].max(axis=0)
-            assert (low[node, place] == expected[0]).all()
-            assert (high[node, place] == expected[1]).all()
+    is_leaf, node = tree.children < 0, np.maximum(tree.children, 0)
+    leaf = np.where(used & is_leaf, -1 - tree.children, 0)
+    for box, extreme, beyond, sign in ((tree.lower, np.nanmin, np.inf, 1.0), (tree.upper, np.nanmax, -np.inf, -1.0)):
+        of_node = extreme(np.where(used[:, :, None], box, beyond), axis=1)[node]
+        expected = np.where(is_leaf[:, :, None], extreme(inside, axis=(1, 2))[leaf], of_node)
+        exact = used & ~(is_leaf & pieces)
+        np.testing.assert_array_equal(box[exact], expected[exact])
+        assert (sign * box[used] >= sign * expected[used]).all()
 
 
 def check_pieces(tree: Tree, corners: NDArray, first: NDArray) -> None:
@@ -127,7 +112,7 @@ def check_pieces(tree: Tree, corners: NDArray, first: NDArray) -> None:
     weights = np.concatenate([np.eye(3), 0.5 - 0.5 * np.eye(3), rng.dirichlet(np.full(3, 0.5), 60)])
     points = np.einsum("sk,tkx->tsx", weights, corners.astype(np.float64))
     covered = np.zeros(points.shape[:2], bool)
-    nodes, places = np.nonzero((tree.lower <= tree.upper).all(axis=2) & (tree.children < 0))
+    nodes, places = np.nonzero(tree.used & (tree.children < 0))
     leaves = -1 - tree.children[nodes, places]
     for k in range(LEAF_SIZE):
         holds = first[leaves, k]
@@ -142,30 +127,20 @@ OCTANTS = np.array([[1.0 - 2.0 * ((k >> axis) & 1) for axis in range(3)] for k i
 """Row k points towards the corner with the bits of 7 − k: bit `axis` of k is set where it is negative."""
 
 
-def assert_greedy(tree: Tree) -> int:
-    """Assert that children lie where the greedy assignment puts them; return how many nodes have a choice.
+def assert_greedy(tree: Tree) -> None:
+    """Assert that children were put into places best first: of two, neither would fit the place of the other better.
 
-    Best first: no child that is placed later would fit a place still free better than the one placed now.
+    How fast rays are depends on it, not what they hit.
     """
-    used = (tree.lower <= tree.upper).all(axis=2)
-    chosen = 0
-    for node in range(tree.built.nodes):
-        places = np.flatnonzero(used[node])
-        low, high = (box[node, places].astype(np.float64) for box in (tree.lower, tree.upper))
-        off = low + high - (low.min(axis=0) + high.max(axis=0))
-        # Place p is towards the corner that the bits of p name.
-        fit = -off @ OCTANTS.T
-        rounding = 16.0 * 2.0**-24 * (np.abs(low) + np.abs(high)).sum(axis=1).max()
-        own = fit[np.arange(len(places)), places]
-        free = np.arange(WIDTH)
-        waiting = np.arange(len(places))
-        while len(waiting):
-            best = waiting[np.argmax(own[waiting])]
-            assert own[best] >= fit[np.ix_(waiting, free)].max() - rounding
-            waiting = waiting[waiting != best]
-            free = free[free != places[best]]
-        chosen += len(places) > 1
-    return chosen
+    used = tree.used[:, :, None]
+    low, high = tree.lower.astype(np.float64), tree.upper.astype(np.float64)
+    least, most = np.where(used, low, np.inf).min(axis=1), np.where(used, high, -np.inf).max(axis=1)
+    # Place p is towards the corner that the bits of p name.
+    fit = np.where(used, (least + most)[:, None] - low - high, 0.0) @ OCTANTS.T
+    fit[~tree.used] = -np.inf
+    own = np.diagonal(fit, axis1=1, axis2=2)
+    rounding = 2.0**-20 * np.where(used, np.abs(low) + np.abs(high), 0.0).sum(axis=2).max(axis=1)
+    assert (fit <= np.maximum(own[:, :, None], own[:, None]) + rounding[:, None, None]).all()
 
 
 # --- Triangles ---------------------------------------------------------------------------------------
@@ -190,48 +165,11 @@ def exponential(n: int, repeat: int, base: float = 2.0) -> NDArray[np.float32]:
     return np.repeat(scale[:, None, None] * triangle, repeat, axis=0).astype(np.float32)
 
 
-def needles(n: int) -> NDArray[np.float32]:
-    rng = np.random.default_rng(3)
-    a = rng.uniform(-1.0, 1.0, (n, 3))
-    d = rng.normal(size=(n, 3))
-    return np.stack([a, a + 100.0 * d, a + 1e-4 * rng.normal(size=(n, 3))], axis=1).astype(np.float32)
-
-
-def on_a_line(n: int, spacing: str) -> NDArray[np.float32]:
+def on_a_line(n: int) -> NDArray[np.float32]:
     """Return triangles without area along the x axis: all boxes have a surface of zero."""
-    x = np.arange(n, dtype=np.float64) if spacing == "even" else 1.03 ** np.arange(n)
-    result = np.zeros((n, 3, 3))
-    result[:, :, 0] = x[:, None] + np.array([0.0, 0.25, 0.5])
-    return result.astype(np.float32)
-
-
-HARD = {
-    "one triangle": lambda: soup(1),
-    "two triangles": lambda: soup(2),
-    "a full leaf": lambda: soup(LEAF_SIZE),
-    "one more than a leaf": lambda: soup(LEAF_SIZE + 1),
-    "soup": lambda: soup(30_000),
-    "large triangles": lambda: soup(2_000, size=2.0),
-    "coincident": lambda: np.repeat(soup(1), 100_000, axis=0),
-    "coincident pairs": lambda: np.repeat(soup(5_000), 2, axis=0),
-    "points": lambda: np.repeat(soup(5_000)[:, :1], 3, axis=1),
-    "one point": lambda: np.ones((10_000, 3, 3), np.float32),
-    "exponential": lambda: exponential(120, 40),
-    "exponential, crowded": lambda: exponential(120, 1000),
-    "exponential, single": lambda: exponential(126, 1),
-    "exponential, slow": lambda: exponential(4000, 3, 1.02),
-    "needles": lambda: needles(5_000),
-    "coplanar x": lambda: grid(60, 0),
-    "coplanar y": lambda: grid(60, 1),
-    "coplanar z": lambda: grid(60, 2),
-    "on a line": lambda: on_a_line(20_000, "even"),
-    "on a line, exponential": lambda: on_a_line(2_500, "exponential"),
-    "one far away": lambda: np.concatenate([soup(5_000), soup(1) + 1e6]),
-    "tiny": lambda: soup(5_000) * np.float32(1e-6),
-    "vanishing areas": lambda: soup(20_000) * np.float32(1e-24),
-    "huge": lambda: soup(5_000) * np.float32(1e15),
-    "overflowing areas": lambda: soup(5_000) * np.float32(1e25),
-}
+    result = np.zeros((n, 3, 3), np.float32)
+    result[:, :, 0] = np.arange(n)[:, None] + np.array([0.0, 0.25, 0.5])
+    return result
 
 
 def slivers(count: int, length: float, width: float) -> NDArray[np.float32]:
@@ -242,6 +180,29 @@ def slivers(count: int, length: float, width: float) -> NDArray[np.float32]:
     aside = np.cross(along, aside)
     aside *= width / np.linalg.norm(aside, axis=1, keepdims=True)
     return np.stack([start, start + along, start + aside], axis=1).astype(np.float32)
+
+
+HARD = {
+    "one triangle": lambda: soup(1),
+    "a full leaf": lambda: soup(LEAF_SIZE),
+    "one more than a leaf": lambda: soup(LEAF_SIZE + 1),
+    "soup": lambda: soup(30_000),
+    "large triangles": lambda: soup(2_000, size=2.0),
+    "coincident": lambda: np.repeat(soup(1), 100_000, axis=0),
+    "coincident pairs": lambda: np.repeat(soup(5_000), 2, axis=0),
+    "points": lambda: np.repeat(soup(5_000)[:, :1], 3, axis=1),
+    "one point": lambda: np.ones((10_000, 3, 3), np.float32),
+    "exponential": lambda: exponential(120, 40),
+    "exponential, single": lambda: exponential(126, 1),
+    "exponential, slow": lambda: exponential(4000, 3, 1.02),
+    "needles": lambda: slivers(5_000, 100.0, 1e-4),
+    "coplanar": lambda: grid(60, 1),
+    "on a line": lambda: on_a_line(20_000),
+    "one far away": lambda: np.concatenate([soup(5_000), soup(1) + 1e6]),
+    "vanishing areas": lambda: soup(20_000) * np.float32(1e-24),
+    "overflowing areas": lambda: soup(5_000) * np.float32(1e25),
+    "overflowing sums": lambda: soup(200) * np.float32([1e36, 0.01, 0.01]) + np.float32([2e38, 0.0, 0.0]),
+}
 
 
 def scattered(count: int, seed: int = 1) -> NDArray[np.float32]:
@@ -284,18 +245,6 @@ def affine(linear: NDArray, offset: NDArray | tuple[float, ...] = (0.0, 0.0, 0.0
     return m
 
 
-def rays(n: int, seed: int) -> tuple[NDArray, NDArray]:
-    rng = np.random.default_rng(seed)
-    origins = rng.normal(size=(n, 3))
-    origins *= 3.0 / np.linalg.norm(origins, axis=1, keepdims=True)
-    directions = rng.uniform(-0.8, 0.8, (n, 3)) - origins
-    # Also along axes, and in the planes of boxes' sides.
-    directions[: n // 10, 0] = 0.0
-    directions[: n // 20, 1] = 0.0
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return origins.astype(np.float32), directions.astype(np.float32)
-
-
 def random_rays(bounds: NDArray, n: int, seed: int) -> Rays:
     """Return rays from all around towards points of the ball around some bounds."""
     rng = np.random.default_rng(seed)
@@ -316,10 +265,14 @@ def camera_rays(count: int, height: float = 3.0) -> Rays:
 
 def batches(mesh: wrt.Mesh) -> dict[str, Rays]:
     """Return rays that are traced one by one, in turn and in packets."""
+    low, high = mesh.bounds
+    middle, size = 0.5 * (low + high), float((high - low).max()) or 1.0
+    bounds = np.stack([middle - 0.5 * size, middle + 0.5 * size])
+    origins, directions = camera_rays(MANY)
     return {
-        "single": random_rays(mesh.bounds, FEW, seed=1),
-        "in turn": random_rays(mesh.bounds, MANY, seed=2),
-        "packets": camera_rays(MANY),
+        "single": random_rays(bounds, FEW, seed=1),
+        "in turn": random_rays(bounds, MANY, seed=2),
+        "packets": ((0.5 * size * origins + middle).astype(np.float32), directions),
     }
 
 
@@ -339,31 +292,6 @@ def inner_rays(mesh: wrt.Mesh, origins: NDArray, seed: int) -> Rays:
 # --- Hits --------------------------------------------------------------------------------------------
 
 
-@wp.kernel(enable_backward=False)
-def cast(
-    tree: Bvh,
-    origins: wp.array(dtype=wp.vec3),
-    directions: wp.array(dtype=wp.vec3),
-    triangle_out: wp.array(dtype=int),
-    tuv_out: wp.array(dtype=wp.vec3),
-    any_out: wp.array(dtype=int),
-):
-    i = wp.tid()
-    hit = bvh_closest_hit(tree, origins[i], directions[i], 0.0, 1.0e30)
-    triangle_out[i] = hit.triangle
-    tuv_out[i] = wp.vec3(hit.t, hit.u, hit.v)
-    any_out[i] = int(bvh_any_hit(tree, origins[i], directions[i], 0.0, 1.0e30))
-
-
-def cast_rays(tree: Tree, o: NDArray, d: NDArray, device: str, kernel: wp.Kernel = cast) -> tuple[NDArray, ...]:
-    out = [wp.zeros(len(o), dtype=dtype, device=device) for dtype in (wp.int32, wp.vec3, wp.int32)]
-    inputs = [tree.built.data, upload(o, wp.vec3, device), upload(d, wp.vec3, device)]
-    wp.launch(kernel, len(o), inputs, out, device=device)
-    triangle, tuv, any_hit = (array.numpy() for array in out)
-    np.testing.assert_array_equal(any_hit.astype(bool), triangle >= 0)
-    return triangle, tuv
-
-
 def assert_same(a: wrt.Hits, b: wrt.Hits) -> None:
     for name, left, right in zip(a._fields, a, b, strict=True):
         np.testing.assert_array_equal(left, right, err_msg=name)
@@ -377,11 +305,3 @@ def assert_sane(hits: wrt.Hits) -> None:
     assert np.isinf(hits.t[~hit]).all()
     assert np.isfinite(hits.u).all()
     assert np.isfinite(hits.v).all()
-
-
-def explained(mesh: wrt.Mesh, rays: Rays, hits: wrt.Hits, step: int = 1) -> Explained:
-    """Return the reasons for every step-th answer, none of which is missing."""
-    some = slice(None, None, step)
-    found = explain(mesh.vertices[mesh.faces], rays[0][some], rays[1][some], hits.triangle[some], woop)
-    assert not (found.reason == Reason.NONE).any()
-    return found

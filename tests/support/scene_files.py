@@ -118,26 +118,17 @@ RED = "[materials.red]\ntype = 'diffuse'\n"
 MISTAKES = {
     QUAD * 3 + 'materal = "x"': "shapes[2].materal: unknown key (did you mean 'material'?)",
     "[cammera]": "cammera: unknown key (did you mean 'camera'?)",
-    "camera = 3": "camera: must be a table, not 3",
     "[camera]\nfov = 40": "camera.fov: unknown key",
     "[camera]\nfov_degrees = 200": "camera: camera fov_degrees must be less than 180, not 200",
     '[camera]\ntype = "fish"': "camera: type must be one of 'perspective', 'orthographic', 'panorama', 'fisheye', not",
-    '[camera]\ntype = "fisheye"\naperture_radius = 1': "camera.aperture_radius: unknown key",
-    "[camera]\norigin = [0, 0]": "camera: camera origin must be three numbers, not [0, 0]",
     "[camera]\norigin = [0, 0, 0]": "camera: camera origin and target must differ",
     "[settings]\ncrop = [0, 0, 4]": "settings: crop must be four whole numbers (x0, y0, x1, y1), not [0, 0, 4]",
-    "[settings]\nwidth = 8\ncrop = [0, 0, 9, 4]": "settings: crop must lie inside the picture: (9, 4) is beyond",
-    "[settings]\nwidth = 0": "settings: width must be between 1 and 65536, not 0",
-    "[environment]\nradiance = 1": "environment: the key 'type' is missing",
     '[environment]\ntype = "constant"\nradiance = -1': "environment: radiance must be at least 0, not -1",
     '[environment]\ntype = "image"\nfile = "none.hdr"': "environment.file: {folder}/none.hdr: no such file",
-    '[environment]\ntype = "image"\nfile = 5': "environment.file: must be a text, not 5",
     "[[lights]]\ntype = 'pont'": "lights[0]: type must be one of 'point', 'spot', 'projector', 'directional', "
     "'rectangle', 'disk', 'sphere', not 'pont' (did you mean",
-    "[[lights]]\ntype = 'point'\nintensity = 1": "lights[0]: the key 'position' is missing",
     "[[lights]]\ntype = 'point'\nposition = [0, 0, 0]": "lights[0]: a point light takes one of intensity, power and",
     f"{RED}reflectance = 1.5": "materials.red: reflectance must be at most 1, not 1.5",
-    f"{RED}reflectance = 'red'": "materials.red.reflectance: must be a number",
     f"{RED}reflectance = {{ texture = 'no.png' }}": "materials.red.reflectance.texture: {folder}/no.png: no such file",
     f"{RED}opacity = {{ texture = 'wood.png', chanel = 'g' }}": "materials.red.opacity.chanel: unknown key (did you",
     f"{RED}opacity = {{ texture = 'wood.png', channel = ['r'] }}": (
@@ -147,7 +138,6 @@ MISTAKES = {
     "[materials.both]\ntype = 'mix'\nfirst = 'gold'\n[materials.old]\ntype = 'mirror'": (
         "materials.both.first: there is no [materials.gold] (did you mean 'old'?)"
     ),
-    "[materials.both]\ntype = 'two-sided'\nback = { type = 'mirror' }": "materials.both.back: must be a text, not {{",
     "[materials.a]\ntype = 'mix'\nsecond = 'b'\n[materials.b]\ntype = 'two-sided'\nfront = 'a'": (
         "materials.b.front: 'a' is made of itself"
     ),
@@ -158,15 +148,11 @@ MISTAKES = {
         f"[materials.m{i}]\ntype = 'mix'\nfirst = 'm{i + 1}'\n" for i in range(300)
     ): "materials.m7.first: materials are nested more than 7 deep",
     "[[shapes]]\norigin = [0, 0, 0]": "shapes[0]: the key 'type' is missing",
-    "[[shapes]]\ntype = ['box']": "shapes[0]: type must be one of",
     "[[shapes]]\ntype = 'polygon'\ncorners = [[0, 0, 0], [1, 0]]": "shapes[0]: corners[1] must be three numbers",
-    "[[shapes]]\ntype = 'polygon'\ncorners = [[0, 0, 0], [1, 0, 0]]": "shapes[0]: a polygon needs at least three",
     "[[shapes]]\ntype = 'mesh'\nfile = 'sky.exr'": "shapes[0].file: {folder}/sky.exr: not a known mesh format",
     "[[shapes]]\ntype = 'mesh'\nfile = 'meshes/roof.obj'\nsmooth = 1": "shapes[0]: smooth must be true or false, not 1",
-    QUAD + "scale = 0": "shapes[0]: scale must not be 0",
     QUAD + "rotate = { axis = [0, 0, 0], degrees = 1 }": "shapes[0].rotate: axis must not be zero",
     QUAD + "rotate = [{ axis = [0, 1, 0] }]": "shapes[0].rotate[0]: the key 'degrees' is missing",
-    QUAD + "translate = [0, inf, 0]": "shapes[0]: translate[1] must be finite, not inf",
     QUAD + f"scale = 1{'0' * 400}": "not TOML: scale is an integer of more than 64 bits",
     "[camera\nx = 1": "not TOML: ",
     "x = " + "[" * 5000: "not TOML: ",

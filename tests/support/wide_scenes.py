@@ -31,11 +31,7 @@ CAMERAS: dict[str, wrt.Camera] = {
     "panorama": wrt.PanoramaCamera((0.1, 1.6, 2.0), (1.0, 0.5, 0.0)),
     "fisheye": wrt.FisheyeCamera((0.1, 1.0, 2.0), (0.0, 0.5, 0.0)),
     "moving": wrt.PerspectiveCamera(
-        **VIEW,
-        shutter_open=-0.2,
-        shutter_close=0.8,
-        shutter_ramp=0.4,
-        motion=wrt.Motion.translation((0.3, 0.0, 0.1)),
+        **VIEW, shutter_open=-0.2, shutter_close=0.8, shutter_ramp=0.4, motion=wrt.Motion.translation((0.3, 0.0, 0.1))
     ),
 }
 

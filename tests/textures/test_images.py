@@ -13,22 +13,23 @@ import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.ndimage import map_coordinates
 from support.composites import WITH_OPACITY
 from support.covering_kernels import render_with
 from support.kernels import upload
+from support.small_scenes import finish
 
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.textures.textures import filtered_color, make_slot_color
 from wrt.scene.srgb import of_codes
-from wrt.scene.textures import TEXTURE_FILTERS, WRAPS
+from wrt.scene.textures import WRAPS
 from wrt.upload.materials import describe_materials
 from wrt.upload.scene_data import build_scene
 from wrt.upload.textures import texels
-from wrt.upload.textures.normal_maps import normals_of
 from wrt.upload.textures.pyramid import pyramid
-from wrt.upload.textures.texels import FEWEST_TEXELS, Texels, codes_of
+from wrt.upload.textures.texels import Texels
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]
@@ -73,37 +74,22 @@ def uploaded(*materials: wrt.Material, device: str = "cpu") -> SceneData:
     return data
 
 
-def beyond(i: NDArray[np.int64], n: int, wrap: str) -> NDArray[np.int64]:
-    """Return which texel stands at place i of an image n wide that goes on for ever."""
-    if wrap == "repeat":
-        return i % n
-    if wrap == "clamp":
-        return np.clip(i, 0, n - 1)
-    j = i % (2 * n)
-    return np.where(j < n, j, 2 * n - 1 - j)
+BEYOND: dict[str, Any] = {"repeat": "wrap", "mirror": "symmetric", "clamp": "edge"}
+"""How NumPy pads an image that goes on for ever."""
 
 
 def expected(texture: wrt.ImageTexture, uvs: Pixels) -> tuple[Array, NDArray[np.bool_]]:
     """Return (N, 3) values, and where they are sure: not within rounding of where the nearest texel changes."""
     height, width = texture.pixels.shape[:2]
     u, v = texture.placement @ np.column_stack([uvs.astype(np.float64), np.ones(len(uvs))]).T
-    u, v = (np.clip(w, 0.0, 1.0) if wrap == "clamp" else w for w, wrap in zip((u, v), texture.wrap, strict=True))
     x, y = u * width - 0.5, (1.0 - v) * height - 0.5
-    sure = np.ones(len(uvs), bool)
-    if texture.filter == "nearest":
-        sure = inside_texel(x, u, texture.wrap[0]) & inside_texel(y, v, texture.wrap[1])
-        x, y = np.floor(x + 0.5), np.floor(y + 0.5)
-    total = np.zeros((len(uvs), 3))
-    for dx, dy in itertools.product((0, 1), (0, 1)):
-        i, j = np.floor(x).astype(int) + dx, np.floor(y).astype(int) + dy
-        share = (1.0 - np.abs(x - i)) * (1.0 - np.abs(y - j))
-        total += share[:, None] * texture.pixels[beyond(j, height, texture.wrap[1]), beyond(i, width, texture.wrap[0])]
-    return total, sure
-
-
-def inside_texel(x: Array, u: Array, wrap: str) -> NDArray[np.bool_]:
-    """Return where x is not between two texels, or u is held at the image's edge."""
-    return (np.abs((x + 0.5) % 1.0 - 0.5) < 0.499) | ((wrap == "clamp") & ((u == 0.0) | (u == 1.0)))
+    around = texture.pixels.astype(np.float64)
+    around = np.pad(around, ((9 * height, 9 * height), (0, 0), (0, 0)), mode=BEYOND[texture.wrap[1]])
+    around = np.pad(around, ((0, 0), (9 * width, 9 * width), (0, 0)), mode=BEYOND[texture.wrap[0]])
+    place, order = (y + 9 * height, x + 9 * width), 0 if texture.filter == "nearest" else 1
+    values = [map_coordinates(around[..., k], place, order=order) for k in range(3)]
+    sure = np.minimum(np.abs(x % 1.0 - 0.5), np.abs(y % 1.0 - 0.5)) > (0.001 if order == 0 else -1.0)
+    return np.stack(values, axis=1), sure
 
 
 def coordinates(seed: int) -> Pixels:
@@ -113,8 +99,8 @@ def coordinates(seed: int) -> Pixels:
     return uvs
 
 
-@pytest.mark.parametrize("filter", TEXTURE_FILTERS)
-@pytest.mark.parametrize("wrap", [*zip(WRAPS, WRAPS, strict=True), *zip(WRAPS, (*WRAPS[1:], WRAPS[0]), strict=True)])
+@pytest.mark.parametrize("filter", ["bilinear", "nearest"])
+@pytest.mark.parametrize("wrap", [*zip(WRAPS, (*WRAPS[1:], WRAPS[0]), strict=True)])
 def test_wraps_and_filters(wrap: tuple[str, str], filter: str, device: str) -> None:
     texture = wrt.ImageTexture(PIXELS, **{**LAID, "wrap": wrap}, offset=(0.3, -0.2), filter=filter)
     uvs = coordinates(2)
@@ -146,12 +132,7 @@ def test_factors_vertex_colors_channels_and_cutoffs(device: str) -> None:
     ("options", "message"),
     [
         ({"wrap": "mirrored"}, "wrap must be one of repeat, mirror, clamp, not 'mirrored' (did you mean"),
-        ({"wrap": ("clamp",)}, "wrap must be one of repeat, mirror, clamp, or two of them for u and v"),
-        ({"filter": "cubic"}, "filter must be one of bilinear, nearest, trilinear, not 'cubic'"),
         ({"scale": (1.0, 2.0, 3.0)}, "scale must be two numbers, not (1.0, 2.0, 3.0)"),
-        ({"factor": -1.0}, "factor must be at least 0"),
-        ({"cutoff": "half"}, "cutoff must be a number, not 'half'"),
-        ({"vertex_colors": 1}, "vertex_colors must be true or false, not 1"),
         ({"pixels": Image.new("RGB", (2, 2), (200,) * 3)}, "pixels must be linear numbers, not codes up to 200; for"),
         ({"pixels": "a.png"}, "pixels must be an array, such as wrt.load_image('a.png')"),
     ],
@@ -170,37 +151,14 @@ LINEAR = of_codes(linear=True)[CODES]
 FLOATS = np.random.default_rng(6).random((40, 33, 3)).astype(np.float32)
 
 
-@pytest.mark.parametrize(
-    "pixels",
-    [
-        COLORS * np.float32((0.3, 0.7, 1.1)),
-        normals_of(wrt.NormalMap(of_codes(linear=True)[np.maximum(CODES, 140)], scale=0.7)),
-        np.float32(1.0) - np.float32(0.6) * LINEAR,
-        np.full((40, 40, 3), 3.7e-12, np.float32),
-    ],
-    ids=["tinted", "normals", "inverted", "one value"],
-)
-def test_few_values_become_codes_that_give_the_same_bits(pixels: Pixels) -> None:
-    found = Texels([pixels])
-    assert len(found.colors) == 0
-    bytes_ = found.codes.astype("<u4").view(np.uint8).reshape(-1, 4)
-    decoded = np.stack([found.palettes[k][bytes_[:, k]] for k in range(3)], axis=1)
-    np.testing.assert_array_equal(decoded.view(np.uint32), pixels.reshape(-1, 3).view(np.uint32))
-
-
 def test_many_values_stay_as_they_are() -> None:
-    one_more = np.arange(300 * 4, dtype=np.float32) % 257
-    for pixels in (FLOATS, np.repeat(one_more, 3).reshape(40, 30, 3)):
+    """More than the 256 of a palette, also where the last of them comes late."""
+    late = np.zeros(200_000, np.float32)
+    late[-257:] = np.arange(257)
+    for pixels in (FLOATS, np.repeat(late, 3).reshape(400, 500, 3)):
         found = Texels([pixels])
         assert len(found.codes) == 0
         np.testing.assert_array_equal(found.colors, pixels.reshape(-1, 3))
-    # Also where they begin late: what was looked at before is of no use then.
-    late = np.zeros(200_000, np.float32)
-    late[-257:] = np.arange(257)
-    assert codes_of(late) is None
-    fewer = codes_of(late[:-1])
-    assert fewer is not None
-    np.testing.assert_array_equal(fewer[1][fewer[0]], late[:-1])
 
 
 def test_how_many_texels_and_images_there_are_on_the_device() -> None:
@@ -208,8 +166,6 @@ def test_how_many_texels_and_images_there_are_on_the_device() -> None:
     matt = [wrt.Diffuse(wrt.ImageTexture(pixels)) for pixels in (COLORS, COLORS[::-1], COLORS[:5, :7], FLOATS)]
     coded = uploaded(*matt[:2], wrt.Principled(roughness=wrt.ImageTexture(LINEAR, channel="g")))
     assert (len(coded.texels), len(coded.texel_codes), len(coded.palettes)) == (0, 3 * 40 * 33, 2 * 3 * 256)
-    assert coded.texel_codes.dtype.__name__ == "uint32"
-    assert FEWEST_TEXELS > 5 * 7
     plain = uploaded(*matt[2:])
     assert (len(plain.texel_codes), len(plain.texels)) == (0, 5 * 7 + 40 * 33)
     wrapped = uploaded(*(wrt.Diffuse(wrt.ImageTexture(PIXELS, wrap=wrap)) for wrap in WRAPS))
@@ -270,8 +226,6 @@ def test_two_levels_are_mixed_by_the_narrower_axis(pixels: Pixels, device: str) 
     in_texels = np.diag([pixels.shape[1], pixels.shape[0]]) @ texture.placement[:, :2] @ axes
     narrow = np.linalg.svd(in_texels, compute_uv=False)[:, 1]
     level = np.clip(np.log2(np.maximum(narrow, 1e-9)), 0.0, len(levels) - 1.0)
-    assert (level == 0.0).mean() > 0.1
-    assert (level == len(levels) - 1.0).mean() > 0.02
     colors = np.stack([expected(wrt.ImageTexture(each, **LAID), uvs)[0] for each in levels])
     lower, rows = np.minimum(level.astype(int), len(levels) - 2), np.arange(N)
     share = (level - lower)[:, None]
@@ -295,12 +249,13 @@ def above(height: float) -> wrt.Camera:
 ALONG = wrt.PerspectiveCamera((0.0, 0.5, 3.5), (0.0, 0.0, 0.0), fov_degrees=25.0)
 
 
-def picture(scene: wrt.Scene, device: str, spp: int, size: int = 24, **options: Any) -> Array:
+def rendered(scene: wrt.Scene, device: str, *targets: int, size: int = 24, **options: Any) -> wrt.Renderer:
     options = {"layers": ("albedo", "alpha"), "sampler": "independent", "max_depth": 2, **options}
-    renderer = wrt.Renderer(scene, width=size, height=size, device=device, **options)
-    for _ in renderer.passes(spp=spp):
-        pass
-    return renderer.image()[..., 1].astype(np.float64)
+    return finish(wrt.Renderer(scene, width=size, height=size, device=device, **options), *targets)
+
+
+def picture(scene: wrt.Scene, device: str, spp: int, **options: Any) -> Array:
+    return rendered(scene, device, spp, **options).image()[..., 1].astype(np.float64)
 
 
 @pytest.fixture
@@ -309,19 +264,10 @@ def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("one_kernel")
-@pytest.mark.parametrize("integrator", ["path", pytest.param("whitted", marks=pytest.mark.slow)])
-def test_one_sample_sees_the_mean_of_what_is_far_smaller_than_a_pixel(integrator: str, device: str) -> None:
+def test_one_sample_sees_the_mean_of_what_is_far_smaller_than_a_pixel(device: str) -> None:
     """The mean of light, of which a checkerboard is a closed form; that of the codes would be a quarter darker."""
-    found = picture(
-        floor(checker(), above(6.0), filter="trilinear"),
-        device,
-        1,
-        integrator=integrator,
-        layers=() if integrator == "whitted" else ("alpha",),
-    )
+    found = picture(floor(checker(), above(6.0), filter="trilinear"), device, 1)
     np.testing.assert_allclose(found, MEAN, rtol=1e-5)
-    if integrator == "path":
-        assert picture(floor(checker(), above(6.0)), device, 1).std() / MEAN > 0.3
 
 
 @pytest.mark.slow
@@ -331,21 +277,16 @@ def test_few_samples_have_less_noise_and_many_see_the_same(device: str, report: 
     scenes = {name: floor(clouds(), ALONG, filter=name) for name in ("bilinear", "trilinear")}
 
     def seen(name: str, spp: int, seed: int = 0) -> Array:
-        return picture(scenes[name], device, spp, 32, seed=seed, sampler="sobol")
+        return picture(scenes[name], device, spp, size=32, seed=seed, sampler="sobol")
 
     true = seen("bilinear", 2048, 7)
-
-    def error(found: Array) -> float:
-        return float(np.sqrt(((found - true) ** 2).mean()) / true.mean())
-
-    for spp in (1, 4):
-        bilinear, trilinear = (error(seen(name, spp)) for name in scenes)
-        report(f"{spp} samples: error with levels, without", trilinear, bilinear)
-        assert trilinear < 0.9 * bilinear
     # The first sample alone, were it repeated, would leave the texture blurred.
-    many = error(seen("trilinear", 1024))
-    blurred = error(np.mean([seen("trilinear", 1, seed) for seed in range(64)], axis=0))
-    assert many < min(0.005, blurred / 3.0)
+    blurred = np.mean([seen("trilinear", 1, seed) for seed in range(64)], axis=0)
+    pictures = (seen("bilinear", 1), seen("trilinear", 1), seen("trilinear", 1024), blurred)
+    plain, first, many, blur = (float(np.sqrt(((found - true) ** 2).mean()) / true.mean()) for found in pictures)
+    report("one sample: error with levels, without", first, plain)
+    assert first < 0.9 * plain
+    assert many < min(0.005, blur / 3.0)
 
 
 @pytest.mark.usefixtures("one_kernel")
@@ -353,28 +294,23 @@ def test_close_up_nothing_changes(device: str) -> None:
     near = above(24 * 8.0 / SIZE * 0.9)
     images = [picture(floor(checker(), near, filter=name), device, 3) for name in ("bilinear", "trilinear")]
     np.testing.assert_array_equal(*images)
-    assert images[0].std() > 0.05
 
 
 @pytest.mark.usefixtures("one_kernel")
 def test_passes_leave_no_trace_and_layers_see_the_same(device: str) -> None:
     scene = floor(clouds(), ALONG, filter="trilinear")
-    options: dict[str, Any] = {"layers": ("albedo", "alpha"), "sampler": "independent", "max_depth": 2}
-    renderer = wrt.Renderer(scene, width=16, height=16, device=device, **options)
-    for spp in (1, 2, 8):
-        for _ in renderer.passes(spp=spp):
-            pass
-    np.testing.assert_array_equal(renderer.image()[..., 1], picture(scene, device, 8, 16))
-    seen = renderer.layers()["alpha"] == 1.0
+    several = rendered(scene, device, 1, 2, 8)
+    np.testing.assert_array_equal(several.image(), rendered(scene, device, 8).image())
+    layers = several.layers()
+    seen = layers["alpha"] == 1.0
     assert seen.sum() > 100
     # The way to the sky is free everywhere.
-    np.testing.assert_allclose(renderer.layers()["albedo"][seen], renderer.image()[seen], rtol=1e-5)
+    np.testing.assert_allclose(layers["albedo"][seen], several.image()[seen], rtol=1e-5)
 
 
 def test_levels_are_made_where_they_are_wanted_and_are_there_once() -> None:
     for options, wanted in (
         ({"filter": "trilinear"}, True),
-        ({"filter": "nearest"}, False),
         ({"filter": "trilinear", "cutoff": 0.5}, False),  # the mean of a mask is no mask
     ):
         built = build_scene(floor(checker(), ALONG, **options), Device("cpu"))

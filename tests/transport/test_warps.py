@@ -64,11 +64,3 @@ def test_maps_have_their_density(function, count, seed: int, device: str, report
     result = chi_square_test(*count(points), tests=len(MAPS))
     report(count.__name__, result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
-
-
-def test_disk_is_sane_where_its_two_halves_meet(device: str) -> None:
-    last = 1.0 - 2.0**-24
-    corners = np.array([(0.5, 0.5), (0.0, 0.0), (0.0, last), (last, 0.0), (last, last), (0.5, 0.0), (0.0, 0.5)])
-    points = map_function(square_to_disk, corners, device=device)
-    radius = np.abs(2.0 * corners - 1.0).max(axis=1)
-    np.testing.assert_allclose(np.linalg.norm(points, axis=1), radius, atol=1e-6)

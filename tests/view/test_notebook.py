@@ -64,13 +64,16 @@ def test_a_view_that_still_renders_ends_quietly_with_the_program():
     def bug():
         raise RuntimeError("a bug")
 
-    for opened, noisy in ((refused, False), (bug, True)):
+    for opened, error in ((refused, ""), (bug, "RuntimeError: a bug")):
         heard = []
         with mock.patch("threading.excepthook", heard.append):
             session = Session(opened)
+            while opened is bug and not session.error:
+                session._thread.join(0.01)
             session.close()
         assert not session._thread.is_alive()
-        assert bool(heard) == noisy
+        assert session.error == error
+        assert not heard
 
 
 def test_a_view_converges_orbits_and_keeps_its_last_picture():

@@ -1,32 +1,23 @@
 """`wrt view` in a browser: the picture converges, follows the mouse, and is saved as `wrt render` writes it."""
 
-import asyncio
 import contextlib
 import http.client
-import io
 import json
 import os
-import queue
 import re
 import signal
 import socket
-import threading
 import time
 from urllib.parse import urlsplit
 
-import numpy as np
 import pytest
-from PIL import Image
 from support import chromium
 from support.caches import copy_of_warm_cache
 from support.commands import CAMERA, ENVIRONMENT, LAMP, QUAD, run, start
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-import wrt
 from wrt.cli import main
-from wrt.view.server import bound_socket, run_server
-from wrt.view.session import Session
 
 SIZE = ("--size", "64x64")
 
@@ -49,28 +40,6 @@ class Page:
         return answer.status, answer.read()
 
 
-@pytest.fixture(scope="module")
-def page():
-    """Serve a view of the Cornell box from a thread of this process."""
-    scene = wrt.load("cornell-box")
-    session = Session(lambda: wrt.Renderer(scene, width=64, height=64), name="cornell-box", spp=4)
-    bound, told = bound_socket(None), queue.Queue()
-
-    async def serve():
-        told.put((asyncio.get_running_loop(), asyncio.current_task()))
-        with contextlib.suppress(asyncio.CancelledError):
-            await run_server(session, bound, "a-token", told.put)
-
-    thread = threading.Thread(target=lambda: asyncio.run(serve()))
-    thread.start()
-    loop, task = told.get(timeout=60)
-    yield Page(told.get(timeout=60))
-    loop.call_soon_threadsafe(task.cancel)
-    thread.join()
-    bound.close()
-    session.close()
-
-
 @contextlib.contextmanager
 def program(folder, *arguments, **options):
     """Run `wrt view`; return the process and its page."""
@@ -82,6 +51,13 @@ def program(folder, *arguments, **options):
     finally:
         process.kill()
         process.communicate()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """Serve a view of the Cornell box."""
+    with program(tmp_path_factory.mktemp("view"), "cornell-box", *SIZE, "--spp", "4") as (_, page):
+        yield page
 
 
 def received(socket, wanted, seconds=60):
@@ -112,7 +88,6 @@ def is_frame(**expected):
 
 def test_only_the_page_itself_with_its_token_sees_the_picture(page):
     assert page.get("/")[0] == 200
-    assert page.get("/picture.png")[0] == 403
     assert page.get("/picture.png?token=wrong")[0] == 403
     assert page.get("/../server.py")[0] == 404
     assert page.get(f"/picture.png?{page.token}", Host="example.org")[0] == 403
@@ -121,20 +96,17 @@ def test_only_the_page_itself_with_its_token_sees_the_picture(page):
             page.socket(origin=origin)
 
 
-@pytest.mark.parametrize(
-    ("lines", "status"),
-    [
-        (["GET / HTTP/1.1", "Host: {host}"], b"200"),
-        (["GET / HTTP/1.1", "Host: {host}", "Host: {host}"], b"403"),
-        (["GET / HTTP/1.1"], b"403"),
-        (["GET //[ HTTP/1.1", "Host: {host}"], b"400"),
-    ],
-)
-def test_odd_requests_get_an_answer(page, lines, status):
+def test_odd_requests_get_an_answer(page):
     name, port = page.host.split(":")
-    with socket.create_connection((name, int(port)), timeout=60) as connection:
-        connection.sendall("".join(f"{line.format(host=page.host)}\r\n" for line in [*lines, ""]).encode())
-        assert connection.recv(1 << 12).split()[1] == status
+    host = f"Host: {page.host}\r\n"
+    for request, status in (
+        (f"GET / HTTP/1.1\r\n{host}{host}", b"403"),
+        ("GET / HTTP/1.1\r\n", b"403"),
+        (f"GET //[ HTTP/1.1\r\n{host}", b"400"),
+    ):
+        with socket.create_connection((name, int(port)), timeout=60) as connection:
+            connection.sendall(f"{request}\r\n".encode())
+            assert connection.recv(1 << 12).split()[1] == status
 
 
 def test_a_client_that_acknowledges_nothing_gets_two_frames(page):
@@ -160,11 +132,7 @@ BAD = (
     '{"type": "camera", "camera": {"origin": ["nan", 0, 0]}}',
     '{"type": "camera", "camera": {"origin": [0, 0, 0], "target": [0, 0, 0]}}',
     '{"type": "set", "layer": "secret"}',
-    '{"type": "set", "max_depth": -1}',
     '{"type": "set", "exposure": 1e999}',
-    '{"type": "set", "denoise": "yes"}',
-    '{"type": "set", "integrator": []}',
-    '{"type": "pick", "x": "left"}',
     '{"type": "pick", "x": NaN, "y": 0}',
     '{"type": "pick", "x": 2, "y": 0}',
 )
@@ -175,6 +143,8 @@ def test_bad_messages_are_answered_and_do_no_harm(page):
         for message in BAD:
             socket.send(message)
             assert received(socket, lambda m: m["type"] == "error")["text"]
+        send(socket, type="pick", x=0.5, y=0.9, action="focus")
+        assert received(socket, lambda m: m["type"] == "picked")["picked"]["name"] == "floor"
     assert page.get(f"/picture.png?{page.token}")[0] == 200
 
 
@@ -184,10 +154,6 @@ def without_seconds(content):
     return re.sub(rb"(Render seconds\0string\0.{4})[\d.]+", rb"\1", content, flags=re.DOTALL)
 
 
-def pixels(content):
-    return np.asarray(Image.open(io.BytesIO(content)).convert("L"), np.float64)[:32, :32]
-
-
 @pytest.mark.slow
 def test_a_saved_picture_is_the_file_that_render_writes(tmp_path):
     """All bytes but the seconds of rendering, which differ from run to run; also of a denoised picture."""
@@ -195,32 +161,26 @@ def test_a_saved_picture_is_the_file_that_render_writes(tmp_path):
 
     def assert_saved(suffix, *options):
         saved = page.get(f"/picture.{suffix}?{page.token}")[1]
-        path = tmp_path / f"rendered{len(options)}.{suffix}"
+        path = tmp_path / f"rendered.{suffix}"
         assert run(tmp_path, "render", "cornell-box", *SIZE, "--spp", "4", *options, "-o", str(path)).returncode == 0
         assert without_seconds(saved) == without_seconds(path.read_bytes()), suffix
 
     with program(tmp_path, "cornell-box", *SIZE, "--spp", "4") as (_, page), page.socket() as socket:
-        noisy = received(socket, is_frame(spp=4))
+        received(socket, is_frame(spp=4))
         assert_saved("png")
-        assert_saved("exr")
         send(socket, type="set", denoise=True)
-        clean = received(socket, is_frame(denoised=True))
-        assert pixels(clean["bytes"]).std() < pixels(noisy["bytes"]).std()
+        received(socket, is_frame(denoised=True))
         assert_saved("exr", "--denoise")
         # A picture that moves is shown at once, and denoised again when it rests.
         send(socket, type="camera", camera={"origin": [0.2, 0.3, -0.8]}, serial=1)
         received(socket, is_frame(serial=1, moving=True))
         received(socket, is_frame(serial=1, denoised=True, spp=4))
-        send(socket, type="set", denoise=False)
-        assert received(socket, lambda m: m["type"] == "frame" and not m.get("denoised"))["spp"] == 4
 
 
-def test_a_port_in_use_and_a_missing_scene_are_errors_at_once(page, capsys):
+def test_a_port_in_use_is_an_error_at_once(page, capsys):
     port = urlsplit(page.address).port
     assert main(["view", "cornell-box", "--no-browser", "--port", str(port)]) == 2
     assert f"port {port} is in use" in capsys.readouterr().err
-    assert main(["view", "missing.toml", "--no-browser"]) == 2
-    assert "missing.toml: no such file" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -232,9 +192,8 @@ def test_a_watched_scene_shows_its_error_and_recovers_and_control_c_ends_it_in_o
         received(socket, is_frame())
         scene.write_text(good.replace('"quad"', '"squad"'))
         assert "squad" in received(socket, lambda m: m["type"] == "state" and m["error"])["error"]
-        replacement = tmp_path / "new.toml"
-        replacement.write_text(good.replace("width = 32", "width = 48"))
-        os.replace(replacement, scene)
+        (tmp_path / "new.toml").write_text(good.replace("width = 32", "width = 48"))
+        os.replace(tmp_path / "new.toml", scene)
         received(socket, lambda m: m["type"] == "state" and not m["error"])
         received(socket, is_frame(width=48))
         process.send_signal(signal.SIGINT)
@@ -256,8 +215,6 @@ def test_a_layer_that_was_never_compiled_appears(tmp_path):
         received(socket, is_frame(serial=1, moving=False))
         send(socket, type="set", layer="albedo")
         received(socket, is_frame(spp=16), seconds=120)
-        send(socket, type="pick", x=0.5, y=0.9, action="focus")
-        assert received(socket, lambda m: m["type"] == "picked", seconds=120)["picked"]["name"]
         send(socket, type="set", layer="")
         state = received(socket, lambda m: m["type"] == "state")
         assert (state["camera"]["origin"], state["exposure"], state["error"]) == ([0.2, 0.3, -0.8], 2.0, "")
@@ -275,7 +232,7 @@ def test_the_page_in_a_browser(tmp_path):
         pixels = "(() => wrtView.view.querySelector('canvas').toDataURL())()"
         before, camera = tab.value(pixels), tab.value("wrtView.state.camera.origin")
 
-        # Drag: this tab and the other follow, and the picture converges again.
+        # This tab and the other follow, and the picture converges again.
         tab.call("Page.bringToFront")
         tab.drag((300, 300), (400, 320))
         tab.wait("wrtView.state.latencies.length > 0 && wrtView.state.header.spp == 4 && !wrtView.state.header.moving")
@@ -283,8 +240,7 @@ def test_the_page_in_a_browser(tmp_path):
         assert tab.value("wrtView.state.camera.origin") != camera
         other.wait(f"wrtView.state.header.serial == {json.dumps(tab.value('wrtView.state.header.serial'))}")
 
-        # The keyboard: the scene's own camera again, and the picture of before.
-        tab.key("r")
+        tab.key("r")  # the scene's own camera again, and the picture of before
         tab.wait(f"wrtView.state.header.spp == 4 && !wrtView.state.header.moving && {pixels} == {json.dumps(before)}")
 
         # A broken connection is opened again; so is a page that is loaded again.

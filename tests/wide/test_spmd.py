@@ -1,17 +1,16 @@
-"""The SPMD translator: what it demands is checked, and stages are inlined."""
+"""The SPMD translator: the example of docs/spmd.md, and what it demands. Films of scenes are in test_wide_films.py."""
 
-import re
 from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
 from support import spmd_example
-from support.spmd_example import Mirrors, Ray, albedo_at, blocked, make_kernel, next_mirror, random_number
+from support.spmd_example import Mirrors, Ray, albedo_at, blocked, make_kernel, next_mirror
 from support.wide_scenes import LANES, needs_lanes
 
 from wrt.kernels.native import at_file_level
-from wrt.kernels.spmd_marks import inline_stage, path_function
+from wrt.kernels.spmd_marks import path_function
 from wrt.spmd.ir import Unsupported
 from wrt.spmd.library import library
 from wrt.spmd.templates import fill
@@ -48,21 +47,6 @@ def query_in_a_block(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: in
 
 @wp.func
 @path_function
-def two_loops(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
-    light = float(0.0)
-    depth = int(0)
-    while depth < max_depth:
-        depth += 1
-        t = next_mirror(mirrors, camera_ray)
-        light += albedo_at(mirrors, t)
-    while depth > 0:
-        depth -= 1
-        light *= 0.5
-    return light
-
-
-@wp.func
-@path_function
 def returns_in_the_middle(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
     light = float(0.0)
     depth = int(0)
@@ -75,23 +59,11 @@ def returns_in_the_middle(mirrors: Mirrors, camera_ray: Ray, seed: int, max_dept
     return light
 
 
-@wp.func
-def unmarked(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
-    light = float(0.0)
-    depth = int(0)
-    while depth < max_depth:
-        depth += 1
-        light += albedo_at(mirrors, next_mirror(mirrors, camera_ray))
-    return light
-
-
 @pytest.mark.parametrize(
     ("path", "told"),
     [
         (query_in_a_block, r"query_in_a_block: asks a ray query within .*blocked_0.*top level of the loop"),
-        (two_loops, r"two_loops: must have one loop, .*functions of their own"),
         (returns_in_the_middle, r"returns_in_the_middle: must return once, .*`break` instead"),
-        (unmarked, r"follows no path"),
     ],
     ids=lambda value: getattr(value, "key", ""),
 )
@@ -100,202 +72,21 @@ def test_a_path_function_that_breaks_a_demand_is_refused(path: Any, told: str) -
         wide_code(make_kernel(path, path.key), 16)
 
 
-# --- Stages are inlined, and a path keeps of its state what its scene uses ----------------------------
-
-
-@wp.struct
-class State:
-    ray: Ray
-    light: float
-    throughput: float
-    depth: int
-    numbers: wp.vec3
-    done: bool
-    unused: wp.vec4
-    handed_on: float
-
-
-@wp.struct
-class Scattered:
-    weight: float
-    turns: bool
-
-
-@wp.func
-@inline_stage
-def begin(camera_ray: Ray) -> State:
-    state = State()
-    state.ray = camera_ray
-    state.throughput = 1.0
-    state.handed_on = 3.0
-    return state
-
-
-@wp.func
-@inline_stage
-def leave_scene(mirrors: Mirrors, state: State, t: float) -> State:
-    if t < 0.0:
-        for i in range(3):
-            state.light += state.throughput * mirrors.sky * state.numbers[i]
-        state.done = True
-    state.handed_on = state.handed_on + 1.0
-    return state
-
-
-@wp.func
-@inline_stage
-def scattered(state: State, albedo: float) -> Scattered:
-    found = Scattered()
-    found.weight = albedo * state.throughput
-    found.turns = state.depth % 3 != 0
-    return found
-
-
-@wp.func
-@inline_stage
-def scatter(mirrors: Mirrors, state: State, t: float, u: float) -> State:
-    found = scattered(state, albedo_at(mirrors, t))
-    # Each takes the other's old value.
-    light = state.light
-    state.light = state.light + found.weight
-    state.numbers[state.depth % 3] = light
-    state.throughput = found.weight
-    if found.turns:
-        state.ray.direction = -state.ray.direction
-    if u >= state.throughput:
-        state.done = True
-    return state
-
-
-@wp.func
-@path_function
-def staged(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
-    state = begin(camera_ray)
-    while state.depth < max_depth:
-        state.depth += 1
-        u = random_number(seed, state.depth)
-        t = next_mirror(mirrors, state.ray)
-        state = leave_scene(mirrors, state, t)
-        if state.done:
-            break
-        before = state.throughput
-        if state.depth == 2:
-            state.light += before
-            continue
-        state = scatter(mirrors, state, t, u)
-        shadow = blocked(mirrors, state.ray, t * before)
-        if not shadow:
-            state.light += 0.25 * before
-        if state.done:
-            state.light *= 2.0
-            break
-    return state.light
-
-
-def kept_by(code: str) -> set[str]:
-    """Return which members of a state a path keeps, from the C++ of the path's object."""
-    members = code[code.index("struct steps_") : code.index("lanes::Mask waiting")]
-    return set(re.findall(r"\bvar_0_(\w+);", members))
-
-
-def test_a_path_keeps_of_its_state_what_it_uses() -> None:
-    code = wide_code(make_kernel(staged, "staged"), 16)[len(library(16)) :]
-    assert kept_by(code) == {"ray", "light", "throughput", "depth", "numbers", "done"}
-    assert not re.search(r"wide_(begin|leave_scene|scatter|scattered)_0\(", code)
-    assert len(re.findall(r"\bmove\(to\.var_0_light,", code)) == 1
-    moved = re.findall(r"\bmove\(to\.(var_\w+),", code[code.index("void move(steps_") :])
-    assert not any(name.startswith(("var_state", "var_1_")) for name in moved), moved
-    assert not re.search(r"lanes::set\(var_\w*_(weight|turns)\w*,", code), "a stage's result is not set lane by lane"
-
-
-@wp.func
-@inline_stage
-def shadowed(mirrors: Mirrors, state: State, distance: float) -> State:
-    shadow = blocked(mirrors, state.ray, distance)
-    if not shadow:
-        state.light += 0.25
-    return state
-
-
-@wp.func
-@path_function
-def query_in_a_stage(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
-    state = begin(camera_ray)
-    while state.depth < max_depth:
-        state.depth += 1
-        t = next_mirror(mirrors, state.ray)
-        state.light += albedo_at(mirrors, t)
-        state = shadowed(mirrors, state, t)
-    return state.light
-
-
-def test_a_stage_may_ask_a_ray_query() -> None:
-    code = wide_code(make_kernel(query_in_a_stage, "asked"), 16)
-    assert "trace<RayQuery1>(groups);" in code
-    assert kept_by(code[len(library(16)) :]) == {"light", "depth"}  # the ray stays the camera ray
-
-
-@wp.func
-@inline_stage
-def returns_early(mirrors: Mirrors, state: State, t: float) -> State:
-    if t < 0.0:
-        return state
-    state.light += 1.0
-    return state
-
-
-@wp.func
-def takes_it_all(state: State) -> float:
-    return state.light
-
-
-def path_with(stage: Any, name: str) -> Any:
-    def path(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
-        state = begin(camera_ray)
-        while state.depth < max_depth:
-            state.depth += 1
-            t = next_mirror(mirrors, state.ray)
-            state.light += albedo_at(mirrors, t)
-            state = stage(mirrors, state, t)
-        return takes_it_all(state)
-
-    return wp.func(path_function(path), name=name)
-
-
-@pytest.mark.parametrize(
-    ("stage", "told"),
-    [
-        (returns_early, "returns_early: must return once, its state, in its last line"),
-        (leave_scene, "path_with_leave_scene: uses a State_.* as a whole in `.*takes_it_all.*pass its members"),
-    ],
-    ids=lambda value: getattr(value, "key", ""),
-)
-def test_a_stage_that_breaks_a_demand_is_refused(stage: Any, told: str) -> None:
-    with pytest.raises(Unsupported, match=told):
-        wide_code(make_kernel(path_with(stage, f"path_with_{stage.key}"), f"broken_{stage.key}"), 16)
-
-
 @needs_lanes
 @pytest.mark.machinery
-@pytest.mark.parametrize("path", [spmd_example.trace, staged], ids=["plain", "staged"])
-def test_the_wide_kernel_gives_the_same_film(path: Any) -> None:
-    kernel = make_kernel(path, f"film_{path.key}")
+def test_the_wide_kernel_gives_the_same_film() -> None:
+    kernel = make_kernel(spmd_example.trace, "film")
     width, height = 40, 9
 
-    wide_code_h = at_file_level(wide_code(kernel, LANES), f"wide_code_{path.key}")
+    wide_code_h = at_file_level(wide_code(kernel, LANES), "wide_code")
 
     @wp.func_native(f"render_tile(tile, {width}, {height}, 0, last, max_depth, mirrors, film, counts);")
     def render_tile(
-        tile: int,
-        last: int,
-        max_depth: int,
-        mirrors: Mirrors,
-        film: wp.array(dtype=float),
-        counts: wp.array(dtype=int),
+        tile: int, last: int, max_depth: int, mirrors: Mirrors, film: wp.array(dtype=float), counts: wp.array(dtype=int)
     ):
         wide_code_h()
 
-    @wp.kernel(module=wp.get_module(f"wrt.test.spmd.wide_{path.key}"), enable_backward=False)
+    @wp.kernel(module=wp.get_module("wrt.test.spmd.wide"), enable_backward=False)
     def render_tiles(
         last: int, max_depth: int, mirrors: Mirrors, film: wp.array(dtype=float), counts: wp.array(dtype=int)
     ):

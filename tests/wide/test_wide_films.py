@@ -15,16 +15,12 @@ from support.wide_scenes import CAMERAS, LANES, SCENES, bits, differences, needs
 
 import wrt
 from wrt.backend.lanes import WIDTHS
-from wrt.kernels.bsdf import model_of
-from wrt.kernels.bsdf.record import MAX_SLOTS
 from wrt.kernels.features import Features
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.native.constants import LARGE_TREE
 from wrt.kernels.render import make_render_kernel
-from wrt.spmd import library
 from wrt.spmd.ir import Unsupported
-from wrt.spmd.kernel import make_wide_render_kernel, with_few_slots
-from wrt.spmd.library import can_be_called, library_functions
+from wrt.spmd.kernel import make_wide_render_kernel
 from wrt.spmd.translate import wide_code
 from wrt.upload.accel import bvh, instancing
 
@@ -157,9 +153,7 @@ def test_a_small_stack_is_enough() -> None:
     command = ["sh", "-c", 'ulimit -s 512; exec "$0" "$@"', sys.executable, "-c", STACK]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    name, samples = done.stdout.split()
-    assert name.startswith(f"wrt.render.wide{LANES}.")
-    assert samples == "32"
+    assert re.fullmatch(rf"wrt\.render\.wide{LANES}\..* 32\n", done.stdout)
 
 
 # --- Translation of render kernels --------------------------------------------------------------------
@@ -179,42 +173,7 @@ def test_every_kernel_that_follows_paths_is_translated(features: Features) -> No
     assert code.count("{") == code.count("}")
 
 
-def test_materials_have_as_many_values_as_are_read() -> None:
-    features = Features(("diffuse", "conductor"), False, "none")
-    code = wide_code(make_render_kernel(features), 16)
-    few = with_few_slots(code, features)
-    for name in ("Matrix", "mat_t", "make_mat"):
-        whole = re.compile(rf"{name}<{MAX_SLOTS}, ?3,")
-        assert whole.search(code)
-        assert not whole.search(few)
-    assert f"Matrix<{max(model_of(name).slots for name in features.models)}, 3," in few
-
-
 def test_kernels_that_follow_no_paths_are_not_translated() -> None:
     for integrator in set(INTEGRATORS) - {"path"}:
         with pytest.raises(Unsupported, match="follows no path"):
             make_wide_render_kernel(Features(("diffuse",), False, "none", integrator=integrator), 16)
-
-
-@pytest.mark.machinery
-def test_a_function_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    kernel = make_render_kernel(FEATURES[0])
-    known = library_functions()
-    for name, told in (("normalize", r"wp::normalize\("), ("cast_int32", r"wp::cast<wp::int32>\("), ("floor", "floor")):
-        assert name in known
-        without = {k: v for k, v in known.items() if k != name}
-        monkeypatch.setattr(library, "library_functions", lambda without=without: without)
-        with pytest.raises(Unsupported, match=told):
-            wide_code(kernel, 16)
-
-
-@pytest.mark.machinery
-def test_what_functions_take() -> None:
-    def parsed(call: str) -> tuple[str, list[str]]:
-        name, _, arguments = call[:-1].partition("(")
-        return name, arguments.split(", ")
-
-    for call in ("mul(matrix, vector)", "add(Doubles, Doubles)", "sin(Floats)", "cross(vector, vector)", "abs(vector)"):
-        assert can_be_called(*parsed(call)), call
-    for call in ("mul(vector, matrix)", "sin(Doubles)", "bit_and(Floats, Floats)", "cross(vector)", "noise(Floats)"):
-        assert not can_be_called(*parsed(call)), call

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import warnings
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +20,7 @@ TIMES = 12
 
 def is_animated(path: PathLike) -> bool:
     """Return whether a file has an animation that `wrt.load` evaluates at a time."""
-    return Path(path).is_file() and animation_of(path) is not None
+    return os.path.isfile(path) and animation_of(path) is not None
 
 
 def reach_of_file(path: PathLike) -> Reach:

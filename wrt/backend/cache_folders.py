@@ -14,6 +14,8 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
+from wrt.errors import is_utf8
+
 ROOM = 32 << 20
 """Free bytes that a folder needs for kernels to be compiled in it: Warp's headers take 5 MB a thread, the code of a
 large kernel 4 MB. LLVM ends the process when the disk is full."""
@@ -123,12 +125,14 @@ def _trusted(folder: Path, name: str) -> Path:
 
 
 def _why_untrusted(folder: Path) -> str:
-    """Return who besides this user and root could replace a folder or what lies in it; "" for nobody.
+    """Return who besides this user and root could replace a folder or what lies in it, or what else is wrong; or "".
 
     As with sshd's StrictModes, each folder on the way must belong to the user or to root, and others must not be able
     to write to it, unless it is sticky as /tmp is: there they cannot replace what belongs to the user.
     """
     resolved = Path(os.path.realpath(folder))
+    if not is_utf8(folder) or not is_utf8(resolved):
+        return "its path is not UTF-8, which the compiler needs"
     for place in (resolved, *resolved.parents):
         try:
             found = place.stat()
@@ -308,7 +312,7 @@ def _make_work_folder() -> Path:
 def _places() -> list[str]:
     """Return folders for temporary files, the best first."""
     named = os.environ.get("TMPDIR", "")
-    return [*([named] if os.path.isabs(named) else []), "/tmp", "/var/tmp", "/dev/shm"]
+    return [*([named] if os.path.isabs(named) and is_utf8(named) else []), "/tmp", "/var/tmp", "/dev/shm"]
 
 
 def _place_with_room() -> str:

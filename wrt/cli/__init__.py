@@ -1,8 +1,8 @@
 """The command line: ``wrt render`` and the commands around it.
 
-Exit status: 0 on success; 1 if a file or standard output could not be written or memory ran out; 2 if an input or an
-option cannot be used; 130 and 143 after Ctrl-C and SIGTERM. Every error is one line on standard error. Heavy modules
-are imported only when needed.
+Exit status: 0 on success; 1 if a file or standard output could not be written, memory ran out, or a render could not go
+on; 2 if an input or an option cannot be used; 130 and 143 after Ctrl-C and SIGTERM. Every error is one line on standard
+error. Heavy modules are imported only when needed.
 """
 
 from __future__ import annotations

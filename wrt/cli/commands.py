@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 
 from wrt.cli.exit_status import complain, give_up, warn
 
@@ -82,7 +83,7 @@ def info(options: argparse.Namespace) -> int:
             return 0
         # A mesh file is described without the studio that `load` adds.
         path = Path(options.source)
-        alone = path.suffix.lower() in MESH_SUFFIXES and path.is_file()
+        alone = path.suffix.lower() in MESH_SUFFIXES and os.path.isfile(path)
         if alone:
             with confined_to(path.parent if options.confined else None):
                 # What is alone is moved to the origin too, which would hide where the file has it; arrays are not.
@@ -110,7 +111,7 @@ def develop(options: argparse.Namespace) -> int:
     from wrt.cli.signals import Interrupts
     from wrt.develop.exposure import stops
     from wrt.developing import DEVELOPED_SUFFIXES, check_exposure
-    from wrt.errors import InputError
+    from wrt.errors import InputError, one_line
     from wrt.io.images import PICTURE, check_output, read_image, save_image
     from wrt.io.safe_write import free_path
 
@@ -137,7 +138,7 @@ def develop(options: argparse.Namespace) -> int:
     if developed is not None:
         if developed.warning:
             complain("warning", developed.warning)
-        warn(f"{output}  tone {developed.tone}  exposure {developed.stops:+.2f} stops")
+        warn(f"{one_line(str(output))}  tone {developed.tone}  exposure {developed.stops:+.2f} stops")
     return 0
 
 

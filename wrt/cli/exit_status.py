@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NoReturn
 
 from wrt.cli.process import end, end_soon
@@ -12,6 +14,8 @@ from wrt.errors import InputError, NotEnoughMemory, one_line
 FAILED = 1
 UNUSABLE = 2
 INTERRUPTED = 130
+
+NO_MORE_THREADS = "the system allows no more threads or processes (ulimit -u, or the pids.max of a control group)"
 
 
 def complain(kind: str, what: object) -> None:
@@ -31,8 +35,14 @@ def give_up(status: int, what: str) -> NoReturn:
     end(status)
 
 
+class Failed(Exception):
+    """Work that had begun did not end; the message is one line that names the cause, and says what was saved."""
+
+
 def outcome(run: Callable[[], int], *, name: str = "") -> int:
     """Return the exit status of `run`; if it raises, report the error and return its status.
+
+    What nobody expects, such as a fault in wrt, is raised.
 
     Args:
         run: the work to do.
@@ -40,22 +50,60 @@ def outcome(run: Callable[[], int], *, name: str = "") -> int:
     """
     try:
         return run()
-    except InputError as error:
-        _complain_of(name, str(error))
-        return FAILED if isinstance(error, NotEnoughMemory) else UNUSABLE
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        _complain_of(name, f"{where}{error.strerror or error}")
-        return FAILED
-    except MemoryError as error:
-        _complain_of(name, f"not enough memory{f': {error}' if str(error) else ''}")
-        return FAILED
-    except RuntimeError as error:
-        # Warp's messages when memory, or address space for its libraries, runs out
-        if not str(error).startswith(("Failed to allocate", "Failed to load the shared library")):
+    except Exception as error:
+        if not _is_expected(error):
             raise
-        _complain_of(name, f"not enough memory: {error}")
-        return FAILED
+        _complain_of(name, cause_of(error))
+        return UNUSABLE if isinstance(error, InputError) and not isinstance(error, NotEnoughMemory) else FAILED
+
+
+def _is_expected(error: Exception) -> bool:
+    """Return whether a person, the machine or the system may have caused an exception."""
+    from wrt.threads import is_lack_of_threads  # not at the top: --help must import little
+
+    return isinstance(error, (Failed, InputError, OSError, MemoryError)) or _is_lack(error) or is_lack_of_threads(error)
+
+
+def _is_lack(error: BaseException) -> bool:
+    """Return whether memory, or address space for libraries, ran out, of which Warp says so."""
+    lacks = ("Failed to allocate", "Failed to load the shared library")
+    return isinstance(error, RuntimeError) and str(error).startswith(lacks)
+
+
+def cause_of(error: BaseException) -> str:
+    """Return the text of a message about an exception: for an unexpected one, also its kind and where it was raised."""
+    import traceback
+
+    from wrt.threads import is_lack_of_threads
+
+    if isinstance(error, (Failed, InputError)):
+        return str(error)
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        lack = (
+            "not enough memory: " if "failed to map segment" in str(error) else ""
+        )  # of a library that was to be loaded
+        return f"{where}{lack}{error.strerror or error}"
+    if isinstance(error, MemoryError):
+        return f"not enough memory{f': {error}' if str(error) else ''}"
+    if is_lack_of_threads(error):
+        return NO_MORE_THREADS
+    if _is_lack(error):
+        return f"not enough memory: {error}"
+    kind = f"{type(error).__name__}{f': {error}' if str(error) else ''}"
+    frames = traceback.extract_tb(error.__traceback__)
+    return f"{kind} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else kind
+
+
+@contextlib.contextmanager
+def failing_in_one_line() -> Iterator[None]:
+    """Within the context, turn exceptions that `outcome` would raise into Failed."""
+    try:
+        yield
+    except Exception as error:
+        if _is_expected(error):
+            raise
+        raise Failed(cause_of(error)) from error
 
 
 def _complain_of(name: str, what: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wrt.cli.exit_status import complain, give_up, outcome
+from wrt.cli.exit_status import complain, failing_in_one_line, give_up, outcome
 from wrt.cli.output_paths import default_output
 from wrt.cli.signals import Interrupts
 from wrt.errors import InputError, one_line
@@ -76,7 +77,8 @@ def _render(options: argparse.Namespace, interrupts: Interrupts, said: set[str])
         short_warnings(say := once(bar.message, said)),
     ):
         try:
-            _render_missing(options, animation, interrupts, bar)
+            with failing_in_one_line():
+                _render_missing(options, animation, interrupts, bar)
             if animation.video:
                 bar.relabel(f"{label} (writing)")
                 _assemble(options, animation, interrupts)
@@ -254,7 +256,7 @@ def _identity(options: argparse.Namespace, renderer: Renderer) -> dict[str, Any]
         chosen.pop("--frames")  # other frames of the same animation can be added
     whole = {**own, **{f"the scene's {part}": digest for part, digest in scene.items()}, **chosen}
     source = Path(options.input)
-    if source.is_file():
+    if os.path.isfile(source):
         with source.open("rb") as file:
             digest = hashlib.blake2b(digest_size=16)
             while block := file.read(1 << 20):

@@ -94,9 +94,11 @@ def _processes(devices: tuple[str, ...]) -> Any:
 def _client(address: str) -> Any:
     """Return the client of an address, the same for all inputs; it is closed when the process ends."""
     import atexit
+    import logging
 
     from wrt.distributed.clients import client_of
 
     client = client_of(address)
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of what Dask logs, wrt's own error names the cause
     atexit.register(client.close, timeout=5)
     return client

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -54,9 +55,14 @@ def folder_for(output: str) -> str:
     if not output.endswith("/") and not os.path.isdir(output):
         raise InputError(f"{output}: for several inputs, the output must be a folder; end its name with / to create it")
     try:
-        os.makedirs(output, exist_ok=True)
+        if not os.path.isdir(output):
+            with contextlib.suppress(FileNotFoundError):
+                os.lstat(output)  # raises before any folder is created if the path is too long
+            os.makedirs(output, exist_ok=True)
     except OSError as error:
         raise InputError(f"{output}: cannot be created: {error.strerror or error}") from None
+    except RecursionError:
+        raise InputError(f"{output}: cannot be created: has too many folders") from None
     return output
 
 

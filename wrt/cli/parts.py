@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wrt.cli.exit_status import complain, give_up, outcome, warn
+from wrt.cli.exit_status import complain, failing_in_one_line, give_up, outcome, warn
 from wrt.cli.signals import Interrupts
 from wrt.errors import InputError, one_line
 from wrt.progress.bar import ProgressBar, once, short_warnings
@@ -86,7 +86,8 @@ def _render(options: argparse.Namespace, interrupts: Interrupts) -> int:
             bar.relabel(f"{output.stem} (window {window + 1})")
             bar.update(progress)
 
-        part = render(renderer, number, of, spp=options.spp, begun=begun, watch=watch)
+        with failing_in_one_line():
+            part = render(renderer, number, of, spp=options.spp, begun=begun, watch=watch)
         interrupts.hold(lambda: part.save(output))
         interrupts.disarm()
     backend.finish()
@@ -135,6 +136,7 @@ def _merge(options: argparse.Namespace, interrupts: Interrupts) -> int:
         require_writable(checkpoint, CHECKPOINT)
     merged = merge_parts(options.inputs)
     check_contents(output, merged)
+    merged.require_own_tone(output, options.tone)
     if merged.settings.denoise:
         complain(
             "warning", f"{output}: not denoised, which needs the scene: wrt render --checkpoint FILE --resume does it"

@@ -78,12 +78,15 @@ def importing(names: Sequence[str], kernels: Sequence[str] = ()) -> Iterator[Non
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_SECONDS)
     thread = threading.Thread(target=run, daemon=True)
-    thread.start()
+    from wrt.threads import start_if_possible
+
+    started = start_if_possible(thread)
     try:
         yield
     finally:
         sys.setswitchinterval(interval)
-        thread.join()
+        if started:
+            thread.join()
 
 
 @contextlib.contextmanager
@@ -127,6 +130,8 @@ def _silence() -> None:
 
 def end_soon(status: int) -> None:
     """End the process within a second, whatever its threads are doing."""
+    from wrt.threads import start_if_possible
+
     timer = threading.Timer(1.0, os._exit, (status,))
     timer.daemon = True
-    timer.start()
+    start_if_possible(timer)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrt import backend
-from wrt.cli.exit_status import complain, give_up, outcome, warn
+from wrt.cli.exit_status import Failed, cause_of, complain, failing_in_one_line, give_up, outcome, warn
 from wrt.cli.load import load_input, make_renderer
 from wrt.cli.output_paths import check_paths, default_output, default_outputs, folder_for
 from wrt.cli.process import importing_renderer, no_collections
@@ -149,11 +149,12 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
                 raise
             interrupts.disarm()
             stopped = True
-        except (OSError, MemoryError, RuntimeError):
-            if renderer.paths > 0:  # save the samples so far
-                interrupts.disarm()
-                save_at_last(renderer, options, output, checkpoint)
-            raise
+        except Exception as error:  # whatever it is, the samples so far are saved
+            if renderer.paths == 0:
+                with failing_in_one_line():
+                    raise
+            interrupts.disarm()
+            raise Failed(_saved_after(error, renderer, options, output, checkpoint)) from error
         output, developed = save_at_last(renderer, options, output, checkpoint)
         options.taken.add(output)
         if developed is not None and developed.warning and not (developed.black and _told_black(renderer)):
@@ -187,8 +188,22 @@ def _renew(
 
     try:
         interrupts.hold(lambda: renewal.run(write, picture=picture, checkpoint=state))
-    except (OSError, MemoryError) as error:
-        say(f"wrt: warning: {one_line(str(error)) or 'not enough memory for the picture'}; rendering continues")
+    except Exception as error:  # noqa: BLE001  # if the render cannot go on either, its next pass says so
+        failed = "not enough memory for the picture" if isinstance(error, MemoryError) else one_line(cause_of(error))
+        say(f"wrt: warning: {failed}; rendering continues")
+
+
+def _saved_after(
+    error: Exception, renderer: Renderer, options: argparse.Namespace, output: Path, checkpoint: Path | None
+) -> str:
+    """Save the samples that there are after an error; return a message about both."""
+    try:
+        output, _ = save_at_last(renderer, options, output, checkpoint)
+    except Exception as second:  # noqa: BLE001  # as of a lost GPU, which has the film; the first is the cause
+        return f"{cause_of(error)}; saving what there is failed: {cause_of(second)}"
+    options.taken.add(output)
+    saved = f"{output} saved" if checkpoint is None else f"{output} and {checkpoint} saved"
+    return f"{cause_of(error)}; stopped at {samples_text(renderer)}; {saved}"
 
 
 def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[str], None]) -> tuple[Renderer, Path]:
@@ -218,7 +233,7 @@ def _make_renderer(
 ) -> Renderer:
     renderer = make_renderer(options, scene)
     if options.resume and checkpoint is not None:
-        if not checkpoint.exists():
+        if not os.path.exists(checkpoint):
             say(f"wrt: no checkpoint {checkpoint} yet; starting from the beginning")
         else:
             renderer.load_checkpoint(checkpoint)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from wrt.cli.exit_status import cause_of
 from wrt.errors import InputError
 
 if TYPE_CHECKING:
@@ -69,6 +71,12 @@ def _save_picture(renderer: Renderer, options: argparse.Namespace, output: Path)
 
     try:
         return Saved(output, renderer.save(output, force=options.force))
+    except (MemoryError, RuntimeError) as error:
+        if not renderer.settings.denoise:
+            raise
+        renderer.settings = dataclasses.replace(renderer.settings, denoise=False)
+        noisy = _save_picture(renderer, options, output)
+        raise OSError(f"{noisy.path}: saved with its noise, denoising failed: {cause_of(error)}") from error
     except InputError as error:
         saved = _save_elsewhere(renderer, options, output)
         if saved is None:

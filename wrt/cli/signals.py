@@ -11,6 +11,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+from wrt.threads import start_if_possible
+
 SIGNALS = (
     *(signal.SIGINT, signal.SIGTERM, signal.SIGHUP),
     # Schedulers of clusters send these some time before they kill a job.
@@ -63,7 +65,8 @@ class Interrupts:
                 self._pipe = os.pipe()
                 os.set_blocking(self._pipe[1], False)
                 self._previous_wakeup = signal.set_wakeup_fd(self._pipe[1], warn_on_full_buffer=False)
-                threading.Thread(target=self._watch, args=(self._pipe[0],), name="wrt-signals", daemon=True).start()
+                watcher = threading.Thread(target=self._watch, args=(self._pipe[0],), name="wrt-signals", daemon=True)
+                start_if_possible(watcher)  # without it signals wait for the main thread
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from wrt import backend
 from wrt.cli.exit_status import complain, warn
 from wrt.cli.signals import SIGNALS
+from wrt.threads import start_if_possible
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
@@ -36,13 +37,13 @@ def view(options: argparse.Namespace) -> int:
     if options.own_process and options.device == "cpu":
         backend.prefer_compiled()
     said: set[str] = set()
-    with short_warnings(once(warn, said)):
+    with contextlib.closing(bound), short_warnings(once(warn, said)):
         session = Session(lambda: _open(options), name=Path(options.source).stem, spp=options.spp)
 
         def ready(address: str) -> None:
             print(f"{options.source}: {address}\nCtrl-C ends it.", flush=True)
             if not options.no_browser:
-                threading.Thread(target=_browse, args=(address,), daemon=True).start()
+                start_if_possible(threading.Thread(target=_browse, args=(address,), daemon=True))
 
         signals: list[int] = []
 
@@ -67,7 +68,6 @@ def view(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             signals.append(signal.SIGINT)
         finally:
-            bound.close()
             session.close()
             backend.finish()
         complain("stopped", "the view has ended")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from wrt.backend.slices import Threads, available_threads
 
 ROWS_AT_ONCE = 16
 """Rows that are converted in one step: few enough to stay in a core's cache."""
@@ -45,8 +46,12 @@ def quantize(
         whites[rows] = (values >= white).any(axis=2)
 
     # A few rows at a time: a whole picture in float64 would take several times its memory.
-    with ThreadPoolExecutor() as pool:
-        list(pool.map(fill, (slice(y, y + ROWS_AT_ONCE) for y in range(0, height, ROWS_AT_ONCE))))
+    pool = Threads(available_threads(), "wrt-dither")
+    try:
+        for each in [pool.submit(fill, slice(y, y + ROWS_AT_ONCE)) for y in range(0, height, ROWS_AT_ONCE)]:
+            each.result()
+    finally:
+        pool.end()
     return codes, whites
 
 

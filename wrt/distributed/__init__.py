@@ -1,5 +1,6 @@
 """Rendering over a Dask cluster, or the GPUs of a machine: `wrt.distributed.render`."""
 
+from wrt.distributed.head import ClusterError as ClusterError
 from wrt.distributed.head import DistributedRenderer as DistributedRenderer
 from wrt.distributed.head import render as render
 from wrt.distributed.processes import Processes as Processes

@@ -29,6 +29,18 @@ LONGEST_CLUSTER_PASS = 30.0
 node and a worker some 20 ms, and workers wait for the last."""
 
 
+class ClusterError(OSError):
+    """The cluster cannot go on with a picture: its scheduler or its workers are lost, or a worker failed.
+
+    Attributes:
+        renderer: the renderer, with the samples that there are: it can show and save the picture, and its checkpoint.
+    """
+
+    def __init__(self, message: str, renderer: DistributedRenderer) -> None:
+        super().__init__(message)
+        self.renderer = renderer
+
+
 class DistributedRenderer(Renderer):
     """A `wrt.Renderer` whose passes are rendered by the workers of a Dask cluster, with the same bits.
 
@@ -132,7 +144,13 @@ class DistributedRenderer(Renderer):
     def _bring(self, film: Film, job: Job, spp: int, seconds_left: float) -> None:
         crop, samples = self.crop, spp - int(film.counts.min())
         do = Pass(job, crop, samples, spp, seconds_left, lambda window: _state(film, crop, window))
-        self._spread.run(do, lambda window, rendered: _keep(film, crop, window, rendered))
+        try:
+            self._spread.run(do, lambda window, rendered: _keep(film, crop, window, rendered))
+        except Exception as error:  # of wrt, of Dask, or of a worker
+            if isinstance(error, InputError) and not self.film.counts.any():
+                raise
+            known = isinstance(error, (InputError, OSError)) and str(error)
+            raise ClusterError(str(error) if known else f"a worker failed: {error!r}", self) from error
 
 
 class _Remote:
@@ -190,6 +208,7 @@ def render(
 
     Raises:
         InputError: if an argument cannot be used, or no worker can render the scene.
+        ClusterError: if the scheduler or the workers are lost meanwhile; its `renderer` has the picture so far.
     """
     from wrt.api import load
     from wrt.distributed.clients import client_of

@@ -19,7 +19,7 @@ from wrt.distributed.cluster import Cluster, NoAnswer
 from wrt.distributed.crew import MOST_DEATHS, Crew, Member, Try
 from wrt.distributed.windows import windows_of_pass
 from wrt.distributed.worker import Job, Rendered, render_window
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.parts.cut import pixels_of
 from wrt.scene.scene import Scene
 from wrt.upload.camera import CropWindow
@@ -29,6 +29,9 @@ POLL_SECONDS = 0.2
 
 WITHOUT_WORKERS_SECONDS = 600.0
 """Time to wait for a worker when all have gone: those that died are started again, or others come."""
+
+MENTIONED_SECONDS = 10.0
+"""Time without workers after which a person is told why nothing happens; workers that are started again take less."""
 
 Keep = Callable[[CropWindow, Rendered], object]
 State = Callable[[CropWindow], "dict[str, NDArray[Any]] | None"]
@@ -147,10 +150,13 @@ class Spread:
         """Wait until a worker has ended something, or for POLL_SECONDS; and for a worker, if there are none."""
         self._ended.wait(POLL_SECONDS)
         self._ended.clear()
-        since = time.monotonic()
+        since, is_said = time.monotonic(), False
         while not self.crew.members:
             if time.monotonic() - since > WITHOUT_WORKERS_SECONDS:
                 raise OSError(f"the scheduler has had no worker for {WITHOUT_WORKERS_SECONDS:.0f} s")
+            if time.monotonic() - since > MENTIONED_SECONDS and not is_said:
+                is_said = True
+                warn(f"the scheduler has no worker; waiting for one, at most {WITHOUT_WORKERS_SECONDS:.0f} s")
             time.sleep(POLL_SECONDS)
             self.crew.update(job)
 

@@ -11,10 +11,13 @@ import contextvars
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from wrt.errors import InputError
 from wrt.io.safe_read import counting_sizes
-from wrt.scene.mesh import Mesh
+
+if TYPE_CHECKING:
+    from wrt.scene.mesh import Mesh
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,9 @@ MADE = Limit("spheres and other round shapes", 2**29, 256)
 
 TEXT = Limit("XML elements and texts", 2**26, 128)
 """The shortest element has 4 bytes in the file and takes 300 in memory."""
+
+COMPOSED = Limit("USD layers and prims", 2**27, 512)
+"""130,000 prims, plus one for each two bytes of the files: Pixar's library takes 1 kB for a prim, and 20 us."""
 
 BYTES_PER_PIXEL = 16
 """Memory of a decoded pixel: the decoder's own copy, and three float32 numbers."""
@@ -109,17 +115,27 @@ def one_load() -> Iterator[None]:
             _LOAD.reset(token)
 
 
+def size_of_files() -> int:
+    """Return the bytes of the files that this load has read."""
+    load = _LOAD.get()
+    return 0 if load is None else load.size
+
+
+def most(limit: Limit) -> int:
+    """Return how many bytes of memory one kind of content may take, for the files that have been read so far."""
+    return limit.free + limit.per_byte * size_of_files()
+
+
 def require(limit: Limit, size: int) -> None:
     """Raise InputError if `size` more bytes of memory would exceed a limit."""
     load = _LOAD.get()
     if load is None:
         return  # the arrays come from memory, not from files
     total = load.made.get(limit, 0) + size
-    most = limit.free + limit.per_byte * load.size
-    if total > most:
+    if total > most(limit):
         raise InputError(
             f"its {limit.what} would take {_amount(total)}; for files of {_amount(load.size)} the limit is "
-            f"{_amount(most)} ({_amount(limit.free)} plus {limit.per_byte} times the file size)"
+            f"{_amount(most(limit))} ({_amount(limit.free)} plus {limit.per_byte} times the file size)"
         )
 
 

@@ -47,10 +47,10 @@ def identity_of(found: os.stat_result) -> Identity:
 
 def is_input(path: Path) -> bool:
     """Return whether this process has read the file at `path`, under this name or another."""
-    real = os.path.realpath(path)
     try:
+        real = os.path.realpath(path)
         return real in _inputs or identity_of(os.stat(real)) in _inputs.values()
-    except OSError:
+    except (OSError, ValueError):  # no file can have that name
         return False
 
 
@@ -90,6 +90,12 @@ def confined_to(folder: Path | None) -> Iterator[None]:
         raise InputError(f"{confinement.refused}: is outside the scene's folder, and reading is confined to that")
 
 
+def confinement_folder() -> Path | None:
+    """Return the folder of `confined_to`, for another process that reads on behalf of this one."""
+    confinement = _confinement.get()
+    return None if confinement is None else confinement.folder
+
+
 def is_inside(path: Path) -> bool:
     """Return whether `path` is inside the folder of `confined_to`, for files that are guessed and not named."""
     confinement = _confinement.get()
@@ -98,7 +104,11 @@ def is_inside(path: Path) -> bool:
 
 def require_inside(path: Path) -> None:
     """Raise unless `path` is inside the folder of `confined_to`, whether or not the file exists."""
-    _require_inside(path, os.path.realpath(path))
+    try:
+        real = os.path.realpath(path)
+    except ValueError as error:  # a zero byte, which no path has
+        raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
+    _require_inside(path, real)
 
 
 def _require_inside(path: Path, real: str) -> None:

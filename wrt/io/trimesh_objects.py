@@ -56,11 +56,11 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     import trimesh
 
     if isinstance(source, trimesh.parent.Geometry) and not isinstance(source, trimesh.Scene):
-        return Contents(_Reader(source).parts(OF_TRIMESH, source))
+        return Contents(_Reader(source, name).parts(name, source))
     if not isinstance(source, trimesh.Scene):
         kinds = "a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene"
         raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes arrays")
-    reader = _Reader(source)
+    reader = _Reader(source, name)
     places: dict[str, list[NDArray[np.float64]]] = {}
     for node in source.graph.nodes_geometry:
         matrix = _place_of(source, node, name)
@@ -110,16 +110,18 @@ class _HeldImages(GltfImages):
 class _Reader:
     """Reads the meshes of one object, each material and image once."""
 
-    def __init__(self, source: Any) -> None:
+    def __init__(self, source: Any, name: str) -> None:
+        """Take the object, and what messages call it."""
+        self._name = name
         self._linear = file_type(source) in _LINEAR_FILES
         self._path = Path(source.source.file_path or OF_TRIMESH)
         self._resolver = source.source.resolver
         self._beside = Beside(self._path) if source.source.file_path else None
-        self._images = _HeldImages(Path(OF_TRIMESH))
+        self._images = _HeldImages(Path(name))
         self._descriptions: list[Tree] = []
-        self._physical = GltfMaterials(Path(OF_TRIMESH), self._descriptions, self._images)
+        self._physical = GltfMaterials(Path(name), self._descriptions, self._images)
         self._numbers: dict[int, int] = {}
-        self._simple = MtlMaterials(Path(OF_TRIMESH), self._find)
+        self._simple = MtlMaterials(Path(name), self._find)
         self._maps: dict[str, Any] = {}
 
     def parts(self, name: str, mesh: Any) -> list[Part]:
@@ -132,7 +134,7 @@ class _Reader:
             strips = strips_of(mesh.metadata.get("_ply_raw") or {})
             if not len(strips):
                 instead = "; wrt.spheres shows points" if isinstance(mesh, trimesh.PointCloud) else ""
-                warn(f"trimesh: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
+                warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
                 return []
             colors = matching(getattr(mesh, "colors", None), len(mesh.vertices))
             colors = None if colors is None else self._colors(colors)
@@ -153,7 +155,7 @@ class _Reader:
             return [self._with_material(part, material)]
         numbers = np.asarray(() if visual.face_materials is None else visual.face_materials)
         if numbers.shape != (len(mesh.faces),) or not len(material) or not set(numbers) <= set(range(len(material))):
-            warn(f"trimesh: {name!r} does not say which of its {len(material)} materials each face has; left out")
+            warn(f"{self._name}: {name!r} does not say which of its {len(material)} materials each face has; left out")
             return [part]
         return [
             self._with_material(replace(part, faces=part.faces[numbers == number]), material.get(number))
@@ -182,7 +184,7 @@ class _Reader:
                 key = f"{material.name} {id(material)}"
                 part.material = self._simple.material(key, statements, laid=laid, colored=colored)
         elif material is not None:
-            warn(f"trimesh: a {type(material).__name__} of {part.name!r} is left out: unknown type of material")
+            warn(f"{self._name}: a {type(material).__name__} of {part.name!r} is left out: unknown type of material")
         return part
 
     def _described(self, material: Any) -> Tree:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend.device import Device
+from wrt.develop.picture import Developed
+from wrt.developing import DEVELOPED_SUFFIXES, Exposure, names_file
 from wrt.errors import InputError
+from wrt.io.images import picture_path
 from wrt.io.safe_read import PathLike
 from wrt.parts.cut import put
 from wrt.parts.part import Part
@@ -57,6 +61,29 @@ class Merged(Picture):
 
     def _materials(self) -> list[int]:
         return self._numbers
+
+    def save(
+        self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
+    ) -> Developed | None:
+        """Write the picture; see `wrt.Renderer.save`.
+
+        Raises:
+            InputError: also where only the parts name a configuration of OpenColorIO, see `require_own_tone`.
+        """
+        self.require_own_tone(picture_path(path), tone)
+        return super().save(path, tone=tone, exposure=exposure, force=force)
+
+    def require_own_tone(self, path: Path, tone: str | None) -> None:
+        """Raise InputError where a picture would be developed by a file that only the parts name.
+
+        Parts may come from others, and the file would be looked for on this machine.
+        """
+        stored = self.settings.tone
+        if tone is None and path.suffix.lower() in DEVELOPED_SUFFIXES and names_file(stored):
+            raise InputError(
+                f"the parts were rendered with tone {stored!r}, a file, which is opened only where a tone is given "
+                "here; give --tone (tone=)"
+            )
 
     def save_checkpoint(self, path: PathLike) -> None:
         """Write a checkpoint, from which `wrt.Renderer.resume` goes on with the scene.

@@ -115,7 +115,9 @@ class Part:
         try:
             part = cls(str(path), header, arrays, arrays.pop(MATERIALS))
             part._check()
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except KeyError as error:
+            raise InputError(f"{path}: damaged (it has no {error})") from None
+        except (TypeError, ValueError, IndexError) as error:
             raise InputError(f"{path}: damaged ({first_line(error)})") from None
         return part
 

@@ -6,6 +6,8 @@ import sys
 import threading
 import time
 
+from wrt.threads import start_if_possible
+
 GETTING_READY = "getting ready; kernels are compiled the first time"
 
 FIRST_SECONDS = 2.0
@@ -31,12 +33,13 @@ class ProgressLines:
 
     def start(self) -> None:
         """Start the thread and its clock."""
-        self._thread.start()
+        start_if_possible(self._thread)
 
     def stop(self) -> None:
         """Stop the thread; nothing is printed after this."""
         self._ended.set()
-        self._thread.join(timeout=1.0)  # it may be writing to a pipe that nobody reads
+        if self._thread.is_alive():
+            self._thread.join(timeout=1.0)  # it may be writing to a pipe that nobody reads
 
     def _run(self) -> None:
         started, due, said = time.monotonic(), FIRST_SECONDS, ""

@@ -6,6 +6,7 @@ The file is an uncompressed NumPy archive (.npz layout) of the film's arrays and
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -116,7 +117,7 @@ def read_state(path: PathLike, what: str) -> tuple[dict[str, Any], dict[str, NDA
         InputError: when the file does not exist, or is damaged.
     """
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike `is_file`, False for a name that is too long
         raise InputError(f"{path}: no such {what} file")
     try:
         arrays = read_archive(read_file(path))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.develop.denoise import denoise
+from wrt.threads import start_if_possible
 from wrt.view.picture import MOVING_QUALITY, RESTING_QUALITY, Look, develop, jpeg
 
 
@@ -93,8 +94,9 @@ class Encoder:
         with self._waiting:
             self._source, self._due = source, guides is None or not source.is_of(self._denoised)
             if guides is not None and not self._denoising:
+                thread = threading.Thread(target=self._denoise, args=(source,), name="wrt-denoise", daemon=True)
                 self._denoising = True
-                threading.Thread(target=self._denoise, args=(source,), name="wrt-denoise", daemon=True).start()
+                self._denoising = start_if_possible(thread)
             self._waiting.notify()
 
     def _denoise(self, source: _Source) -> None:

@@ -127,8 +127,8 @@ class _Client:
                 self._put({"type": "picked", "action": values.get("action"), "picked": picked})
             elif kind == "toml" and self._session.camera is not None:
                 self._put({"type": "toml", "text": camera_toml(self._session.camera)})
-        except InputError as error:
-            self._put({"type": "error", "text": str(error)})
+        except (InputError, OSError, MemoryError) as error:
+            self._put({"type": "error", "text": str(error) or "not enough memory"})
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
             self._put({"type": "error", "text": f"a message that is not understood: {error}"})
 

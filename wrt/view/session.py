@@ -13,7 +13,7 @@ from typing import Any
 
 from wrt.backend import leave_compiled
 from wrt.backend.builds import NotCompiled
-from wrt.errors import InputError
+from wrt.errors import InputError, one_line
 from wrt.rendering.passes import Progress
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera
@@ -45,6 +45,15 @@ CLOSING_SECONDS = 2.0
 
 _SHUTDOWN = "shutdown"
 """What thread pools say when the interpreter has begun to end, in all versions of Python."""
+
+
+def _text_of(error: Exception) -> str:
+    """Return what the page shows of an error."""
+    if isinstance(error, (InputError, OSError)):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return str(error) or "not enough memory"
+    return one_line(f"{type(error).__name__}: {error}")
 
 
 class Session:
@@ -244,16 +253,14 @@ class Session:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     worked = self._step()
-            except (InputError, OSError, MemoryError) as error:
-                self._fail(str(error) or "not enough memory")
-                worked = False
             except NotCompiled:
                 worked = True
                 self._leave_compiled()
-            except RuntimeError as error:
-                if _SHUTDOWN not in str(error):
-                    raise
-                return
+            except Exception as error:  # noqa: BLE001  # the page shows it, and without this thread nobody would answer
+                if isinstance(error, RuntimeError) and _SHUTDOWN in str(error):
+                    return
+                self._fail(_text_of(error))
+                worked = False
             if not worked:
                 with self._changed:
                     self._changed.wait_for(lambda: self._has_work() or self._closed, timeout=60.0)
@@ -324,8 +331,10 @@ class Session:
         error: Exception | None = None
         try:
             outcome = answer()
-        except (InputError, OSError, MemoryError) as found:
-            error = found
+        except NotCompiled:
+            raise
+        except Exception as found:  # noqa: BLE001  # who asked gets it
+            error = found if isinstance(found, (InputError, OSError, MemoryError)) else OSError(_text_of(found))
         with self._changed:
             if request in self._requests:  # it was not cancelled meanwhile
                 self._requests.remove(request)

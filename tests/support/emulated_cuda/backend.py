@@ -26,20 +26,10 @@ RUNS_LONG = "wrt.coat.", "wrt.missing"
 
 
 class EmulatedBackend(WarpBackend):
-    """Warp's backend, with one GPU whose memory is that of the CPU.
-
-    Attributes:
-        launches: how often each kernel was launched on the GPU, by its name in Python.
-    """
+    """Warp's backend, with one GPU whose memory is that of the CPU; it counts `launches` by names of kernels."""
 
     def __init__(self, arch: int = ARCH, *, optimization: int = 1, traces: bool = False) -> None:
-        """Make a GPU of an architecture.
-
-        Args:
-            arch: such as 90.
-            optimization: 0 compiles in a third of the time; 1 runs faster.
-            traces: whether kernels trace the blocks that they run, see `Library.trace_warp`.
-        """
+        """Make a GPU; modules compile in a third of the time without `optimization`, and trace as `Library` says."""
         super().__init__()
         self.launches: dict[str, int] = {}
         self._arch, self._optimization, self._traces = arch, optimization, traces
@@ -47,7 +37,6 @@ class EmulatedBackend(WarpBackend):
         self._lock = threading.RLock()
 
     def library(self, kernel: Any) -> Library:
-        """Return the compiled module of a kernel."""
         module = kernel.module
         key = module.name, module.get_module_hash(BLOCK)
         with self._lock:
@@ -58,7 +47,6 @@ class EmulatedBackend(WarpBackend):
             return self._libraries[key]
 
     def entry(self, kernel: Any) -> Entry:
-        """Return a kernel as PTX."""
         return next(entry for entry in self._parsed(kernel).entries if entry.name == entry_of(kernel))
 
     def flow(self, kernel: Any) -> Flow:
@@ -70,7 +58,6 @@ class EmulatedBackend(WarpBackend):
         return parse(ptx_of(kernel.module, self._arch))
 
     def run(self, kernel: Any, shape: tuple[int, ...], arguments: list[Any]) -> None:
-        """Run a grid, as Warp launches it."""
         from warp._src.context import pack_arg
         from warp._src.types import launch_bounds_t
 
@@ -81,17 +68,14 @@ class EmulatedBackend(WarpBackend):
             self.run_grid(kernel, count, [launch_bounds_t(shape), *packed])
 
     def run_grid(self, kernel: Any, count: int, packed: list[Any]) -> None:
-        """Run the threads of a grid with packed arguments."""
         self.library(kernel).run(entry_of(kernel), count, packed)
 
     def is_loaded(self, kernel: Any, device: str) -> bool:
-        """Return whether a kernel can be launched at once."""
         if device == "cpu":
             return super().is_loaded(kernel, device)
         return (kernel.module.name, kernel.module.get_module_hash(BLOCK)) in self._libraries
 
     def load(self, kernel: Any, device: str) -> None:
-        """Load a kernel's module, and compile it if necessary."""
         if device == "cpu":
             super().load(kernel, device)
         else:
@@ -110,23 +94,18 @@ class EmulatedBackend(WarpBackend):
         return numbers.copy() if beside else numbers
 
     def gpus(self) -> int:
-        """Return the number of GPUs."""
         return 1
 
     def gpu(self, name: str) -> Gpu:
-        """Return what a GPU is."""
         return Gpu(name, "Emulated GPU", self._arch, memory_left(), memory_left())
 
     def cuda_versions(self) -> CudaVersions:
-        """Return versions of which none is an obstacle."""
         return CudaVersions((13, 4), (13, 4), (13, 0))
 
     def architecture_of(self, gpu: str) -> int:
-        """Return the compute capability of a GPU."""
         return self._arch
 
     def memory_of(self, gpu: str) -> int:
-        """Return the bytes of memory of a GPU that are free."""
         return memory_left()
 
 
@@ -139,13 +118,7 @@ def entry_of(kernel: Any) -> str:
 def emulated_cuda(
     arch: int = ARCH, *, optimization: int = 1, counting: EmulatedBackend | None = None
 ) -> Iterator[EmulatedBackend]:
-    """Give this process an `EmulatedBackend` as its backend, and Warp a device "cuda:0" with the CPU's memory.
-
-    Args:
-        arch: the GPU's architecture.
-        optimization: see `EmulatedBackend`.
-        counting: a backend to use instead of a new one.
-    """
+    """Give this process an `EmulatedBackend`, a new one or `counting`, and Warp a GPU with the CPU's memory."""
     import warp as wp
     from warp._src import context
 

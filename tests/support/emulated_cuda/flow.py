@@ -14,48 +14,29 @@ _NONE: Mapping[str, Entry] = MappingProxyType({})
 
 
 class Flow(NamedTuple):
-    """The blocks of a kernel, by number, in the order of its text; `end` is the number after the last.
+    """The blocks of a kernel, by number, in the order of its text; threads that have ended are at `end`."""
 
-    Attributes:
-        first: the block that begins with a statement, by its place in the body.
-        blocks: their instructions.
-        following: the blocks that may come after each; `end` where threads end.
-        meeting: for each block, the first one that all ways from it lead to: its immediate post-dominator.
-        marks: the blocks that hold each mark.
-    """
-
-    first: dict[int, int]
+    first: dict[int, int]  # the block that begins with a statement, by its place in the body
     blocks: tuple[tuple[Instruction, ...], ...]
     following: tuple[tuple[int, ...], ...]
-    meeting: tuple[int, ...]
-    marks: dict[str, frozenset[int]]
+    meeting: tuple[int, ...]  # the first block that all ways from each lead to: its immediate post-dominator
+    marks: dict[str, frozenset[int]]  # the blocks that hold each mark
 
     @property
     def end(self) -> int:
-        """Where threads are that have ended."""
         return len(self.blocks)
 
 
 class Placed(NamedTuple):
-    """The blocks of a kernel or function alone, and where copies of those that it calls come after them.
-
-    Attributes:
-        first: the block that begins with a statement, by its place in the body.
-        blocks: their instructions.
-        labels: the blocks that labels lead to.
-        marks: the blocks that hold each mark.
-        calls: the number of the first block of what is called, by the place of the call.
-        called: its name, by the number of the block that ends with the call.
-        size: how many blocks there are with the copies.
-    """
+    """The blocks of a kernel or function alone, and where copies of those that it calls come after them."""
 
     first: dict[int, int]
     blocks: list[list[Instruction]]
     labels: dict[str, int]
     marks: dict[str, set[int]]
-    calls: dict[int, int]
-    called: dict[int, str]
-    size: int
+    calls: dict[int, int]  # the first block of what is called, by the place of the call
+    called: dict[int, str]  # its name, by the number of the block that ends with the call
+    size: int  # with the copies
 
 
 def placed(entry: Entry, functions: Mapping[str, Entry]) -> Placed:
@@ -94,7 +75,6 @@ def placed(entry: Entry, functions: Mapping[str, Entry]) -> Placed:
 
 
 def called_by(call: Instruction) -> str:
-    """Return the name of the function that an instruction calls."""
     return call.operands[1 if call.operands[0].startswith("(") else 0]
 
 
@@ -135,12 +115,7 @@ def flow_of(entry: Entry, functions: Mapping[str, Entry] = _NONE) -> Flow:
 
 
 def _following(
-    i: int,
-    block: list[Instruction],
-    labels: dict[str, int],
-    tables: dict[str, tuple[str, ...]],
-    after: int,
-    end: int,
+    i: int, block: list[Instruction], labels: dict[str, int], tables: dict[str, tuple[str, ...]], after: int, end: int
 ) -> tuple[int, ...]:
     """Return the blocks that may follow block i; `after` is where its function returns to."""
     last = block[-1]

@@ -31,7 +31,6 @@ class Library:
     """The kernels of a module, translated, compiled and loaded into this process."""
 
     def __init__(self, binary: bytes) -> None:
-        """Load compiled C++ of `translation.to_cpp`."""
         from warp._src import context
 
         self._clang, self._handle = context.runtime.llvm, f"emulated_cuda_{next(_serial)}".encode()
@@ -43,15 +42,7 @@ class Library:
     ) -> None:
         """Run the grid that covers `count` threads, one after another; or warps, where threads wait for one another.
 
-        Args:
-            kernel: its name in the PTX.
-            count: threads that have something to do; the last block is full all the same.
-            arguments: ctypes values, as the kernel declares its parameters.
-            block: threads of a block.
-            threads: those of the grid that run, by default all.
-
-        Raises:
-            RuntimeError: if threads wait for others that never come.
+        `threads` are those of the grid that run. If they wait for others that never come, a RuntimeError says so.
         """
         address = self._clang.wp_lookup(self._handle, kernel.replace("$", "_").encode())
         if not address:
@@ -82,10 +73,7 @@ class Library:
     def trace_all(
         self, kernel: str, count: int, arguments: list[Any], threads: range, blocks_out: NDArray[np.uint32]
     ) -> int:
-        """Run threads of a module that traces, write the first blocks that they run, and return how many these are.
-
-        Each thread begins with block 0.
-        """
+        """Run threads of a module that traces, write the first blocks that they run, and return how many these are."""
         traced = self._trace(kernel, count, arguments, threads, blocks_out)
         blocks_out[:traced] %= LANE
         return traced
@@ -138,7 +126,6 @@ def ptx_of(module: Any, arch: int) -> str:
 
 @cache
 def _folder() -> Path:
-    """Return the folder of what is kept."""
     import warp as wp
 
     folder = Path(wp.config.kernel_cache_dir) / "emulated-cuda"

@@ -16,37 +16,25 @@ _INTEGER = re.compile(r"-?\d+U?|0[xX][0-9A-Fa-f]+U?")
 
 
 def name_of(text: str) -> str:
-    """Return a PTX name as one of C++."""
     return text.replace("%", "r_").replace("$", "_").replace(".", "_")
 
 
 def unsigned(width: int) -> str:
-    """Return the type of registers of a width."""
     return _UNSIGNED[width]
 
 
 class Operands:
-    """The names that an instruction may use.
-
-    Attributes:
-        registers: their widths in bits.
-        lane: registers that a thread keeps while it waits; they are members of its `lane`.
-        addresses: C++ for the addresses of variables and parameters.
-        tables: the targets of tables of branches.
-        functions: names of the functions that may be called.
-        stops: how many instructions so far wait for other threads; None where none may.
-    """
+    """The names that an instruction may use."""
 
     def __init__(self, addresses: dict[str, str]) -> None:
-        self.registers: dict[str, int] = {}
-        self.lane: frozenset[str] = frozenset()
-        self.addresses = addresses
-        self.tables: dict[str, tuple[str, ...]] = {}
+        self.registers: dict[str, int] = {}  # their widths in bits
+        self.lane: frozenset[str] = frozenset()  # registers that a thread keeps while it waits
+        self.addresses = addresses  # C++ for those of variables and parameters
+        self.tables: dict[str, tuple[str, ...]] = {}  # targets of tables of branches
         self.functions: frozenset[str] = frozenset()
-        self.stops: int | None = None
+        self.stops: int | None = None  # how many instructions so far wait for other threads; None where none may
 
     def register(self, text: str) -> str:
-        """Return a register as C++."""
         return f"lane.{name_of(text)}" if text in self.lane else name_of(text)
 
     def value(self, text: str, kind: str) -> str:

@@ -225,7 +225,6 @@ def _floating(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str
 
 
 def _number(name: str, kind: str, x: list[str]) -> str | None:
-    """Return an operation on numbers."""
     if name in ("add", "sub", "mul", "div"):
         return f"{x[0]} {_SIGNS[name]} {x[1]}"
     if name in ("fma", "mad"):
@@ -388,26 +387,7 @@ _FAMILIES: dict[str, Callable[[Operands, tuple[str, ...], tuple[str, ...]], str 
     **dict.fromkeys(TOGETHER, _together),
     **dict.fromkeys(("membar", "fence"), _nothing),
     **dict.fromkeys(("shl", "shr", "shf", "brev", "clz", "popc", "bfind", "bfe", "bfi", "prmt", "lop3"), _bits),
-    **dict.fromkeys(
-        (
-            "add",
-            "sub",
-            "mul",
-            "mad",
-            "fma",
-            "div",
-            "rem",
-            "neg",
-            "abs",
-            "min",
-            "max",
-            "and",
-            "or",
-            "xor",
-            "not",
-            "cnot",
-        ),
-        _arithmetic,
-    ),
+    **dict.fromkeys(("add", "sub", "mul", "mad", "fma", "div", "rem", "neg", "abs", "min", "max"), _arithmetic),
+    **dict.fromkeys(("and", "or", "xor", "not", "cnot"), _arithmetic),
     **dict.fromkeys(("rcp", "sqrt", "rsqrt", "copysign", *_APPROXIMATE), _arithmetic),
 }

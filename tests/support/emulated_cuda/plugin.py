@@ -20,15 +20,12 @@ class EmulatedCuda:
         self._open = contextlib.ExitStack()
 
     def pytest_sessionstart(self) -> None:
-        """Begin to emulate."""
         self._open.enter_context(emulated_cuda(optimization=0))
 
     def pytest_sessionfinish(self) -> None:
-        """Stop emulating."""
         self._open.close()
 
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
-        """Deselect tests that launch no kernels, and those that are marked."""
         config.hook.pytest_deselected(items=[item for item in items if not _runs(item)])
         items[:] = [item for item in items if _runs(item)]
 

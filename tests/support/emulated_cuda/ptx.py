@@ -12,17 +12,11 @@ class NotTranslated(Exception):
 
 
 class Instruction(NamedTuple):
-    """One instruction.
+    """One instruction."""
 
-    Attributes:
-        guard: the predicate that it depends on, with a leading "!" if negated; empty if there is none.
-        opcode: its parts between dots, such as ("add", "rn", "f32").
-        operands: as written; those in braces, brackets or parentheses are one operand.
-    """
-
-    guard: str
-    opcode: tuple[str, ...]
-    operands: tuple[str, ...]
+    guard: str  # the predicate that it depends on, with a leading "!" if negated
+    opcode: tuple[str, ...]  # such as ("add", "rn", "f32")
+    operands: tuple[str, ...]  # those in braces, brackets or parentheses are one
 
 
 class Label(NamedTuple):
@@ -39,8 +33,6 @@ class Mark(NamedTuple):
 
 
 class Brace(NamedTuple):
-    """The begin or the end of a block with registers of its own."""
-
     text: str
 
 
@@ -53,32 +45,21 @@ class Registers(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """The names of all."""
         return [self.name] if self.count is None else [f"{self.name}{i}" for i in range(self.count)]
 
 
 class Variable(NamedTuple):
-    """A variable in memory.
+    """A variable in memory."""
 
-    Attributes:
-        space: "global", "const", "shared", "local", or "param" for what a function is called with.
-        align: its alignment in bytes.
-        kind: the type of an element, such as "b8".
-        name: its name.
-        count: elements; None if it is not an array.
-        values: what its first elements start with; all others are 0.
-    """
-
-    space: str
+    space: str  # "param" for what a function is called with
     align: int
     kind: str
     name: str
-    count: int | None
-    values: tuple[str, ...] = ()
+    count: int | None  # None if it is not an array
+    values: tuple[str, ...] = ()  # what its first elements start with; all others are 0
 
     @property
     def size(self) -> int:
-        """Its bytes."""
         return bits_of(self.kind) // 8 * (1 if self.count is None else self.count)
 
 
@@ -86,14 +67,7 @@ Statement = Instruction | Label | Mark | Brace | Registers | Variable
 
 
 class Entry(NamedTuple):
-    """A kernel, or a function that kernels call.
-
-    Attributes:
-        name: its name.
-        parameters: names of its parameters.
-        body: its statements.
-        results: names of what a function returns, one at most.
-    """
+    """A kernel, or a function that kernels call."""
 
     name: str
     parameters: tuple[str, ...]
@@ -102,8 +76,6 @@ class Entry(NamedTuple):
 
 
 class Module(NamedTuple):
-    """What a PTX file declares."""
-
     target: str
     variables: tuple[Variable, ...]
     entries: tuple[Entry, ...]
@@ -115,17 +87,7 @@ def bits_of(kind: str) -> int:
     return 1 if kind == "pred" else int(kind.lstrip("busf"))
 
 
-_IGNORED = (
-    ".version",
-    ".address_size",
-    ".file",
-    ".loc ",
-    ".pragma",
-    ".maxntid",
-    ".minnctapersm",
-    ".maxnreg",
-    ".reqntid",
-)
+_IGNORED = (".version", ".address_size", ".file", ".loc ", ".pragma", ".maxntid", ".minnctapersm", ".maxnreg")
 _MARK = "// mark: "
 _LABEL = re.compile(r"([\w$]+):\s*(?!:)(.*)")
 _REGISTERS = re.compile(r"\.reg \.(\w+)\s+(.*);")
@@ -170,13 +132,11 @@ class _Lines:
                 yield " ".join(text.split())
 
     def until(self, line: str, end: str) -> str:
-        """Return a line together with those that follow, up to one that contains `end`."""
         while end not in line:
             line += " " + next(iter(self))
         return line
 
     def statement(self, line: str) -> str:
-        """Return a line with the rest of its statement."""
         return self.until(line, ";")
 
 

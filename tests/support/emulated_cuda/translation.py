@@ -167,7 +167,6 @@ def _entry(
 
 
 def _waits(entry: Entry) -> bool:
-    """Return whether threads wait for one another."""
     return any(isinstance(s, Instruction) and s.opcode[0] in TOGETHER for s in entry.body)
 
 

@@ -10,13 +10,12 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, did_you_mean
+from wrt.errors import InputError, did_you_mean, is_utf8
 
 BUILT_IN = "ocio://default"
 
@@ -64,8 +63,10 @@ def find_view(tone: str) -> View:
         raise InputError(f"tone {tone!r}: has more than a configuration, a display and a view")
     config, display, view = parts + [""] * (3 - len(parts))
     config = config or os.environ.get("OCIO", "") or BUILT_IN
-    if not config.startswith("ocio://") and not Path(config).is_file():
+    if not config.startswith("ocio://") and not os.path.isfile(config):
         raise InputError(f"{config}: no such OpenColorIO configuration; name a file or {BUILT_IN}")
+    if not is_utf8(config):
+        raise InputError(f"{config}: OpenColorIO reads only files whose names are UTF-8; rename it")
     opened = OpenImageIO.ColorConfig(config)
     if not opened.getDisplayNames():
         raise InputError(f"{config}: cannot be read as an OpenColorIO configuration: {opened.geterror()}")

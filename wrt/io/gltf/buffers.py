@@ -143,6 +143,10 @@ class Buffers:
                 self._added += data
         for buffer in tree.get("buffers", [])[1 if self._binary else 0 :]:
             buffer.setdefault("uri", "data:application/octet-stream;base64,")  # stood in for by compressed views
+        for accessor in tree.get("accessors", []):
+            if "bufferView" not in accessor:  # trimesh makes zeros of it, even where Draco's data have taken its place
+                size = np.dtype(TYPES[accessor["componentType"]]).itemsize
+                memory_limits.take(memory_limits.MESHES, accessor["count"] * _COMPONENTS[accessor["type"]] * size)
         if self._added:
             text = base64.b64encode(bytes(self._added)).decode("ascii")
             tree["buffers"].append(

@@ -91,7 +91,8 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
         # The cofactor matrix: the inverse transpose up to scale, which exists for singular transforms too.
         a, b, c = linear
         cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-        normals = product(np.asarray(normals, np.float64), cofactors.T) * (-1.0 if mirrored else 1.0)
+        with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, too; they are judged later
+            normals = product(np.asarray(normals, np.float64), cofactors.T) * (-1.0 if mirrored else 1.0)
     # Places that overflow are refused with all other vertices that are not finite.
     with np.errstate(over="ignore", invalid="ignore"):
         vertices = product(np.asarray(part.vertices, np.float64), linear.T) + matrix[:3, 3]

@@ -36,18 +36,22 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         views = b"ascii" not in header.lower()
         fields = load(path, data, "ply", views=views, fix_texture=b"texcoord" in header)
     except InputError as error:
-        if "unexpected length" not in str(error):
+        # NumPy's words where coordinates at corners differ in number from face to face
+        ragged = "array element with a sequence" in str(error) and b"format ascii" in header
+        if "unexpected length" not in str(error) and not ragged:
             raise
         try:
             data = triangulated(data)
         except ValueError as reason:
             raise InputError(f"{path}: the data are not as long as the PLY header says: {reason}") from None
+        header = data[: data.find(b"end_header")]
         fields = load(path, data, "ply", views=True, fix_texture=b"texcoord" in header)
     elements = fields["metadata"]["_ply_raw"]
     for name, element in elements.items():
-        # trimesh takes as many lines of text as there are.
-        held = next(iter(element.get("data", {}).values()), ()) if b"format ascii" in header else None
-        if held is not None and len(held) < element["length"]:
+        # trimesh takes as many lines of text as there are; it makes records of binary data.
+        columns = element.get("data", {})
+        held = next(iter(columns.values()), ()) if isinstance(columns, dict) else None
+        if b"format ascii" in header and held is not None and len(held) < element["length"]:
             raise InputError(f"{path}: {len(held)} of {element['length']} {name!r} rows are there; it is truncated")
     strips = strips_of(elements)
     if len(strips):

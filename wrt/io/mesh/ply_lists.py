@@ -1,12 +1,13 @@
-"""Binary PLY files whose polygons differ in their number of corners, written anew as triangles.
+"""PLY files whose polygons differ in their number of corners, written anew as triangles.
 
-trimesh takes the length of the first list of each kind for that of all. Format: Turk 1994, "The PLY Polygon File
-Format".
+trimesh takes the length of the first list of each kind for that of all; in text where there are several kinds.
+Format: Turk 1994, "The PLY Polygon File Format".
 """
 
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from array import array
 from typing import Any
 
@@ -51,7 +52,7 @@ class _Element:
 
 
 def triangulated(data: bytes) -> bytes:
-    """Return a binary PLY file with its polygons cut into triangles, which keep colours and texture coordinates.
+    """Return a binary PLY file whose polygons are cut into triangles, which keep colours and texture coordinates.
 
     Elements other than vertices and faces are left out.
 
@@ -61,6 +62,8 @@ def triangulated(data: bytes) -> bytes:
     end = data.index(b"\n", data.index(b"end_header")) + 1
     comments, elements, big = _header(data[:end].decode("latin-1"))
     order, place = ">" if big else "<", end
+    if any(line.split()[:2] == [b"format", b"ascii"] for line in data[:end].splitlines()):
+        data, place = _as_binary(data[end:], elements), 0
     made: dict[str, tuple[NDArray[Any], dict[str, Any]]] = {}
     for element in elements:
         if not element.lists:
@@ -113,6 +116,49 @@ def _header(text: str) -> tuple[list[str], list[_Element], bool]:
     if {"vertex", "face"} - {each.name for each in elements}:
         raise ValueError("it is truncated, or there is something behind them")
     return comments, elements, big
+
+
+def _as_binary(text: bytes, elements: list[_Element]) -> bytes:
+    """Return the numbers of a text file as they stand in a little-endian one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # of a word that is no number
+        try:
+            values = np.fromstring(text, sep=" ")
+        except DeprecationWarning:
+            raise ValueError("a number is none") from None
+    memory_limits.take(memory_limits.MESHES, 32 * len(values))
+    kinds, place = array("b"), 0  # of each number
+    codes = ["<" + code for code in dict.fromkeys(_TYPES.values())]
+    numbers = {code: number for number, code in enumerate(codes)}
+    for element in elements:
+        if not 0 <= element.count <= len(values) - place:
+            raise ValueError("it is truncated")
+        for _ in range(element.count):
+            for name in element.order:
+                counted, item = element.lists.get(name, ("", element.scalars.get(name, "")))
+                length = 1
+                if counted:
+                    if place >= len(values) or not 0 <= values[place] <= len(values) - place - 1:
+                        raise ValueError("it is truncated")
+                    length = int(values[place])
+                    kinds.append(numbers["<" + counted])
+                kinds.extend([numbers["<" + item]] * length)
+                place += length + bool(counted)
+        if place > len(values):
+            raise ValueError("it is truncated")
+    types = np.array(kinds, np.int8)
+    sizes = np.array([np.dtype(code).itemsize for code in codes])[types]
+    places = np.cumsum(sizes) - sizes
+    result = np.zeros(int(sizes.sum()), np.uint8)
+    for number, code in enumerate(codes):
+        kind, (own,) = np.dtype(code), np.nonzero(types == number)
+        found = values[own]
+        if kind.kind in "iu" and not ((found >= np.iinfo(kind).min) & (found <= np.iinfo(kind).max)).all():
+            raise ValueError("a number does not fit its type")
+        with np.errstate(over="ignore"):  # of a coordinate, which is refused
+            plain = found.astype(kind).view(np.uint8).reshape(-1, kind.itemsize)
+        result[places[own, None] + np.arange(kind.itemsize)] = plain
+    return result.tobytes()
 
 
 def _rows(

@@ -35,7 +35,9 @@ def read_stl(path: Path, data: bytes) -> list[Part]:
         data = as_text(data).replace("\r\n", "\n").replace("\r", "\n").encode("utf-8", "replace")
     loaded = load(path, data, "stl")
     parts, solids = [], loaded.get("geometry", {path.stem: loaded}).values()
-    if not any(np.any(fields.get("face_normals", 1.0)) for fields in solids):
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        has_normals = any(np.any(fields.get("face_normals", 1.0)) for fields in solids)
+    if not has_normals:
         warn(f"{path}: the STL file has no normals; which side is the front is taken from the order of corners")
     for fields in solids:
         name = fields.get("metadata", {}).get("name") or path.stem

@@ -15,7 +15,7 @@ from xml.parsers import expat
 
 from wrt.errors import InputError, did_you_mean, warn
 from wrt.io import memory_limits
-from wrt.io.safe_read import first_line, read_file, require_file, require_inside
+from wrt.io.safe_read import first_line, is_inside, read_file, require_file, require_inside
 
 MOST_INCLUDES = 1000
 """Files that a scene may include; each inclusion counts."""
@@ -145,7 +145,7 @@ class Document:
         """
         plain = name.strip().replace("\\", "/")
         candidates = [folder / plain for folder in (*self._folders, where.file.parent)]
-        found = next((each for each in candidates if each.is_file()), candidates[0])
+        found = next((each for each in candidates if is_inside(each) and os.path.isfile(each)), candidates[0])
         try:
             require_file(found)
         except InputError as error:
@@ -230,7 +230,7 @@ class Document:
     def _add_folder(self, element: Element) -> None:
         folder = self._folders[0] / element.get("value")
         require_inside(folder)
-        if not folder.is_dir():
+        if not os.path.isdir(folder):
             raise element.error(f"{element.get('value')!r} is not a folder")
         self._folders.append(folder)
 

@@ -62,4 +62,6 @@ def read_toml(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise InputError("not TOML: arrays or tables are nested too deeply") from None
     except (OverflowError, ValueError) as error:
-        raise InputError(f"not TOML: {type(error).__name__}") from None
+        too_long = "integer string conversion" in str(error)  # Python converts at most 4,300 digits
+        what = "an integer of more than 64 bits" if too_long else type(error).__name__
+        raise InputError(f"not TOML: {what}") from None

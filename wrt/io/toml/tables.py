@@ -88,7 +88,10 @@ class TableReader:
 
     def beside(self, name: Any) -> Path:
         """Return the path of a file that the scene names."""
-        return self.path.parent / text_of(name)
+        text = text_of(name)
+        if "\0" in text:
+            raise InputError(f"{text!r}: a file's name has no NUL character")
+        return self.path.parent / text
 
     def transform(self, table: Table) -> NDArray[np.float64] | None:
         """Return the (4, 4) matrix of scale, then rotations in order, then translation."""

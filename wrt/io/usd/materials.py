@@ -7,17 +7,19 @@ UsdTransform2d and UsdPrimvarReader.
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io.images import FLOAT_SUFFIXES, read_image
-from wrt.io.safe_read import first_line, read_file
+from wrt.io.safe_read import first_line, read_file, require_inside
 from wrt.io.texture_images import Source, TextureImages
-from wrt.io.usd.lights import Matrix, radiance_of
+from wrt.io.usd.lights import Matrix, Values, path_of, radiance_of
 from wrt.linalg import product
 from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
 from wrt.scene.materials import Material, Principled
@@ -31,44 +33,41 @@ _CHANNELS = ("r", "g", "b", "a")
 class UsdMaterials:
     """The materials of one file; each is made once for meshes that have the same of coordinates and colours."""
 
-    def __init__(self, path: Path) -> None:
-        """Take the file, for messages and the images beside it."""
+    def __init__(self, path: Path, content: dict[str, Any]) -> None:
+        """Take the file, for messages and the images beside it, and the description of its stage."""
         self._path = path
+        self._materials, self._nodes = content["materials"], content["nodes"]
         self._images = TextureImages(path)
         self._made: dict[tuple[str, bool, bool], Material | None] = {}
 
-    def bound_to(self, prim: Any, *, laid: bool, colored: bool) -> Material | None:
-        """Return the material that is bound to a prim, or None.
+    def bound_to(self, name: str | None, *, laid: bool, colored: bool) -> Material | None:
+        """Return the material that is bound to a mesh or a part of one, or None.
 
         Args:
-            prim: the mesh, or a part of one.
-            laid: whether it has texture coordinates.
+            name: its path.
+            laid: whether the mesh has texture coordinates.
             colored: whether it has colours for display.
         """
-        from pxr import UsdShade
-
-        bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
-        if not bound:
+        if name is None:
             return None
-        key = (str(bound.GetPath()), laid, colored)
+        key = (name, laid, colored)
         if key not in self._made:
-            self._made[key] = self._make(bound, laid, colored)
+            self._made[key] = self._make(name, laid, colored)
         return self._made[key]
 
-    def dome(self, prim: Any, matrix: Matrix) -> Environment:
+    def dome(self, values: Values, matrix: Matrix) -> Environment:
         """Return the environment of a dome of light, whose pole is +y and whose middle is +z of its own axes."""
-        from pxr import UsdLux
-
         from wrt.io.mitsuba.transforms import axis_and_degrees
 
-        radiance = np.array(radiance_of(prim))
-        asset = UsdLux.DomeLight(prim).GetTextureFileAttr().Get()
-        if not asset or not asset.path:
+        radiance = np.array(radiance_of(values))
+        name = values.asset("inputs:texture:file")
+        if not name:
             return ConstantEnvironment(vec3(radiance))
-        file = self._path.parent / _name(asset)
-        if "[" in _name(asset):
-            warn(f"{self._path}: {_name(asset)}: the image of a dome within an archive is left out; unpack it")
+        file = self._path.parent / name
+        if "[" in name:
+            warn(f"{self._path}: {name}: the image of a dome within an archive is left out; unpack it")
             return ConstantEnvironment(vec3(radiance))
+        require_inside(file)  # before it is told whether it is there
         if not file.is_file():
             warn(f"{self._path}: {str(file)!r}, which it refers to: no such file; the dome has one colour")
             return ConstantEnvironment(vec3(radiance))
@@ -77,10 +76,10 @@ class UsdMaterials:
         axis, degrees = axis_and_degrees(product(axes, np.diag([-1.0, 1.0, -1.0])))
         return ImageEnvironment(pixels, 1.0, degrees, file.name, axis)
 
-    def _make(self, bound: Any, laid: bool, colored: bool) -> Material | None:
-        shader, _, _ = bound.ComputeSurfaceSource()
-        if not shader or str(shader.GetIdAttr().Get()) != "UsdPreviewSurface":
-            warn(f"{self._path}: {bound.GetPath()}: only UsdPreviewSurface is supported; left out")
+    def _make(self, name: str, laid: bool, colored: bool) -> Material | None:
+        shader = self._nodes.get(self._materials[name])
+        if shader is None or shader["id"] != "UsdPreviewSurface":
+            warn(f"{self._path}: {name}: only UsdPreviewSurface is supported; left out")
             return None
         read = _Inputs(self, shader, laid, colored)
         values: dict[str, Any] = {
@@ -90,14 +89,14 @@ class UsdMaterials:
             "coat": read.number("clearcoat", 0.0),
             "coat_roughness": read.number("clearcoatRoughness", 0.01),
             "emission": read.color("emissiveColor", (0.0,) * 3),
-            "ior": max(1.0, float(read.constant("ior", 1.5))),
+            "ior": max(1.0, read.constant("ior", 1.5)),
         }
         if read.constant("useSpecularWorkflow", 0):
             # As its reflectance straight on, with an infinite index.
             values |= {"ior": 0.0, "specular_color": read.color("specularColor", (0.0,) * 3)}
         else:
             values["metallic"] = read.number("metallic", 0.0)
-        cutoff = float(read.constant("opacityThreshold", 0.0))
+        cutoff = read.constant("opacityThreshold", 0.0)
         if cutoff > 0.0:
             opacity = values["opacity"]
             if isinstance(opacity, ImageTexture):
@@ -109,9 +108,12 @@ class UsdMaterials:
             values["normal_map"] = NormalMap(normal, name=normal.name)
         return Principled(**values)
 
-    def pixels(self, asset: Any, kind: str) -> Any:
+    def node(self, source: list[str] | None) -> dict[str, Any]:
+        """Return what is connected to an input, or a node of no type."""
+        return self._nodes[source[0]] if source else {"id": "", "inputs": {}, "sources": {}}
+
+    def pixels(self, name: str, kind: str) -> Any:
         """Return the pixels of an image, or None with a warning."""
-        name = _name(asset)
         return self._images.pixels(name, kind, f"image {_short(name)}", lambda: self._located(name))
 
     def _located(self, name: str) -> Source:
@@ -127,31 +129,33 @@ class UsdMaterials:
                 if opened.getinfo(inner).compress_type != zipfile.ZIP_STORED:
                     raise InputError(f"{self._path}: {name}: it is compressed, which USDZ forbids")
                 return opened.read(inner)
-        except (KeyError, zipfile.BadZipFile) as error:
+        except InputError:
+            raise
+        except (KeyError, ValueError, NotImplementedError, EOFError, RuntimeError, zipfile.BadZipFile) as error:
             raise InputError(f"{self._path}: {name}: {first_line(error)}") from None
 
 
 class _Inputs:
     """The inputs of one shader: constants, and textures that are connected."""
 
-    def __init__(self, owner: UsdMaterials, shader: Any, laid: bool, colored: bool) -> None:
+    def __init__(self, owner: UsdMaterials, shader: dict[str, Any], laid: bool, colored: bool) -> None:
         self._owner, self._shader, self._laid, self._colored = owner, shader, laid, colored
 
-    def constant(self, name: str, default: Any) -> Any:
-        """Return the value of an input that does not vary."""
-        return _constant(self._shader, name, default)
+    def constant(self, name: str, default: float) -> float:
+        """Return the number of an input that does not vary."""
+        return _number(self._shader, name, default)
 
     def color(self, name: str, default: tuple[float, ...]) -> ColorSource:
         """Return a colour."""
         texture = self.texture(name, "color")
         if texture is not None:
             return texture if self._laid else vec3(_first(texture))
-        reader = self._source(name)
-        if reader is not None and str(reader.GetIdAttr().Get()) == "UsdPrimvarReader_float3":
-            if self._colored and str(_constant(reader, "varname", "")) == "displayColor":
+        reader = self._owner.node(self._shader["sources"].get(name))
+        if reader["id"] == "UsdPrimvarReader_float3":
+            if self._colored and reader["inputs"].get("varname") == "displayColor":
                 return VertexColor()
-            default = _constant(reader, "fallback", default)
-        return vec3(np.maximum(np.array(self.constant(name, default), np.float64), 0.0))
+            default = tuple(_numbers(reader, "fallback", default))
+        return vec3(np.maximum(_numbers(self._shader, name, default), 0.0))
 
     def number(self, name: str, default: float, **options: Any) -> ColorSource:
         """Return a number from 0 to 1."""
@@ -161,41 +165,25 @@ class _Inputs:
             return value if texture.cutoff is None else float(value >= texture.cutoff)
         return float(np.clip(self.constant(name, default), 0.0, 1.0)) if texture is None else texture
 
-    def _source(self, name: str) -> Any:
-        """Return the shader that is connected to an input, or None."""
-        from pxr import UsdShade
-
-        given = self._shader.GetInput(name)
-        sources = given.GetConnectedSources()[0] if given else []
-        return UsdShade.Shader(sources[0].source.GetPrim()) if sources else None
-
     def texture(self, name: str, kind: str, **options: Any) -> ImageTexture | None:
         """Return the texture that is connected to an input, or None."""
-        from pxr import UsdShade
-
-        given = self._shader.GetInput(name)
-        sources = given.GetConnectedSources()[0] if given else []
-        if not sources:
+        source = self._shader["sources"].get(name)
+        image = self._owner.node(source)
+        if image["id"] != "UsdUVTexture":
             return None
-        image = UsdShade.Shader(sources[0].source.GetPrim())
-        if str(image.GetIdAttr().Get()) != "UsdUVTexture":
+        file = path_of(image["inputs"].get("file"))
+        if not file:
             return None
-        asset = _constant(image, "file", None)
-        if asset is None:
-            return None
-        channel = str(sources[0].sourceName)
-        space = str(_constant(image, "sourceColorSpace", "auto"))
+        channel = source[1]
+        space = str(image["inputs"].get("sourceColorSpace"))
         if kind == "data" and channel == "a":
             kind, channel = "alpha", "r"
         elif space in ("raw", "sRGB"):
             kind = "data" if space == "raw" else "color"
-        pixels = self._owner.pixels(asset, kind)
+        pixels = self._owner.pixels(file, kind)
         if pixels is None:
             return None
-        scale, bias = (
-            np.array(_constant(image, key, value), np.float64)[:3]
-            for key, value in (("scale", (1.0,) * 4), ("bias", (0.0,) * 4))
-        )
+        scale, bias = _numbers(image, "scale", (1.0,) * 4)[:3], _numbers(image, "bias", (0.0,) * 4)[:3]
         if name == "normal":
             # To −1 to 1 in the file, from 0 to 1 here.
             scale, bias = 0.5 * scale, 0.5 * bias + 0.5
@@ -203,13 +191,12 @@ class _Inputs:
             pixels, scale = np.clip(pixels * scale + bias, 0.0, 1.0).astype(np.float32), np.ones(3)
         elif name == "normal":
             pixels, scale = np.clip(pixels * scale, 0.0, 1.0).astype(np.float32), np.ones(3)
-        wraps = tuple(_WRAPS.get(str(_constant(image, key, "repeat")), "repeat") for key in ("wrapS", "wrapT"))
+        wraps = tuple(_WRAPS.get(str(image["inputs"].get(key)), "repeat") for key in ("wrapS", "wrapT"))
         if channel in _CHANNELS[:3]:
             options["channel"] = channel
             scale = scale[_CHANNELS.index(channel)] * np.ones(3)
-        return ImageTexture(
-            pixels, _short(_name(asset)), factor=vec3(scale), wrap=wraps, **_placement(image), **options
-        )
+        place = self._owner.node(image["sources"].get("st"))
+        return ImageTexture(pixels, _short(file), factor=vec3(scale), wrap=wraps, **_placement(place), **options)
 
 
 def _first(texture: ImageTexture) -> Any:
@@ -217,42 +204,29 @@ def _first(texture: ImageTexture) -> Any:
     return np.clip(np.array(texture.pixels[-1, 0], np.float64) * np.array(texture.factor), 0.0, 1.0)
 
 
-def _name(asset: Any) -> str:
-    """Return the path of an asset; of one within a USDZ archive, that of the archive and in brackets the rest."""
-    return str(asset.resolvedPath or asset.path).replace("\\", "/")
-
-
 def _short(name: str) -> str:
     return Path(name.removesuffix("]")).name
 
 
-def _constant(shader: Any, name: str, default: Any) -> Any:
-    """Return an input's value, that of the material where it is connected to one, or the default."""
-    from pxr import UsdShade
-
-    given = shader.GetInput(name)
-    if not given:
-        return default
-    for attribute in UsdShade.Utils.GetValueProducingAttributes(given):
-        value = attribute.Get()
-        if value is not None and UsdShade.Utils.GetType(attribute.GetName()) == UsdShade.AttributeType.Input:
-            return value
-    return default
+def _number(node: dict[str, Any], name: str, default: float) -> float:
+    """Return an input's number, or the default where it has none."""
+    value = node["inputs"].get(name)
+    return float(value) if isinstance(value, (bool, int, float)) and math.isfinite(value) else default
 
 
-def _placement(image: Any) -> dict[str, Any]:
+def _numbers(node: dict[str, Any], name: str, default: tuple[float, ...]) -> NDArray[np.float64]:
+    """Return the numbers of an input, as many as the default has, or the default where it has others."""
+    value = node["inputs"].get(name)
+    fits = isinstance(value, np.ndarray) and value.shape == (len(default),) and value.dtype.kind in "fiu"
+    return np.array(value if fits and np.isfinite(value).all() else default, np.float64)
+
+
+def _placement(node: dict[str, Any]) -> dict[str, Any]:
     """Return how an image lies by its UsdTransform2d: scaled, turned, then moved."""
-    from pxr import UsdShade
-
-    given = image.GetInput("st")
-    sources = given.GetConnectedSources()[0] if given else []
-    if not sources:
-        return {}
-    node = UsdShade.Shader(sources[0].source.GetPrim())
-    if not node or str(node.GetIdAttr().Get()) != "UsdTransform2d":
+    if node["id"] != "UsdTransform2d":
         return {}
     return {
-        "scale": tuple(_constant(node, "scale", (1.0, 1.0))),
-        "rotation_degrees": float(_constant(node, "rotation", 0.0)),
-        "offset": tuple(_constant(node, "translation", (0.0, 0.0))),
+        "scale": tuple(_numbers(node, "scale", (1.0, 1.0)).tolist()),
+        "rotation_degrees": _number(node, "rotation", 0.0),
+        "offset": tuple(_numbers(node, "translation", (0.0, 0.0)).tolist()),
     }

@@ -12,6 +12,7 @@ from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.mesh.parts import Part
 from wrt.io.mesh.polygons import triangulate
+from wrt.io.usd.lights import Values
 from wrt.io.usd.materials import UsdMaterials
 from wrt.scene.mesh import Mesh
 from wrt.scene.shapes import box, quad, sphere
@@ -19,73 +20,58 @@ from wrt.scene.textures import VertexColor
 
 _ROUND_SEGMENTS = 64
 
-SOLIDS = ("Cube", "Sphere", "Plane", "Cylinder", "Cone", "Capsule")
-"""Types of prims that `solid` makes triangles of."""
 
-
-def mesh_parts(path: Path, prim: Any, materials: UsdMaterials) -> list[Part]:
+def mesh_parts(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> list[Part]:
     """Return a part for each material of a mesh, in its own coordinates.
 
     Raises:
         InputError: where faces name points that are not there.
     """
-    from pxr import UsdGeom
-
-    mesh = UsdGeom.Mesh(prim)
-    points = np.array(mesh.GetPointsAttr().Get() or [], np.float32).reshape(-1, 3)
-    counts = np.array(mesh.GetFaceVertexCountsAttr().Get() or [], np.int64)
-    corners = np.array(mesh.GetFaceVertexIndicesAttr().Get() or [], np.int64)
+    name, values = shape["path"], shape["values"]
+    points = _rows(values["points"], 3)
+    points = np.zeros((0, 3), np.float32) if points is None else points.astype(np.float32)
+    counts, corners = (indices(values[key]) for key in ("faceVertexCounts", "faceVertexIndices"))
     memory_limits.take(memory_limits.MESHES, 40 * len(corners))
-    if counts.sum() != len(corners) or (counts < 0).any():
-        raise InputError(
-            f"{path}: {prim.GetPath()}: its faces have {counts.sum()} corners, but {len(corners)} are given"
-        )
+    if (counts < 0).any() or (counts > len(corners)).any() or counts.sum() != len(corners):
+        raise InputError(f"{path}: {name}: its faces have {counts.sum()} corners, but {len(corners)} are given")
     if len(corners) and (corners.min() < 0 or corners.max() >= len(points)):
-        raise InputError(f"{path}: {prim.GetPath()}: a face names a point that is not there")
-    scheme = mesh.GetSubdivisionSchemeAttr()
-    if scheme.HasAuthoredValue() and str(scheme.Get()) != "none":
-        warn(f"{path}: {prim.GetPath()}: a subdivision surface is rendered as its cage, smoothed")
+        raise InputError(f"{path}: {name}: a face names a point that is not there")
+    if shape["subdivided"]:
+        warn(f"{path}: {name}: a subdivision surface is rendered as its cage, smoothed")
     triangles, owner = triangulate(points, corners, counts)
-    if str(mesh.GetOrientationAttr().Get()) == "leftHanded":
+    if values["orientation"] == "leftHanded":
         triangles = triangles[:, ::-1]
-    primvars = UsdGeom.PrimvarsAPI(prim)
-    normals = _primvar(primvars.GetPrimvar("normals"), 3, corners, counts)  # comes before the attribute
-    if normals is None:
-        normals = _values(mesh.GetNormalsAttr().Get(), 3, str(mesh.GetNormalsInterpolation()), corners, counts)
-    uvs, colors = (
-        _primvar(primvars.FindPrimvarWithInheritance(name), width, corners, counts)
-        for name, width in ((_coordinates(primvars), 2), ("displayColor", 3))
-    )
+    normals = None
+    for given in shape["normals"]:
+        normals = _values(given, 3, corners, counts) if normals is None else normals
+    uvs, colors = _values(shape["uvs"], 2, corners, counts), _values(shape["colors"], 3, corners, counts)
     return [
-        _part(path, prim, points, corners, triangles[np.isin(owner, faces)], normals, uvs, colors, bound, materials)
-        for faces, bound in _subsets(prim, len(counts))
+        _part(name, points, corners, triangles[np.isin(owner, faces)], (normals, uvs, colors), bound, materials)
+        for faces, bound in _subsets(shape, len(counts))
     ]
 
 
-def solid(path: Path, prim: Any, materials: UsdMaterials) -> Part:
-    """Return one of SOLIDS as triangles."""
-    from pxr import UsdGeom
-
-    kind = str(prim.GetTypeName())
+def solid(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> Part:
+    """Return a solid as triangles."""
+    kind, name = shape["kind"], shape["path"]
+    values = Values(shape["values"], f"{path}: {name}")
     axis = np.eye(4)
     if kind == "Cube":
-        half = 0.5 * float(UsdGeom.Cube(prim).GetSizeAttr().Get())
+        half = 0.5 * values.number("size")
         made = box((-half,) * 3, (half,) * 3)
     elif kind == "Sphere":
-        made = sphere(radius=float(UsdGeom.Sphere(prim).GetRadiusAttr().Get()))
+        made = sphere(radius=values.number("radius"))
     else:
-        given = getattr(UsdGeom, kind)(prim)
-        letter = str(given.GetAxisAttr().Get())
-        axis[:3, :3] = {"X": np.roll(np.eye(3), 1, axis=0), "Y": np.roll(np.eye(3), 2, axis=0)}.get(letter, np.eye(3))
+        turns = {"X": np.roll(np.eye(3), 1, axis=0), "Y": np.roll(np.eye(3), 2, axis=0)}
+        axis[:3, :3] = turns.get(values.word("axis"), np.eye(3))
         if kind == "Plane":
-            w, h = (float(each.Get()) for each in (given.GetWidthAttr(), given.GetLengthAttr()))
+            w, h = values.number("width"), values.number("length")
             made = quad((-0.5 * w, -0.5 * h, 0.0), (w, 0.0, 0.0), (0.0, h, 0.0))
         else:
-            radius, height = (float(each.Get()) for each in (given.GetRadiusAttr(), given.GetHeightAttr()))
-            made = _turned(_profile(kind, radius, 0.5 * height))
+            made = _turned(_profile(kind, values.number("radius"), 0.5 * values.number("height")))
     made = made.transformed(axis)
-    part = Part(str(prim.GetPath()), made.vertices, made.faces, made.normals, made.uvs)
-    _dress(part, prim, materials)
+    part = Part(name, made.vertices, made.faces, made.normals, made.uvs)
+    _dress(part, shape["material"], materials)
     return part
 
 
@@ -124,45 +110,39 @@ def _turned(profile: NDArray[np.float64]) -> Mesh:
     return Mesh(np.concatenate([rings.reshape(-1, 3), ends]), np.concatenate(faces))
 
 
-def _subsets(prim: Any, count: int) -> list[tuple[NDArray[np.int64], Any]]:
-    """Return the faces of each material, and the prim to which it is bound."""
-    from pxr import UsdShade
-
+def _subsets(shape: dict[str, Any], count: int) -> list[tuple[NDArray[np.int64], str | None]]:
+    """Return the faces of each material, and the material."""
     left = np.ones(count, bool)
-    found: list[tuple[NDArray[np.int64], Any]] = []
-    for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets():
-        faces = np.array(subset.GetIndicesAttr().Get() or [], np.int64)
+    found: list[tuple[NDArray[np.int64], str | None]] = []
+    for given, bound in shape["subsets"]:
+        faces = indices(given)
         faces = faces[(faces >= 0) & (faces < count)]
         left[faces] = False
-        found.append((faces, subset.GetPrim()))
-    return [*found, (np.flatnonzero(left), prim)] if left.any() or not found else found
+        found.append((faces, bound))
+    return [*found, (np.flatnonzero(left), shape["material"])] if left.any() or not found else found
 
 
 def _part(
-    path: Path,
-    prim: Any,
+    name: str,
     points: NDArray[np.float32],
     corners: NDArray[np.int64],
     triangles: NDArray[np.int64],
-    normals: NDArray[Any] | None,
-    uvs: NDArray[Any] | None,
-    colors: NDArray[Any] | None,
-    bound: Any,
+    at_corners: tuple[NDArray[Any] | None, ...],
+    bound: str | None,
     materials: UsdMaterials,
 ) -> Part:
-    """Return the triangles of one material; values at corners part the vertices, unless there are none."""
-    name = str(prim.GetPath())
-    if normals is None and uvs is None and colors is None:
+    """Return the triangles of one material; normals, coordinates and colours at corners part the vertices."""
+    if all(each is None for each in at_corners):
         part = Part(name, points, corners[triangles])
     else:
         used, faces = np.unique(triangles, return_inverse=True)
         part = Part(name, points[corners[used]], faces.reshape(-1, 3))
-        part.normals, part.uvs, part.colors = (None if each is None else each[used] for each in (normals, uvs, colors))
+        part.normals, part.uvs, part.colors = (None if each is None else each[used] for each in at_corners)
     _dress(part, bound, materials)
     return part
 
 
-def _dress(part: Part, bound: Any, materials: UsdMaterials) -> None:
+def _dress(part: Part, bound: str | None, materials: UsdMaterials) -> None:
     """Give a part its material; where there is one, the colour for display counts only if that reads it."""
     material = materials.bound_to(bound, laid=part.uvs is not None, colored=part.colors is not None)
     if material is not None:
@@ -171,32 +151,33 @@ def _dress(part: Part, bound: Any, materials: UsdMaterials) -> None:
             part.colors = None
 
 
-def _coordinates(primvars: Any) -> str:
-    """Return the name of a mesh's texture coordinates: "st", or else the first of that role."""
-    if primvars.FindPrimvarWithInheritance("st"):
-        return "st"
-    others = (each for each in primvars.FindPrimvarsWithInheritance() if each.GetTypeName().role == "TextureCoordinate")
-    return next((str(each.GetPrimvarName()) for each in others), "st")
+def indices(value: Any) -> NDArray[np.int64]:
+    """Return whole numbers; none where the value is of a type that the schema does not have."""
+    fits = isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "iu"
+    return value.astype(np.int64) if fits else np.zeros(0, np.int64)
 
 
-def _primvar(primvar: Any, width: int, corners: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[Any] | None:
-    """Return the values of a primvar at each corner, or None."""
-    if not primvar or not primvar.HasValue():
+def _rows(value: Any, width: int) -> NDArray[Any] | None:
+    """Return (N, width) numbers, or None where the value is of a type that the schema does not have."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
         return None
-    values = primvar.ComputeFlattened()
-    return _values(values, width, str(primvar.GetInterpolation()), corners, counts)
+    rows: NDArray[Any] = np.atleast_2d(value)
+    return rows if rows.ndim == 2 and rows.shape[1] == width else None
 
 
 def _values(
-    values: Any, width: int, interpolation: str, corners: NDArray[np.int64], counts: NDArray[np.int64]
+    given: list[Any] | None, width: int, corners: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> NDArray[Any] | None:
-    """Return (C, width) values at each corner of the faces, or None where their number or type does not fit."""
-    try:
-        rows = np.array(() if values is None else values, np.float64)
-    except (TypeError, ValueError):  # of a type that the schema does not have
-        return None
-    rows = np.atleast_2d(rows)
-    if rows.ndim != 2 or rows.shape[1] != width:
+    """Return (C, width) values at each corner of the faces, or None where their number or type does not fit.
+
+    Args:
+        given: the values and their interpolation, or None.
+        width: numbers in each.
+        corners: (C,) point of each corner.
+        counts: corners of each face.
+    """
+    rows = _rows(given[0], width) if given else None
+    if given is None or rows is None:
         return None
     places = {
         "faceVarying": np.arange(len(corners)),
@@ -204,5 +185,7 @@ def _values(
         "varying": corners,
         "uniform": np.repeat(np.arange(len(counts)), counts),
         "constant": np.zeros(len(corners), np.int64),
-    }[interpolation]
-    return rows[places] if not len(places) or places.max() < len(rows) else None
+    }.get(given[1])
+    if places is None or (len(places) and places.max() >= len(rows)):
+        return None
+    return np.asarray(rows[places], np.float64)

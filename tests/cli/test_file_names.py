@@ -1,0 +1,126 @@
+"""Names that no file can have, or that few have, end in one line wherever a file is named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.commands import ROOM, SMALL
+
+import wrt
+from wrt.cli import main
+from wrt.errors import LONGEST_MESSAGE
+
+IMPOSSIBLE = {
+    "long": "a" * 100_000,
+    "deep": "/".join(["a" * 200] * 500),
+    "too deep to be created": "a/" * 2000 + "a",
+    "NUL": "a\0b",
+}
+ODD = {"newlines": "a\nb\n\nc", "escape": "a\x1b[31mb", "not UTF-8": "a\udcff\udcfeb"}
+NAMES = {**IMPOSSIBLE, **ODD}
+
+READ = (
+    *(f"render {{}}.{suffix}" for suffix in ("toml", "xml", "obj", "ply", "stl", "glb", "usda", "step", "npz", "dae")),
+    "render room.toml {}.toml",
+    "render room.toml -o x.png --environment {}.hdr",
+    "render room.toml -o x.png --tone ocio:{}",
+    "info {}.obj",
+    "info --memory {}.toml",
+    "convert {}.obj x.toml",
+    "develop {}.exr",
+    "develop radiance.npy --tone ocio:{}",
+    "merge {}.wrt -o x.png",
+    "view {}.toml --no-browser",
+    "compile {}.toml",
+)
+WRITTEN = (
+    *(f"render room.toml -o {{}}{suffix}" for suffix in (".png", ".exr", "/")),
+    "render room.toml -o x.png --checkpoint {}",
+    "render room.toml -o x.png --checkpoint {} --resume",
+    "render room.toml --part 1/2 -o {}.wrt",
+    "render room.toml --turntable 2 -o {}_%d.png",
+    "convert room.toml {}.toml",
+    "convert room.toml {}.glb",
+    "develop radiance.npy -o {}.png",
+    "merge x.wrt -o {}.png",
+    "merge x.wrt -o x.png --checkpoint {}",
+)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("room.toml").write_text(ROOM)
+    np.save("radiance.npy", np.ones((2, 2, 3), np.float32))
+    return tmp_path
+
+
+def one_line_of(command: str, name: str, capsys: Any) -> str:
+    """Return what a command says that is refused."""
+    words = [word.replace("{}", name) for word in command.split()]
+    if words[0] == "render":
+        words += [*SMALL, "--quiet"]
+    assert main(words) in (1, 2)
+    said: str = capsys.readouterr().err
+    assert said.startswith("wrt: error: ")
+    assert said.count("\n") == 1, command
+    assert said[:-1].isprintable()
+    assert len(said) < LONGEST_MESSAGE + 20
+    return said
+
+
+@pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
+def test_files_that_are_read(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in READ:
+        if "render room.toml {}" not in command or name not in ODD.values():  # of several inputs others are rendered
+            one_line_of(command, name, capsys)
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE.values(), ids=IMPOSSIBLE)
+def test_files_that_are_written(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = sorted(folder.iterdir())
+    for command in WRITTEN:
+        one_line_of(command, name, capsys)
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("name", ODD.values(), ids=ODD)
+def test_a_developed_picture_is_named_in_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["develop", "radiance.npy", "-o", f"{name}.png"]) == 0
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said[:-1].isprintable()
+
+
+TOML = '[[shapes]]\ntype = "mesh"\nfile = {}\n', '[materials.m]\ntype = "diffuse"\nreflectance = {{ texture = {} }}\n'
+XML = '<shape type="obj"><string name="filename" value="{}"/></shape>', '<include filename="{}"/>'
+
+
+@pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
+def test_files_that_scenes_name(name: str) -> None:
+    for text in TOML:
+        Path("a.toml").write_text(ROOM + text.format(json.dumps(name)), errors="ignore")
+        with pytest.raises(wrt.InputError, match=r"a\.toml"):
+            wrt.load("a.toml")
+    for text in XML:
+        Path("a.xml").write_text(f'<scene version="3.0.0">{text.format(name)}</scene>', errors="ignore")
+        with pytest.raises(wrt.InputError, match=r"a\.xml"):
+            wrt.load("a.xml")
+
+
+@pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
+def test_from_python(name: str) -> None:
+    for read in (
+        wrt.load,
+        lambda path: wrt.load(f"{path}.ply", confined=True),
+        lambda path: wrt.load_image(f"{path}.png"),
+        lambda path: wrt.Renderer.resume(path, wrt.load("cornell-box")),
+        lambda path: wrt.merge([path]),
+        lambda path: wrt.develop_image(np.ones((2, 2, 3), np.float32), tone=f"ocio:{path}"),
+    ):
+        with pytest.raises(wrt.InputError):
+            read(name)
