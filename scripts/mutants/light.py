@@ -34,8 +34,8 @@ FAULTS: tuple[Mutant, ...] = (
         "triangle-density",
         "lights",
         "kernels/lights/lights.py",
-        "return 2.0 * distance2 / (cross_length * cos_light)",
-        "return 2.04 * distance2 / (cross_length * cos_light)",
+        "return 2.0 * distance2 / (double_area * cos_light)",
+        "return 2.04 * distance2 / (double_area * cos_light)",
         "tests/lights/test_irradiance.py",
     ),
     Mutant(
