@@ -128,7 +128,7 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
         det_error = edge_error.sum(axis=2)
         with np.errstate(divide="ignore", invalid="ignore"):
             t_error = np.where(det > det_error, np.abs(inverse) * spread / (det - det_error), np.inf)
-            # As in `error_of_distance` of kernels/native/triangles.h: least_t, but 0 where the triangle is wholly in front.
+            # As `error_of_distance` of kernels/native/triangles.h: least_t, 0 where the triangle is wholly in front.
             most_x, most_y, most_z = (np.abs(a).max(axis=2) for a in (ax, ay, z))
             error_x, error_y = 5.0 * EPSILON * (most_x + most_z), 5.0 * EPSILON * (most_y + most_z)
             error_e = 2.0 * (2.0 * EPSILON * most_x * most_y + error_y * most_x + error_x * most_y)
