@@ -138,7 +138,7 @@ def leave_in_front(surface: Surface, origin: wp.vec3, direction: wp.vec3) -> wp.
 @wp.func
 def is_wedged(surface: Surface, hit: Hit) -> bool:
     """Return whether a ray begins and ends in a corner too narrow for a point that is surely inside."""
-    return hit.t < 0.5 * surface.clearance
+    return hit.t < 0.03125 * surface.clearance
 
 
 @wp.func
