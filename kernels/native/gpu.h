@@ -168,10 +168,9 @@ test_leaf(const Leaf& leaf, const Ray& ray, const float t_min, Nearest& nearest,
             const Sheared<float> s = sheared<float>(corner, ray.origin, ray.shear, 0, 1, 2);
             if (!is_inside(s)) continue;
             const Distance<float> d = distance_of(s, ray.shear);
-            if (!has_area(d) || d.t > nearest.t) continue;
-            const float error = error_of_distance(s, d, ray.shear);
-            if (d.t >= (t_min > 0.0f ? t_min : -error) && (d.t > error || is_ahead(corner, ray.origin, ray.shear)))
-                keep(most(d.t, 0.0f), s.v * d.inverse_det, s.w * d.inverse_det);
+            if (has_area(d) && d.t >= t_min && d.t <= nearest.t &&
+                (d.t > error_of_distance(s, d, ray.shear) || is_ahead(corner, ray.origin, ray.shear)))
+                keep(d.t, s.v * d.inverse_det, s.w * d.inverse_det);
         }
     }
 }

@@ -208,19 +208,17 @@ WRT_INLINE void test_leaf(
         const int j = lowest_bit(some);
         const Sheared<Floats> s = sheared_triangle(j);
         const Distance<Floats> d = distance_of(s, shear);
-        const Floats t = most(d.t, (Floats)0.0f);
-        const Ints nearer = is_inside(s) & has_area(d) & within & ((t < best) | ((t == best) & (ids[j] < best_id)));
-        const Floats error = error_of_distance(s, d, shear);
-        Ints better = nearer & (d.t >= t_min) & (d.t > error);
-        unsigned unsure = mask_of(nearer & (d.t <= error) & (d.t >= (t_min > 0.0f ? (Floats)t_min : -error)));
+        const Ints meets = is_inside(s) & has_area(d) & within;
+        Ints better = meets & (d.t >= t_min) & ((d.t < best) | ((d.t == best) & (ids[j] < best_id)));
+        unsigned unsure = mask_of(better & (d.t <= error_of_distance(s, d, shear)));
         for (; unsure; unsure &= unsure - 1) {
             const int n = lowest_bit(unsure), own[3] = {a.kxs[n], a.kys[n], a.kzs[n]};
             const auto corner = [&](int vertex, int axis) { return leaf[LEAF_SIZE * (3 * vertex + own[axis]) + j]; };
             const float from[3] = {origin[0][n], origin[1][n], origin[2][n]};
             const float to[3] = {shear[0][n], shear[1][n], shear[2][n]};
-            if (is_ahead(corner, from, to)) better[n] = -1;
+            if (!is_ahead(corner, from, to)) better[n] = 0;
         }
-        best = better ? t : best;
+        best = better ? d.t : best;
         best_u = better ? s.v * d.inverse_det : best_u;
         best_v = better ? s.w * d.inverse_det : best_v;
         best_id = better ? (Ints)ids[j] : best_id;

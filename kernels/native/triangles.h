@@ -167,21 +167,16 @@ test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest
         };
         const Sheared<f8> s = sheared<f8>(corner, ray.origin, ray.shear, ray.kx, ray.ky, ray.kz);
         const Distance<f8> d = distance_of(s, ray.shear);
-        const i8 meets = is_inside(s) & has_area(d) & (d.t <= nearest.t);
-        if (mask_of(meets)) {
-            const f8 error = error_of_distance(s, d, ray.shear);
-            hits = mask_of(meets & (d.t >= t_min) & (d.t > error));
-            unsigned unsure = mask_of(meets & (d.t <= error) & (d.t >= (t_min > 0.0f ? (f8)t_min : -error)));
+        hits = mask_of(is_inside(s) & has_area(d) & (d.t >= t_min) & (d.t <= nearest.t));
+        if (hits) {
+            unsigned unsure = hits & mask_of(d.t <= error_of_distance(s, d, ray.shear));
             for (; unsure; unsure &= unsure - 1) {
                 const int k = lowest_bit(unsure), axes[3] = {ray.kx, ray.ky, ray.kz};
                 const auto one = [&](int vertex, int axis) { return leaf[LEAF_SIZE * (3 * vertex + axes[axis]) + k]; };
-                if (is_ahead(one, ray.origin, ray.shear)) hits |= 1u << k;
+                if (!is_ahead(one, ray.origin, ray.shear)) hits &= ~(1u << k);
             }
-        }
-        if (hits) {
             const f8 u = s.v * d.inverse_det, v = s.w * d.inverse_det;
-            const f8 t = most(d.t, (f8)0.0f);
-            __builtin_memcpy(ts, &t, sizeof ts);
+            __builtin_memcpy(ts, &d.t, sizeof ts);
             __builtin_memcpy(us, &u, sizeof us);
             __builtin_memcpy(vs, &v, sizeof vs);
         }
