@@ -129,16 +129,10 @@ def leave_in_front(surface: Surface, origin: wp.vec3, direction: wp.vec3) -> wp.
     height = surface.clearance
     back = height / wp.max(cosine, 1.0 / _MOST_CLEARANCES)
     half = 0.5 * wp.dot(surface.position - origin, direction)
-    if half < back:
+    if half < back:  # from wall to wall in a narrow corner, where a whole clearance is beyond the other wall
         back = half
         height = 0.25 * height
     return surface.position - direction * back + surface.normal * wp.max(height - back * cosine, 0.0)
-
-
-@wp.func
-def is_wedged(surface: Surface, hit: Hit) -> bool:
-    """Return whether a ray begins and ends in a corner too narrow for a point that is surely inside."""
-    return hit.t < 0.03125 * surface.clearance
 
 
 @wp.func

@@ -10,7 +10,6 @@ import warp as wp
 from wrt.kernels.accel.intersect import NO_HIT, make_intersect
 from wrt.kernels.features import Features
 from wrt.kernels.geometry.rays import Ray
-from wrt.kernels.geometry.surface import is_wedged
 from wrt.kernels.integrators.path_escape import make_escape
 from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_traverse_medium
 from wrt.kernels.integrators.path_state import (
@@ -114,8 +113,6 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
                     if path.is_done:
                         break
                     continue
-            if is_wedged(vertex.surface, hit):
-                break
             path = surface_emission(scene, path, vertex, settings.strategy)
             if wp.static(not panes):
                 if path.depth >= settings.max_depth:
