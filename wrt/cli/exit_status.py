@@ -80,10 +80,8 @@ def cause_of(error: BaseException) -> str:
         return str(error)
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
-        lack = (
-            "not enough memory: " if "failed to map segment" in str(error) else ""
-        )  # of a library that was to be loaded
-        return f"{where}{lack}{error.strerror or error}"
+        is_unmapped = "failed to map segment" in str(error)  # of a library that was to be loaded
+        return f"{where}{'not enough memory: ' if is_unmapped else ''}{error.strerror or error}"
     if isinstance(error, MemoryError):
         return f"not enough memory{f': {error}' if str(error) else ''}"
     if is_lack_of_threads(error):

@@ -160,8 +160,7 @@ def _render_until_interrupted(options: argparse.Namespace, interrupts: Interrupt
         if developed is not None and developed.warning and not (developed.black and _told_black(renderer)):
             say(f"wrt: warning: {developed.warning}")
     if stopped:
-        saved = f"{output} saved" if checkpoint is None else f"{output} and {checkpoint} saved"
-        complain("stopped", f"at {samples_text(renderer)}; {saved}")
+        complain("stopped", _state_saved(renderer, output, checkpoint))
         return interrupts.exit_status
     report(options, renderer, output, developed, clock.lap())
     return 0
@@ -202,8 +201,13 @@ def _saved_after(
     except Exception as second:  # noqa: BLE001  # as of a lost GPU, which has the film; the first is the cause
         return f"{cause_of(error)}; saving what there is failed: {cause_of(second)}"
     options.taken.add(output)
+    return f"{cause_of(error)}; stopped {_state_saved(renderer, output, checkpoint)}"
+
+
+def _state_saved(renderer: Renderer, output: Path, checkpoint: Path | None) -> str:
+    """Return what a message says of a render that stopped before its end."""
     saved = f"{output} saved" if checkpoint is None else f"{output} and {checkpoint} saved"
-    return f"{cause_of(error)}; stopped at {samples_text(renderer)}; {saved}"
+    return f"at {samples_text(renderer)}; {saved}"
 
 
 def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[str], None]) -> tuple[Renderer, Path]:

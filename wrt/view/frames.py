@@ -95,7 +95,6 @@ class Encoder:
             self._source, self._due = source, guides is None or not source.is_of(self._denoised)
             if guides is not None and not self._denoising:
                 thread = threading.Thread(target=self._denoise, args=(source,), name="wrt-denoise", daemon=True)
-                self._denoising = True
                 self._denoising = start_if_possible(thread)
             self._waiting.notify()
 
