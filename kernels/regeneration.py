@@ -10,25 +10,21 @@ from dataclasses import replace
 
 import warp as wp
 
-from wrt.kernels.camera.camera import Camera
 from wrt.kernels.camera.samples import make_camera_sample
-from wrt.kernels.features import Features
-from wrt.kernels.film.aovs import AovData
-from wrt.kernels.film.film import FilmData, is_finite_color
-from wrt.kernels.film.tiles import pixel_of_thread
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.film.film import is_finite_color
 from wrt.kernels.integrators.path import make_begin_path, make_follow_path
-from wrt.kernels.integrators.path_state import PathSettings, PathState, path_result
+from wrt.kernels.integrators.path_state import PathState, path_result
 from wrt.kernels.native import include
-from wrt.kernels.render import CUDA_BOUNDS, gpu_module, make_render_kernel
+from wrt.kernels.render import CUDA_BOUNDS, gpu_module, make_render_kernel, of_pass, pixel_of_thread
 from wrt.kernels.sampling.sampler import make_sampler_of_pixel
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
 
 votes_h = include("votes.h")
 
-WAITING = wp.constant(2)
-"""One of so many lanes that still have samples must wait before those that do begin paths. On an H200 other shares gain
-up to a fifth in some scenes and lose a tenth in others, nothing in the mean (docs/notes/cuda.md)."""
+IDLE_SHARE = wp.constant(2)
+"""New paths start once 1/IDLE_SHARE of the lanes with samples left are idle. On an H200 other shares gain up to a fifth
+in some scenes and lose a tenth in others, nothing in the mean (docs/notes/cuda.md)."""
 
 
 @wp.func_native("return wrt::lanes_beside();")
@@ -50,11 +46,11 @@ def number_of(lanes: wp.uint32) -> int:
 
 
 def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.Kernel:
-    """Return the kernel for scenes with these features, which may regenerate paths where there are paths alone."""
-    features = replace(features, slot_loop=True, shadows_meet=features.opacity and not features.bodies)
-    if regenerates and can_regenerate(features):
-        return make_regenerating_kernel(features)
-    return make_render_kernel(replace(features, tiles=True))
+    """Return the kernel for scenes with these features; it regenerates paths if asked to and possible."""
+    features = replace(features, gpu=True)
+    return (
+        make_regenerating_kernel(features) if regenerates and can_regenerate(features) else make_render_kernel(features)
+    )
 
 
 def can_regenerate(features: Features) -> bool:
@@ -71,17 +67,8 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
     module = gpu_module(make_regenerating_kernel.module_name(features))
 
     @wp.kernel(module=module, enable_backward=False, launch_bounds=CUDA_BOUNDS)
-    def render_pass(
-        first_pixel: int,
-        target_count: int,
-        seed: wp.uint32,
-        camera: Camera,
-        filter_table: wp.array(dtype=float),
-        scene: SceneData,
-        settings: PathSettings,
-        film: FilmData,
-        aovs: AovData,
-    ):
+    @of_pass
+    def render_pass(first_pixel, target_count, seed, camera, filter_table, scene, settings, film, aovs):
         lanes = lanes_beside()
         pixel = pixel_of_thread(first_pixel + wp.tid(), camera.crop_width, film.count.shape[0] // camera.crop_width)
         x = camera.crop_x + pixel % camera.crop_width
@@ -91,20 +78,18 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
         path = PathState()
         path.is_done = True
         # All lanes stay until the last has no sample left, as all have to vote.
-        left = votes(lanes, index < target_count)
-        while left != wp.uint32(0):
+        unfinished = votes(lanes, index < target_count)
+        while unfinished != wp.uint32(0):
             waits = path.is_done and index < target_count
             waiting = votes(lanes, waits)
-            if waits and WAITING * number_of(waiting) >= number_of(left):
-                sampler.index = wp.uint32(index)
-                seen = camera_sample(camera, filter_table, sampler, x, y).seen
-                path = begin_path(scene, seen.ray, seen.footprint)
-                if not seen.visible:
-                    path.depth = settings.max_depth
             works = not path.is_done
-            if not works:
-                # Such a path takes no step. A branch around the step would keep its state twice: 364 bytes of spills.
-                path.depth = settings.max_depth
+            if waits and IDLE_SHARE * number_of(waiting) >= number_of(unfinished):
+                sampler.index = wp.uint32(index)
+                camera_ray = camera_sample(camera, filter_table, sampler, x, y).seen
+                path = begin_path(scene, camera_ray.ray, camera_ray.footprint)
+                path.is_done = not camera_ray.visible
+                works = True
+            # No branch around this step, which would keep the path's state twice: 364 bytes of spills.
             path = advance_path(scene, path, sampler, settings)
             if works and path.is_done:
                 index += 1
@@ -117,7 +102,7 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
                     film.total_of_squares[pixel] = film.total_of_squares[pixel] + wp.cw_mul(value, value)
                 else:
                     film.rejected[pixel] = film.rejected[pixel] + 1
-            left = votes(lanes, index < target_count)
+            unfinished = votes(lanes, index < target_count)
         film.count[pixel] = wp.max(film.count[pixel], target_count)
 
     return render_pass

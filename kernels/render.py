@@ -1,19 +1,21 @@
 """The kernel of a pass: each thread adds to one pixel the samples that it still lacks."""
 
+import inspect
+from collections.abc import Callable
+
 import warp as wp
 
 from wrt.kernels.camera.camera import Camera
 from wrt.kernels.camera.samples import make_camera_sample
-from wrt.kernels.features import Features
-from wrt.kernels.film.aovs import AovData, make_add_aovs
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import pixel_kernel
 from wrt.kernels.film.film import FilmData, is_finite_color
-from wrt.kernels.film.tiles import pixel_of_thread
+from wrt.kernels.integrators.aovs import AovData, make_add_aovs
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
 from wrt.kernels.integrators.registry import make_trace
 from wrt.kernels.sampling.sampler import make_sampler_of_pixel
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
-from wrt.kernels.spmd_marks import pixel_kernel
 
 CUDA_BOUNDS = (256, 2)
 """Threads of a block, and blocks that a multiprocessor is to hold at least.
@@ -21,6 +23,13 @@ CUDA_BOUNDS = (256, 2)
 That caps registers at 128. On an H200 no other choice is faster in the mean: without a cap scenes take 0.9 to 1.5
 times as long, with three blocks 0.87 to 1.13 times (docs/notes/cuda.md).
 """
+
+
+def of_pass(function: Callable[..., None]) -> Callable[..., None]:
+    """Annotate the arguments of a kernel of a pass, or of a function that does its work, with their types."""
+    types = (int, int, wp.uint32, Camera, wp.array(dtype=float), SceneData, PathSettings, FilmData, AovData)
+    function.__annotations__ = dict(zip(inspect.signature(function).parameters, types, strict=True))
+    return function
 
 
 def gpu_module(name: str) -> wp.Module:
@@ -34,32 +43,40 @@ def gpu_module(name: str) -> wp.Module:
     return module
 
 
+TILE_WIDTH = wp.constant(8)
+TILE_HEIGHT = wp.constant(4)
+"""Pixels of a tile. Tiles of 4 x 8 are as good, those of 16 x 2 worse."""
+
+
+@wp.func
+def pixel_of_thread(thread: int, width: int, height: int) -> int:
+    """Return the pixel, row by row, that is the `thread`-th, tile by tile; those at the end of a row are narrower."""
+    top = TILE_HEIGHT * (thread // (TILE_HEIGHT * width))
+    rows = wp.min(TILE_HEIGHT, height - top)
+    in_band = thread - top * width
+    left = TILE_WIDTH * (in_band // (TILE_WIDTH * rows))
+    columns = wp.min(TILE_WIDTH, width - left)
+    in_tile = in_band - left * rows
+    return (top + in_tile // columns) * width + left + in_tile % columns
+
+
 @specialised()
 def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features."""
     camera_sample = make_camera_sample(features)
     trace = make_trace(features)
     add_aovs = make_add_aovs(features)
-    has_aovs, tiles = features.aovs, features.tiles
+    has_aovs, gpu = features.aovs, features.gpu
     sampler_of_pixel = make_sampler_of_pixel(features.sampler)
     name = make_render_kernel.module_name(features)
-    module = gpu_module(name) if tiles else wp.get_module(name)
+    module = gpu_module(name) if gpu else wp.get_module(name)
 
     @wp.kernel(module=module, enable_backward=False, launch_bounds=CUDA_BOUNDS)
     @pixel_kernel
-    def render_pass(
-        first_pixel: int,
-        target_count: int,
-        seed: wp.uint32,
-        camera: Camera,
-        filter_table: wp.array(dtype=float),
-        scene: SceneData,
-        settings: PathSettings,
-        film: FilmData,
-        aovs: AovData,
-    ):
+    @of_pass
+    def render_pass(first_pixel, target_count, seed, camera, filter_table, scene, settings, film, aovs):
         pixel = first_pixel + wp.tid()
-        if wp.static(tiles):
+        if wp.static(gpu):
             pixel = pixel_of_thread(pixel, camera.crop_width, film.count.shape[0] // camera.crop_width)
         # Random numbers depend on the place in the whole picture, so that a crop looks as it does there.
         x = camera.crop_x + pixel % camera.crop_width

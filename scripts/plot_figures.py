@@ -19,10 +19,10 @@ from wrt.kernels.bsdf.lobes.fresnel import (
     fresnel_dielectric,
     fresnel_schlick,
 )
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, slot_values
-from wrt.kernels.features import identifier
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, slot_values
+from wrt.kernels.core.features import identifier
+from wrt.kernels.core.registry import model_number
 from wrt.kernels.microfacet import make_microfacet, maskings_of
-from wrt.kernels.registry import model_number
 from wrt.scene.materials.microfacet import sgd_normalization
 from wrt.scene.materials.presets import metal_ior
 from wrt.upload.tables.material_tables import pack_tables

@@ -77,7 +77,7 @@ def compile_general(sampler: str | None = None) -> str:
         sampler: the sampler of later renders; by default that of scenes which name none.
     """
     from wrt.compiling import exercise, general, kernel
-    from wrt.kernels.features import Features
+    from wrt.kernels.core.features import Features
     from wrt.rendering.guides import guide_features
     from wrt.scene.scene import RenderSettings
 

@@ -1,18 +1,27 @@
 """Reflection models by name, and the dispatch among those that a scene uses.
 
-A model is a file with a `MODEL` (see `kernels/bsdf/record.py`), or with a factory that makes one from parts:
-`make_rough_conductor` in `rough_conductor.py` makes "rough_conductor:ggx:smith" from "ggx" and "smith". To add one,
-write the file, name it in `BSDFS`, and describe it in `wrt/scene/materials/`; `register_model` adds one from outside
-the package.
+A model is a `Model` (see `kernels/core/bsdf.py`), or a factory that makes one from parts: `make_rough_conductor` makes
+"rough_conductor:ggx:smith" from "ggx" and "smith". To add one, write its file, name it in `_FILES`, and describe it in
+`wrt/scene/materials/`; `register_model` adds one from outside the package.
 """
 
 from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import MAX_SLOTS, Bsdf, BsdfSample, Model, no_sample, zero_evaluate, zero_pdf
-from wrt.kernels.registry import Registry, model_number
-from wrt.kernels.specialise import specialised
+from wrt.kernels.core.bsdf import (
+    MAX_SLOTS,
+    Bsdf,
+    BsdfSample,
+    Model,
+    SpecularLobes,
+    no_lobes,
+    no_sample,
+    zero_evaluate,
+    zero_pdf,
+)
+from wrt.kernels.core.registry import Registry, model_number
+from wrt.kernels.core.specialise import specialised
 
 
 def _check(name: str, model: Model) -> None:
@@ -20,15 +29,16 @@ def _check(name: str, model: Model) -> None:
         raise ValueError(f"{name}: a model reads 0 to {MAX_SLOTS} values, not {model.slots}")
 
 
-BSDFS: Registry[Model] = Registry(
-    __name__,
-    (
-        *("diffuse", "mirror", "conductor", "rough_conductor", "dielectric", "glossy", "null", "oren_nayar"),
-        *("plastic", "principled", "burley", "rough_dielectric", "rough_plastic", "thin_dielectric"),
-        "measured",
-    ),
-    _check,
-)
+_FILES = {
+    **{
+        name: name
+        for name in ("diffuse", "oren_nayar", "glossy", "principled", "burley", "rough_dielectric", "measured")
+    },
+    **{name: "conductor" for name in ("mirror", "conductor", "rough_conductor")},
+    **{name: "dielectric" for name in ("dielectric", "thin_dielectric", "null")},
+    **{name: "plastic" for name in ("plastic", "rough_plastic")},
+}
+BSDFS: Registry[Model] = Registry({name: f"{__name__}.{file}" for name, file in _FILES.items()}, _check)
 register_model = BSDFS.register
 current_name = BSDFS.current_name
 model_of = BSDFS.model_of
@@ -51,27 +61,21 @@ def filtered_name(name: str) -> str:
 
 
 class BsdfFunctions(NamedTuple):
-    """The device functions that dispatch on `Bsdf.model`."""
+    """The device functions of a `Model`, which dispatch on `Bsdf.model`."""
 
     evaluate: wp.Function
     pdf: wp.Function
     sample: wp.Function
-    is_delta: wp.Function
-    transmits: wp.Function
 
 
 @specialised()
 def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
     """Return device functions that dispatch among the models `names` by their `model_number`."""
     if not names:
-        return BsdfFunctions(zero_evaluate, zero_pdf, _no_sample, _no_is_delta, _no_transmits)
-    model = model_of(names[0])
-    number = model_number(names[0])
-    delta, model_transmits = model.delta, model.transmits
+        return BsdfFunctions(zero_evaluate, zero_pdf, _no_sample)
+    model, number = model_of(names[0]), model_number(names[0])
     model_evaluate, model_pdf, model_sample = model.evaluate, model.pdf, model.sample
-    following = make_bsdf(names[1:])
-    next_evaluate, next_pdf, next_sample = following.evaluate, following.pdf, following.sample
-    next_is_delta, next_transmits = following.is_delta, following.transmits
+    next_evaluate, next_pdf, next_sample = make_bsdf(names[1:])
 
     @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
@@ -91,19 +95,7 @@ def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
             return model_sample(bsdf, wo, u, u_lobe)
         return next_sample(bsdf, wo, u, u_lobe)
 
-    @wp.func
-    def is_delta(bsdf: Bsdf) -> bool:
-        if bsdf.model == wp.static(number):
-            return wp.static(delta)
-        return next_is_delta(bsdf)
-
-    @wp.func
-    def transmits(bsdf: Bsdf) -> bool:
-        if bsdf.model == wp.static(number):
-            return wp.static(model_transmits)
-        return next_transmits(bsdf)
-
-    return BsdfFunctions(evaluate, pdf, sample, is_delta, transmits)
+    return BsdfFunctions(evaluate, pdf, sample)
 
 
 @wp.func
@@ -111,11 +103,50 @@ def _no_sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample
     return no_sample()
 
 
-@wp.func
-def _no_is_delta(bsdf: Bsdf) -> bool:
-    return True
+@specialised()
+def make_specular(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf, wo) -> SpecularLobes: all delta directions, of which paths sample one."""
+    if not names:
+        return no_lobes
+    number = model_number(names[0])
+    model_lobes = model_of(names[0]).specular or no_lobes
+    next_lobes = make_specular(names[1:])
+
+    @wp.func
+    def lobes(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+        if bsdf.model == wp.static(number):
+            return model_lobes(bsdf, wo)
+        return next_lobes(bsdf, wo)
+
+    return lobes
+
+
+def models_with(names: tuple[str, ...], attribute: str) -> tuple[str, ...]:
+    """Return those of the models `names` with this attribute of `Model`, such as "transmits"."""
+    return tuple(name for name in names if getattr(model_of(name), attribute))
+
+
+@specialised()
+def make_is_any(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf) -> bool: whether its model is one of `names`."""
+    if not names:
+        return _is_none
+    number = model_number(names[0])
+    is_another = make_is_any(names[1:])
+
+    @wp.func
+    def is_any(bsdf: Bsdf) -> bool:
+        return bsdf.model == wp.static(number) or is_another(bsdf)
+
+    return is_any
 
 
 @wp.func
-def _no_transmits(bsdf: Bsdf) -> bool:
+def _is_none(bsdf: Bsdf) -> bool:
     return False
+
+
+@specialised()
+def make_receives_light(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf) -> bool: whether it scatters light from lamps, and has not only delta lobes."""
+    return make_is_any(tuple(name for name in names if not model_of(name).delta))

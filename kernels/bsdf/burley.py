@@ -11,12 +11,12 @@ import warp as wp
 from wrt.kernels.bsdf.dielectric import seen_from
 from wrt.kernels.bsdf.lobes.facets import make_sample, mirrored
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric
-from wrt.kernels.bsdf.record import Bsdf, Model
 from wrt.kernels.bsdf.rough_dielectric import cosine_to, facet_normal, is_matched, refraction_density, transmittance
-from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.core.bsdf import Bsdf, Model
+from wrt.kernels.core.elementary import sine_cosine
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import make_microfacet
 from wrt.kernels.sampling.warps import INV_PI, PI, TWO_PI, square_to_cosine_hemisphere
-from wrt.kernels.specialise import specialised
 
 BASE = wp.constant(0)
 METALLIC = wp.constant(1)  # of a thin sheet: the share of diffuse light that is transmitted

@@ -1,29 +1,35 @@
-"""A smooth boundary between two transparent media.
+"""Smooth boundaries between transparent media: refracting ones, thin panes, and those that light passes unchanged.
 
 Fresnel's exact equations, or Schlick's approximation of them, give the probabilities of reflection and refraction.
 Refraction scales radiance by (n_i / n_t)², because the solid angle of a beam changes. With dispersion each channel has
 an index of its own (`kernels/bsdf/lobes/dispersion.py`).
+
+A pane has two parallel faces so close that light leaves at the point of entry. Light bounces between them any number of
+times. With R the reflectance of one face and T = 1 − R, the pane reflects R + T²R + T²R³ + … = 2R / (1 + R) and
+transmits the rest straight on (Stokes 1862, "On the intensity of the light reflected from or transmitted through a pile
+of plates", without absorption).
 """
 
 import warp as wp
 
 from wrt.kernels.bsdf.lobes.dispersion import alone, channel_at, component, shares_of
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric, fresnel_schlick
-from wrt.kernels.bsdf.record import (
+from wrt.kernels.core.bsdf import (
     Bsdf,
     BsdfSample,
     Model,
     SpecularLobes,
     mirror_lobe,
     mirror_sample,
+    no_sample,
     zero_evaluate,
     zero_pdf,
 )
-from wrt.kernels.specialise import specialised
+from wrt.kernels.core.specialise import specialised
 
-IOR = wp.constant(0)  # n_inside / n_outside
+IOR = wp.constant(0)  # n_inside / n_outside; of a pane, n over n around it
 REFLECTANCE = wp.constant(1)  # factor of reflected light
-TRANSMITTANCE = wp.constant(2)  # factor of refracted light
+TRANSMITTANCE = wp.constant(2)  # factor of refracted light, or of that which passes a pane
 CHANNELS = wp.constant(3)  # of dispersion only: probabilities of the channels
 
 
@@ -134,3 +140,68 @@ def _dispersive(model: Model, reflectance_of: wp.Function) -> Model:
         return specular_one(bsdf, wo)
 
     return model._replace(sample=sample, specular=specular, slots=4, channels_slot=int(CHANNELS))
+
+
+# --- Panes -----------------------------------------------------------------------------------------
+
+
+@wp.func
+def pane_reflectance(cos_i: float, eta: float) -> float:
+    """Return a pane's reflectance at cosθi ≥ 0, for eta = n of the pane over n around it."""
+    r = fresnel_dielectric(cos_i, eta)
+    return 2.0 * r / (1.0 + r)
+
+
+@wp.func
+def _sample_pane(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    s = mirror_sample(wo, bsdf.slots[REFLECTANCE])
+    if u_lobe >= pane_reflectance(wo[2], bsdf.slots[IOR][0]):
+        s.wi = -wo
+        s.weight = bsdf.slots[TRANSMITTANCE]
+    return s
+
+
+@wp.func
+def _specular_pane(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+    reflectance = pane_reflectance(wo[2], bsdf.slots[IOR][0])
+    lobes = mirror_lobe(bsdf.slots[REFLECTANCE] * reflectance)
+    lobes.transmitted = bsdf.slots[TRANSMITTANCE] * (1.0 - reflectance)
+    lobes.through = -wo
+    return lobes
+
+
+@wp.func
+def _straight_through_pane(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
+    return bsdf.slots[TRANSMITTANCE] * (1.0 - pane_reflectance(wo[2], bsdf.slots[IOR][0]))
+
+
+THIN_DIELECTRIC = Model(
+    zero_evaluate,
+    zero_pdf,
+    _sample_pane,
+    slots=3,
+    delta=True,
+    transmits=True,
+    specular=_specular_pane,
+    straight=_straight_through_pane,
+)
+
+
+# --- Nothing ---------------------------------------------------------------------------------------
+
+
+@wp.func
+def _sample_null(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    s = no_sample()
+    s.wi = -wo
+    s.weight = wp.vec3(1.0)
+    s.delta = True
+    return s
+
+
+@wp.func
+def _all_straight(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
+    return wp.vec3(1.0)
+
+
+NULL = Model(zero_evaluate, zero_pdf, _sample_null, slots=0, delta=True, transmits=True, straight=_all_straight)

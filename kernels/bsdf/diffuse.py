@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model
 from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
 
 REFLECTANCE = wp.constant(0)
@@ -32,4 +32,4 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     return s
 
 
-MODEL = Model(evaluate, pdf, sample, slots=1, matt=True)
+DIFFUSE = Model(evaluate, pdf, sample, slots=1, matt=True)

@@ -21,12 +21,10 @@ may reflect more light than it receives.
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
-from wrt.kernels.math.exponential import exponential, logarithm
-from wrt.kernels.math.trigonometry import sine_cosine
-from wrt.kernels.microfacet.numerics import expm1, log1p
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.core.elementary import expm1, exponential, log1p, logarithm, sine_cosine
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.sampling.warps import INV_PI, TWO_PI
-from wrt.kernels.specialise import specialised
 
 REFLECTANCE = wp.constant(0)
 SIDE = wp.constant(1)  # of "square"

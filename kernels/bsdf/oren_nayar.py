@@ -13,8 +13,8 @@ For s > 0 s/t is cos Δφ sin α tan β, so the roughness r = B/A gives the publ
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model
-from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model
+from wrt.kernels.core.elementary import sine_cosine
 from wrt.kernels.sampling.warps import INV_PI, TWO_PI
 
 REFLECTANCE = wp.constant(0)
@@ -153,4 +153,4 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     return s
 
 
-MODEL = Model(evaluate, pdf, sample, slots=2, matt=True)
+OREN_NAYAR = Model(evaluate, pdf, sample, slots=2, matt=True)

@@ -1,26 +1,41 @@
-"""Plastic: a diffuse base under a smooth transparent coat with inner reflections.
+"""Plastic: a diffuse base under a smooth or rough transparent coat with inner reflections.
 
-The coat mirrors light or refracts it to the base, which reflects it diffusely; from below, the coat transmits it or
+The coat reflects light or refracts it to the base, which reflects it diffusely; from below, the coat transmits it or
 reflects it back to the base, any number of times. The geometric series is
 
     f = ρ/π T(θo) T(θi) / (η² (1 − R ρ)),    T = 1 − F,    R = 2 ∫ F_inside cosθ d cosθ
 
 (Wolff 1994, "Diffuse-reflectance model for smooth dielectric surfaces"; its series is that of Saunderson 1942,
-"Calculation of the color of pigmented plastics"). The division by η² is the spreading of radiance on the way out.
+"Calculation of the color of pigmented plastics"). The division by η² is the spreading of radiance at the exit.
 As 1 − R = (1 − R_outside) / η², a white base absorbs nothing. Without the nonlinear colour shift the denominator is
-that of a white base, 1 − R, and the albedo is ρ T(θo).
+1 − R, as for a white base, and the albedo is ρ T(θo).
+
+A rough coat adds a microfacet reflection F D G / (4 cosθo cosθi) in place of the mirror (Walter, Marschner, Li and
+Torrance 2007), and T and R come from tables (`kernels/bsdf/lobes/coat_transmittance.py`). Light that it refracts to the
+base is assumed to lose its direction there.
 """
 
 import warp as wp
 
-from wrt.kernels.bsdf.lobes.coat_transmittance import transmitted
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, SpecularLobes, mirror_lobe, mirror_sample
+from wrt.kernels.bsdf.lobes.coat_transmittance import (
+    coat_column,
+    coat_internal_reflectance,
+    coat_transmittance,
+    transmitted,
+)
+from wrt.kernels.bsdf.lobes.facets import make_sample, mirrored
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, SpecularLobes, mirror_lobe, mirror_sample
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.microfacet import BUMPY, LEAST_ALPHA, make_microfacet
+from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
+from wrt.kernels.microfacet.widening import widened_evenly
 from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
 
 REFLECTANCE = wp.constant(0)  # of the base
-SPECULAR = wp.constant(1)  # factor of light mirrored by the coat
+SPECULAR = wp.constant(1)  # factor of light reflected by the coat
 IOR = wp.constant(2)  # n of the coat / n outside
-INTERNAL = wp.constant(3)  # R, the coat's reflectance for diffuse light from below
+INTERNAL = wp.constant(3)  # of a smooth coat: R, its reflectance for diffuse light from below
+ALPHA = wp.constant(3)  # of a rough coat
 NONLINEAR = wp.constant(4)  # 1 if inner reflections shift colours, else 0
 
 
@@ -29,6 +44,14 @@ def base_reflectance(rho: wp.vec3, internal: float, nonlinear: float) -> wp.vec3
     """Return the base's reflectance with all inner reflections, ρ / (1 − R ρ), or ρ / (1 − R) if `nonlinear` is 0."""
     one = wp.vec3(1.0)
     return wp.cw_div(rho, one - (one + (rho - one) * nonlinear) * internal)
+
+
+@wp.func
+def base_value(bsdf: Bsdf, internal: float, cos_i: float, let_in_o: float, let_in_i: float) -> wp.vec3:
+    """Return f cosθi of the base, from R and T of the coat for both directions."""
+    eta = bsdf.slots[IOR][0]
+    base = base_reflectance(bsdf.slots[REFLECTANCE], internal, bsdf.slots[NONLINEAR][0])
+    return base * (INV_PI * cos_i * let_in_o * let_in_i / (eta * eta))
 
 
 @wp.func
@@ -47,27 +70,27 @@ def base_share(bsdf: Bsdf, let_in: float) -> float:
     return base / wp.max(base + (1.0 - let_in) * mean(bsdf.slots[SPECULAR]), 1.0e-20)
 
 
+# --- Smooth ----------------------------------------------------------------------------------------
+
+
 @wp.func
-def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+def _evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
     """Return f |cosθi| of the base."""
     if wi[2] <= 0.0:
         return wp.vec3(0.0)
     eta = bsdf.slots[IOR][0]
-    base = base_reflectance(bsdf.slots[REFLECTANCE], bsdf.slots[INTERNAL][0], bsdf.slots[NONLINEAR][0])
-    return base * (INV_PI * wi[2] * transmitted(wo[2], eta) * transmitted(wi[2], eta) / (eta * eta))
+    return base_value(bsdf, bsdf.slots[INTERNAL][0], wi[2], transmitted(wo[2], eta), transmitted(wi[2], eta))
 
 
 @wp.func
-def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
-    """Return the density of `sample` per solid angle, without the mirrored direction."""
+def _pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
     if wi[2] <= 0.0:
         return 0.0
     return base_share(bsdf, transmitted(wo[2], bsdf.slots[IOR][0])) * INV_PI * wi[2]
 
 
 @wp.func
-def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the mirror direction, or one with density cosθ/π from the base."""
+def _sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     let_in = transmitted(wo[2], bsdf.slots[IOR][0])
     share = base_share(bsdf, let_in)
     if u_lobe >= share:
@@ -79,14 +102,92 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     s.pdf = share * INV_PI * s.wi[2]
     s.weight = wp.vec3(0.0)
     if s.pdf > 0.0:
-        s.weight = evaluate(bsdf, wo, s.wi) / s.pdf
+        s.weight = _evaluate(bsdf, wo, s.wi) / s.pdf
     return s
 
 
 @wp.func
-def specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
-    """Return the direction mirrored by the coat."""
+def _specular(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
     return mirror_lobe(bsdf.slots[SPECULAR] * (1.0 - transmitted(wo[2], bsdf.slots[IOR][0])))
 
 
-MODEL = Model(evaluate, pdf, sample, slots=5, specular=specular)
+PLASTIC = Model(_evaluate, _pdf, _sample, slots=5, specular=_specular)
+
+
+# --- Rough -----------------------------------------------------------------------------------------
+
+
+@wp.func
+def coat_shape(bsdf: Bsdf) -> wp.vec3:
+    """Return the shape of the distribution of normals, widened by a filtered normal map."""
+    alpha = wp.clamp(bsdf.slots[ALPHA][0], LEAST_ALPHA, 1.0)
+    return widened_evenly(wp.vec3(alpha, alpha, 0.0), bsdf.normal_variance)
+
+
+@wp.func
+def rough_as_bumpy_coat(bsdf: Bsdf) -> wp.vec3:
+    """Return the same where a filtered normal map puts GGX on bumps."""
+    alpha = wp.clamp(bsdf.slots[ALPHA][0], LEAST_ALPHA, 1.0)
+    variance = 0.5 * (bsdf.normal_variance[0] + bsdf.normal_variance[1])
+    return rough_as_bumpy(wp.vec3(alpha, alpha, 0.0), wp.vec2(variance))
+
+
+@wp.func
+def bumpy_coat_shape(bsdf: Bsdf) -> BumpyShape:
+    """Return the distribution of normals of GGX on bumps."""
+    alpha = wp.clamp(bsdf.slots[ALPHA][0], LEAST_ALPHA, 1.0)
+    return bumpy_shape(wp.vec3(alpha, alpha, 0.0), rough_as_bumpy_coat(bsdf))
+
+
+@wp.func
+def let_in_at(bsdf: Bsdf, w: wp.vec3, alpha: float) -> float:
+    """Return the share of light from w that reaches the base."""
+    return coat_transmittance(bsdf.tables, bsdf.table, w[2], coat_column(bsdf.tables, bsdf.table, alpha))
+
+
+@specialised()
+def make_rough_plastic(distribution: str, masking: str) -> Model:
+    """Return the model for a masking and a distribution of normals with a roughness α (see kernels/microfacet).
+
+    Raises:
+        ValueError: if they do not go together.
+    """
+    parts = make_microfacet(distribution, masking)
+    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    bumpy = distribution == BUMPY
+    shape_of = bumpy_coat_shape if bumpy else coat_shape
+    rough_shape_of = rough_as_bumpy_coat if bumpy else coat_shape
+
+    @wp.func
+    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+        if wi[2] <= 0.0 or wo[2] <= 0.0:
+            return wp.vec3(0.0)
+        shape = shape_of(bsdf)
+        h = wo + wi
+        m = wp.normalize(h)
+        # wo·m = wi·m = |wo + wi| / 2, bit for bit the same when light and viewer are swapped.
+        reflected = 1.0 - transmitted(wp.min(0.5 * wp.length(h), 1.0), bsdf.slots[IOR][0])
+        coat = reflected * d(m, shape) * g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
+        alpha = rough_shape_of(bsdf)[0]
+        internal = coat_internal_reflectance(bsdf.tables, bsdf.table, coat_column(bsdf.tables, bsdf.table, alpha))
+        base = base_value(bsdf, internal, wi[2], let_in_at(bsdf, wo, alpha), let_in_at(bsdf, wi, alpha))
+        return bsdf.slots[SPECULAR] * coat + base
+
+    @wp.func
+    def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+        if wi[2] <= 0.0 or wo[2] <= 0.0:
+            return 0.0
+        share = base_share(bsdf, let_in_at(bsdf, wo, rough_shape_of(bsdf)[0]))
+        m = wp.normalize(wo + wi)
+        # dω_m / dω_i = 1 / (4 wo·m): Walter et al. 2007, eq. 14.
+        coat = normal_pdf(wo, m, shape_of(bsdf)) / (4.0 * wp.max(wp.dot(wo, m), 1.0e-15))
+        return share * INV_PI * wi[2] + (1.0 - share) * coat
+
+    @wp.func
+    def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
+        if u_lobe < base_share(bsdf, let_in_at(bsdf, wo, rough_shape_of(bsdf)[0])):
+            return square_to_cosine_hemisphere(u)
+        return mirrored(wo, sample_normal(wo, shape_of(bsdf), u))
+
+    sample = make_sample(evaluate, pdf, direction)
+    return Model(evaluate, pdf, sample, slots=5, widens=True)

@@ -55,11 +55,11 @@ from wrt.kernels.bsdf.lobes.principled_base import (
     schlick_albedo,
     seen_index,
 )
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
 from wrt.kernels.bsdf.rough_dielectric import facet_normal, refraction_density
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import bumpy_ggx, ggx
 from wrt.kernels.sampling.warps import INV_PI, lattice_point, square_to_cosine_hemisphere
-from wrt.kernels.specialise import specialised
 
 FILM_FACETS = wp.constant(4)
 FILM_CAUTION = wp.constant(0.15)

@@ -24,9 +24,9 @@ from wrt.kernels.bsdf.lobes.albedo_dielectric import (
 from wrt.kernels.bsdf.lobes.dispersion import dispersive
 from wrt.kernels.bsdf.lobes.facets import is_widened, make_alpha_of, make_sample, make_shape_of, mirrored
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import make_microfacet
-from wrt.kernels.specialise import specialised
 
 # Slot 0 is the shape of the distribution: see facets.py.
 IOR = wp.constant(1)  # n_inside / n_outside

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.geometry.motion import MotionKey, MotionRecord
-from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.core.motion import MotionKey, MotionRecord
+from wrt.kernels.core.rays import Ray
 from wrt.kernels.sampling.warps import TWO_PI, square_to_disk, square_to_triangle
 
 SQUARE_BLADES = wp.constant(4)

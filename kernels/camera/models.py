@@ -1,6 +1,6 @@
 """Camera models by name, and the dispatch among them: from a point on the film and a time to a ray, and back.
 
-A model is a file with a `MODEL` (`CameraModel` in `kernels/camera/camera.py`). To add one, write the file, name it in
+A model is a `CameraModel` (`kernels/camera/camera.py`). To add one, write it into `projections.py`, name it in
 `BUILT_IN`, and describe it in `wrt/scene/camera.py`; `CAMERA_MODELS.register` adds one from outside the package.
 """
 
@@ -9,9 +9,9 @@ from typing import NamedTuple
 import warp as wp
 
 from wrt.kernels.camera.camera import Camera, CameraModel, CameraRay
-from wrt.kernels.geometry.motion import transform_at
-from wrt.kernels.registry import Registry, model_number
-from wrt.kernels.specialise import specialised
+from wrt.kernels.core.motion import transform_at
+from wrt.kernels.core.registry import Registry, model_number
+from wrt.kernels.core.specialise import specialised
 
 BUILT_IN = ("perspective", "orthographic", "panorama", "fisheye")
 """Models in all kernels: the dispatch takes no time, and more variants would mean more kernels to compile."""
@@ -21,7 +21,7 @@ def _check(name: str, model: CameraModel) -> None:
     """Accept all models: both functions are required."""
 
 
-CAMERA_MODELS: Registry[CameraModel] = Registry("wrt.kernels.camera", BUILT_IN, _check)
+CAMERA_MODELS: Registry[CameraModel] = Registry(dict.fromkeys(BUILT_IN, "wrt.kernels.camera.projections"), _check)
 current_name = CAMERA_MODELS.current_name
 
 

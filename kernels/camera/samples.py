@@ -4,10 +4,22 @@ import warp as wp
 
 from wrt.kernels.camera.camera import Camera, CameraRay, shutter_time
 from wrt.kernels.camera.models import make_camera
-from wrt.kernels.features import Features
-from wrt.kernels.film.filters import filter_offset
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.sampling.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_sample_camera
-from wrt.kernels.specialise import specialised
+
+
+@wp.func
+def filter_offset(table: wp.array(dtype=float), u: float) -> float:
+    """Return the offset from the pixel's centre along one axis, in pixels."""
+    last = table.shape[0] - 1
+    # Entries are closer towards both ends, where the inverse distribution is steep. They are spaced by a square root:
+    # an arc sine fits no better and took 4 % of a path in the Cornell box.
+    x = wp.sqrt(0.5 * wp.min(u, 1.0 - u))
+    x = wp.where(u < 0.5, x, 1.0 - x) * float(last)
+    i = wp.min(int(x), last - 1)
+    f = x - float(i)
+    return table[i] * (1.0 - f) + table[i + 1] * f
 
 
 @wp.struct

@@ -8,14 +8,14 @@ fraction of a turn from x; of a cylinder, the fraction of a turn and the height 
 
 import warp as wp
 
-from wrt.kernels.accel.instances import make_instance_placement
-from wrt.kernels.features import instances_of
-from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.core.elementary import arc_tangent
+from wrt.kernels.core.features import instances_of
+from wrt.kernels.core.ray_tree import make_instance_placement
+from wrt.kernels.core.rays import Ray
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.spheres import slack_of
-from wrt.kernels.math.trigonometry import arc_tangent
 from wrt.kernels.sampling.warps import TWO_PI
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
 
 NO_QUADRIC = wp.constant(0)
 DISK = wp.constant(1)

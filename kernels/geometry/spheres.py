@@ -8,14 +8,14 @@ z axis and the angle from that axis over π.
 
 import warp as wp
 
-from wrt.kernels.accel.instances import InstanceRecord, make_instance_placement
-from wrt.kernels.features import instances_of
-from wrt.kernels.geometry.motion import Placement
-from wrt.kernels.geometry.rays import Frame, Ray, to_local, to_world
-from wrt.kernels.math.trigonometry import arc_tangent
+from wrt.kernels.core.elementary import arc_tangent
+from wrt.kernels.core.features import instances_of
+from wrt.kernels.core.motion import Placement
+from wrt.kernels.core.ray_tree import InstanceRecord, make_instance_placement
+from wrt.kernels.core.rays import Frame, Ray, to_local, to_world
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.sampling.warps import TWO_PI
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
 
 _PI = wp.constant(3.141592653589793)
 _EPSILON = wp.constant(2.0**-24)

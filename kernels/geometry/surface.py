@@ -2,10 +2,13 @@
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.instances import make_instance_placement
-from wrt.kernels.features import has_exact, has_quadrics, instances_of
-from wrt.kernels.geometry.motion import key_at
+from wrt.kernels.core.features import has_exact, has_quadrics, instances_of
+from wrt.kernels.core.motion import key_at
+from wrt.kernels.core.ray_tree import Hit, make_instance_placement
+from wrt.kernels.core.rays import Frame, Ray, make_frame
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import shading_point
 from wrt.kernels.geometry.quadrics import (
     NO_QUADRIC,
     by_coordinate,
@@ -16,7 +19,6 @@ from wrt.kernels.geometry.quadrics import (
     point_on_quadric,
     quadric_coordinates,
 )
-from wrt.kernels.geometry.rays import Frame, Ray, make_frame
 from wrt.kernels.geometry.spheres import (
     along_meridian,
     along_turn,
@@ -27,9 +29,6 @@ from wrt.kernels.geometry.spheres import (
     sphere_coordinates,
 )
 from wrt.kernels.geometry.triangles import clearance_of, make_triangle_of, triangle_normal
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
-from wrt.kernels.spmd_marks import shading_point
 
 # Rays leave a surface at most this many times its clearance from where one met it.
 _MOST_CLEARANCES = wp.constant(64.0)

@@ -9,10 +9,10 @@ depend on the unit of length.
 
 import warp as wp
 
-from wrt.kernels.accel.instances import make_instance_placement
-from wrt.kernels.geometry.motion import key_at
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
+from wrt.kernels.core.motion import key_at
+from wrt.kernels.core.ray_tree import make_instance_placement
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
 
 # The number of roundings between a point of an instance's mesh and the same point in the world: five for the numbers
 # of the map, their products and sums, in each direction; for rays, those of the way back count by the record's

@@ -9,10 +9,11 @@ import dataclasses
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.intersect import NO_HIT
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import Ray, to_world
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.rays import Ray, to_world
+from wrt.kernels.core.scene_data import BodyStack, SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import leave_in_front
 from wrt.kernels.integrators.first_surface import make_first_surface
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
@@ -20,8 +21,6 @@ from wrt.kernels.integrators.shadow_rays import make_visibility
 from wrt.kernels.media.skin import no_skin
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
 from wrt.kernels.sampling.warps import square_to_cosine_hemisphere
-from wrt.kernels.scene.scene_data import BodyStack, SceneData
-from wrt.kernels.specialise import specialised
 
 
 @specialised()

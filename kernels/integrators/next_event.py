@@ -5,22 +5,21 @@ The power heuristic weighs it against what is found by following the path (Veach
 
 import warp as wp
 
-from wrt.kernels.accel.intersect import INFINITE_DISTANCE
-from wrt.kernels.bsdf import make_bsdf, model_of
-from wrt.kernels.bsdf.record import Bsdf
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import Ray, Receiver, to_local
+from wrt.kernels.bsdf import make_bsdf, models_with
+from wrt.kernels.core.bsdf import Bsdf
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import INFINITE_DISTANCE
+from wrt.kernels.core.rays import Ray, Receiver, to_local
+from wrt.kernels.core.scene_data import BodyStack, SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows, make_visibility
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.shapes import make_light_shapes
 from wrt.kernels.media.grids import make_shadow_in_media
-from wrt.kernels.media.medium import make_extinction, transmittance
-from wrt.kernels.media.phase import phase
+from wrt.kernels.media.medium import make_extinction, phase, transmittance
 from wrt.kernels.media.skin import Skin, no_skin
 from wrt.kernels.sampling.sampler import stream_key
-from wrt.kernels.scene.scene_data import BodyStack, SceneData
-from wrt.kernels.specialise import specialised
 from wrt.kernels.textures.normal_maps import bump_shadow
 
 # How light that both samplings can find is shared between them.
@@ -115,7 +114,7 @@ def make_light_at_surface(features: Features) -> wp.Function:
     light_shape_blocks = make_light_shapes(features.light_shapes).blocks
     media, grid_media, tangents = features.media != "none", features.grid_media, features.tangents
     extinction_of, shadow_in_media = make_extinction(features.media), make_shadow_in_media(features.media)
-    transmits = any(model_of(name).transmits for name in features.models)
+    transmits = bool(models_with(features.models, "transmits"))
 
     @wp.func
     def light_at_surface(

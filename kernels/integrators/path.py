@@ -2,14 +2,19 @@
 
 Kajiya (1986); Veach (1997), chapters 9 and 10. The stages of a path are in the files beside this one. The loop follows
 a path to its end, or in rounds of one vertex, between which a GPU begins other paths (`kernels/regeneration.py`);
-`PathState.is_done` then tells whether the path ended in the round.
+a path that is done when a round begins stays as it is.
 """
 
 import warp as wp
 
-from wrt.kernels.accel.intersect import NO_HIT, make_intersect
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.accel.intersect import make_intersect
+from wrt.kernels.bsdf import models_with
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import NO_HIT
+from wrt.kernels.core.rays import Ray
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import inline_stage, path_function
 from wrt.kernels.integrators.path_escape import make_escape
 from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_traverse_medium
 from wrt.kernels.integrators.path_state import (
@@ -30,7 +35,7 @@ from wrt.kernels.integrators.path_surface import (
     pass_through,
 )
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
-from wrt.kernels.lights.intersect import make_closest_hit
+from wrt.kernels.lights.shapes import make_closest_hit
 from wrt.kernels.media.skin import or_skin
 from wrt.kernels.sampling.sampler import (
     BLOCK_BSDF,
@@ -40,10 +45,6 @@ from wrt.kernels.sampling.sampler import (
     passed_block,
     vertex_block,
 )
-from wrt.kernels.scene.materials import has_panes
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
-from wrt.kernels.spmd_marks import inline_stage, path_function
 
 
 @specialised()
@@ -56,21 +57,26 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
     place_receiver, direct_lighting = make_place_receiver(features), make_direct_lighting(features)
     media, scattering, grid_media = features.media != "none", features.media == "scattering", features.grid_media
-    clamped, panes, light_shapes = features.clamped, has_panes(features.models), bool(features.light_shapes)
+    clamped, panes, light_shapes = (
+        features.clamped,
+        bool(models_with(features.models, "straight")),
+        bool(features.light_shapes),
+    )
     mixed, holes, attenuated = features.mixed, features.opacity or features.nested, can_attenuate_shadows(features)
 
     @wp.func
     @inline_stage
     def follow_path(scene: SceneData, path: PathState, sampler: Sampler, settings: PathSettings) -> PathState:
+        most_vertices = settings.max_depth
         if wp.static(in_rounds):
             rounds = int(0)
-        while path.depth < settings.max_depth:
+            most_vertices = wp.where(path.is_done, 0, most_vertices)  # a path that is done takes no step
+        while path.depth < most_vertices:
             if wp.static(in_rounds):
                 rounds += 1
                 if rounds > 1:
                     break
-            path.depth += 1
-            vertex_number = path.depth + path.medium_scatterings
+            vertex_number = path.depth + path.medium_scatterings + 1
             # Drawn before the ray is traced, as that waits for memory meanwhile: 5 % of a path in the Cornell box.
             u_light = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
@@ -115,11 +121,11 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
                     continue
             path = surface_emission(scene, path, vertex, settings.strategy)
             if wp.static(not panes):
-                if path.depth >= settings.max_depth:
+                if path.depth + 1 >= settings.max_depth:
                     break
             vertex = prepare_bsdf(scene, path, vertex, settings.widening)
             if wp.static(panes):
-                if not vertex.is_pane and path.depth >= settings.max_depth:
+                if not vertex.is_pane and path.depth + 1 >= settings.max_depth:
                     break
             if wp.static(clamped):
                 path = begin_indirect(path, vertex_number >= 2 and not vertex.is_pane)
@@ -129,14 +135,14 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             light = direct_lighting(scene, path, vertex, u_light, settings.strategy)
             path.rays += light.rays
             shadow_radiance = wp.cw_mul(path.throughput, light.radiance)
-            if wp.static(attenuated):
-                path.radiance += shadow_radiance
 
             # ---- BSDF sampling and roulette
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
 
             # ---- Shadow ray, last, when little of the surface's state is still live
-            if wp.static(not attenuated):
+            if wp.static(attenuated):
+                path.radiance += shadow_radiance
+            else:
                 blocked = occluded(scene, light.shadow_ray, light.t_max)
                 if not blocked:
                     path.radiance += shadow_radiance

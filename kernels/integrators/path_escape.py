@@ -2,18 +2,17 @@
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.intersect import NO_HIT
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import Ray, Receiver
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.rays import Ray, Receiver
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.integrators.next_event import emitter_hit_weight
 from wrt.kernels.integrators.path_state import PathSettings, PathState, pass_hidden_light, sees_no_lights
 from wrt.kernels.lights.environment import point_towards, radiance_at
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.shapes import make_light_shapes, shape_number
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
-from wrt.kernels.spmd_marks import inline_stage
 
 
 @specialised("environment", *make_lights.fields)

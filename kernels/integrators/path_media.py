@@ -5,20 +5,18 @@ Raab, Seibert and Keller (2008); the formulas are in `kernels/media/medium.py` a
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.intersect import NO_HIT
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.rays import RECEIVES_ANYWHERE
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.integrators.next_event import make_light_in_medium
 from wrt.kernels.integrators.path_state import PathSettings, PathState, begin_indirect
 from wrt.kernels.media.grids import is_in_grid, make_fly_in_grid
-from wrt.kernels.media.medium import emitted, fly, make_extinction, medium_of, transmittance
-from wrt.kernels.media.phase import phase, sample_phase
+from wrt.kernels.media.medium import emitted, fly, make_extinction, medium_of, phase, sample_phase, transmittance
 from wrt.kernels.media.skin import make_skin_near
 from wrt.kernels.sampling.sampler import stream_key
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
-from wrt.kernels.spmd_marks import inline_stage
 
 
 @wp.struct
@@ -138,9 +136,8 @@ def make_scatter_in_medium(features: Features) -> wp.Function:
         settings: PathSettings,
     ) -> PathState:
         if wp.static(clamped):
-            path = begin_indirect(path, path.depth + path.medium_scatterings >= 2)
+            path = begin_indirect(path, path.depth + path.medium_scatterings >= 1)
         path.medium_scatterings += 1
-        path.depth -= 1
 
         # The point at which the path scatters
         distance = wp.max(segment.distance - path.origin_gap, 0.0)

@@ -2,13 +2,12 @@
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.intersect import NO_HIT
-from wrt.kernels.geometry.rays import Ray, Receiver
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.rays import Ray, Receiver
+from wrt.kernels.core.scene_data import BodyStack
+from wrt.kernels.core.spmd_marks import inline_stage
+from wrt.kernels.materials.choice import MOST_PASSED
 from wrt.kernels.media.skin import Skin, no_skin
-from wrt.kernels.scene.materials import MOST_PASSED
-from wrt.kernels.scene.scene_data import BodyStack
-from wrt.kernels.spmd_marks import inline_stage
 
 BEHIND_LIGHT = wp.constant(1.00001)
 """Factor on the distance to a hidden light, by which a ray begins behind it; several times its rounding error."""
@@ -48,8 +47,10 @@ class PathState:
     counts them all. `receiver` is the last vertex for which a light was sampled. `previous_hit` is the surface that
     the ray leaves, and `origin_gap` the distance from there to the ray's origin, as the medium begins at the surface.
     `footprint` is the width of the cone that the camera ray stands for, and its growth; 0 once the path was scattered.
-    While indirect light is clamped, `direct_radiance` keeps the light of at most two segments once there may be more,
-    which `is_indirect` tells. `was_blurred` tells whether the path was scattered by what is not smooth.
+    `depth` counts the surfaces that scattered the path, and `medium_scatterings` the points in media.
+    While indirect light is clamped, `direct_radiance` keeps the light of at most two segments once there may be more;
+    the path then `is_indirect`. It `was_blurred` if anything that is not smooth scattered it. It `is_done` once it has
+    ended, for whatever reason.
     """
 
     ray: Ray
@@ -96,7 +97,7 @@ def sees_no_lights(path: PathState, settings: PathSettings) -> bool:
 
     It is one still behind surfaces that let it pass, which do not count as vertices.
     """
-    return settings.hides_lights != 0 and path.depth == 1 and path.medium_scatterings == 0
+    return settings.hides_lights != 0 and path.depth == 0 and path.medium_scatterings == 0
 
 
 @wp.func
@@ -105,7 +106,6 @@ def pass_hidden_light(path: PathState, hit: Hit) -> PathState:
     """Move a path straight on to behind a light that it does not see."""
     path.surfaces_passed += 1
     path.is_done = path.surfaces_passed > MOST_PASSED
-    path.depth -= 1
     distance = hit.t * BEHIND_LIGHT
     path.passed_distance += distance
     path.ray.origin = path.ray.origin + path.ray.direction * distance

@@ -2,11 +2,14 @@
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.bsdf import make_bsdf, model_of
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import RECEIVES_BOTH, RECEIVES_FRONT, to_local, to_world
+from wrt.kernels.bsdf import make_bsdf, make_is_any, make_receives_light, models_with
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import Hit
+from wrt.kernels.core.rays import RECEIVES_BOTH, RECEIVES_FRONT, to_local, to_world
+from wrt.kernels.core.scene_data import BodyStack, SceneData
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.geometry.surface import (
     Surface,
     align_tangents,
@@ -19,26 +22,17 @@ from wrt.kernels.geometry.surface import (
 from wrt.kernels.geometry.triangles import WIDELY
 from wrt.kernels.integrators.next_event import DirectLight, emitter_hit_weight, make_light_at_surface
 from wrt.kernels.integrators.path_state import PathState, begin_indirect
-from wrt.kernels.integrators.russian_roulette import russian_roulette
-from wrt.kernels.lights.lights import hit_triangle_pdf, make_hit_pdf, make_lights
-from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index, relative_indices
-from wrt.kernels.sampling.sampler import Sampler
-from wrt.kernels.scene.materials import (
-    MOST_PASSED,
-    PASSED_THROUGH,
+from wrt.kernels.lights.lights import make_lights
+from wrt.kernels.lights.mesh_lights import hit_triangle_pdf, make_hit_pdf
+from wrt.kernels.materials.choice import MOST_PASSED, PASSED_THROUGH, make_choose_material, material_of_side
+from wrt.kernels.materials.values import (
     disperses,
-    has_panes,
     make_bsdf_at,
-    make_choose_material,
-    make_is_pane,
-    make_with_index,
     make_with_indices,
     make_with_throughput,
-    material_of_side,
 )
-from wrt.kernels.scene.scene_data import BodyStack, SceneData
-from wrt.kernels.specialise import specialised
-from wrt.kernels.spmd_marks import inline_stage
+from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index, relative_indices
+from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.textures.footprint import sample_footprint
 from wrt.kernels.textures.normal_maps import apply_normal_map, bump_shadow
 
@@ -134,7 +128,6 @@ def pass_through(path: PathState, vertex: SurfaceVertex) -> PathState:
     """Move a path straight on to behind a surface, which does not count as a vertex."""
     path.surfaces_passed += 1
     path.is_done = path.surfaces_passed > MOST_PASSED
-    path.depth -= 1
     path.passed_distance += wp.length(vertex.origin_behind - path.ray.origin)
     path.ray.origin = vertex.origin_behind
     path.origin_gap = gap_behind(vertex.surface, vertex.origin_behind, path.ray.direction)
@@ -175,13 +168,16 @@ def make_surface_emission(features: Features) -> wp.Function:
 @specialised()
 def make_prepare_bsdf(features: Features) -> wp.Function:
     """Return the stage (scene, path, vertex, widening) -> SurfaceVertex with its normal and BSDF."""
-    panes, nested, dispersive = has_panes(features.models), features.nested, disperses(features.models)
+    panes, nested, dispersive = (
+        bool(models_with(features.models, "straight")),
+        features.nested,
+        disperses(features.models),
+    )
     tangents, regularized = features.tangents, features.regularized
     with_indices, with_throughput = make_with_indices(features.models), make_with_throughput(features.models)
-    bsdf_is_delta = make_bsdf(features.models).is_delta
+    receives_light = make_receives_light(features.models)
     bsdf_at = make_bsdf_at(features)
-    with_index = make_with_index(features.models)
-    is_pane = make_is_pane(features.models)
+    is_pane = make_is_any(models_with(features.models, "straight"))
 
     @wp.func
     @inline_stage
@@ -203,13 +199,14 @@ def make_prepare_bsdf(features: Features) -> wp.Function:
                     index = relative_index(scene, surface, body_in_front, body_behind)
                     bsdf = with_indices(bsdf, index, relative_indices(scene, surface, body_in_front, body_behind))
                 else:
-                    bsdf = with_index(bsdf, relative_index(scene, surface, body_in_front, body_behind))
+                    index = relative_index(scene, surface, body_in_front, body_behind)
+                    bsdf = with_indices(bsdf, index, wp.vec3(index))
         if wp.static(dispersive):
             bsdf = with_throughput(bsdf, path.throughput)
         vertex.wo = to_local(surface.frame, -path.ray.direction)
         if wp.static(panes):
             vertex.is_pane = is_pane(bsdf)
-        vertex.samples_lights = scene.lights.shape[0] > 0 and not bsdf_is_delta(bsdf)
+        vertex.samples_lights = scene.lights.shape[0] > 0 and receives_light(bsdf)
         vertex.bsdf = bsdf
         vertex.surface = surface
         return vertex
@@ -220,8 +217,8 @@ def make_prepare_bsdf(features: Features) -> wp.Function:
 @specialised("models")
 def make_place_receiver(features: Features) -> wp.Function:
     """Return the stage (path, vertex) -> PathState that moves the receiver of light to the vertex."""
-    bsdf_transmits = make_bsdf(features.models).transmits
-    transmits = any(model_of(name).transmits for name in features.models)
+    transmitting = models_with(features.models, "transmits")
+    bsdf_transmits, transmits = make_is_any(transmitting), bool(transmitting)
 
     @wp.func
     @inline_stage
@@ -271,6 +268,24 @@ def make_direct_lighting(features: Features) -> wp.Function:
     return direct_lighting
 
 
+# Shorter paths are never ended by roulette; the survival of longer ones follows the throughput. One that has lost
+# nothing survives: light comes through many panes of clear glass.
+ROULETTE_DEPTH = wp.constant(5)
+
+
+@wp.func
+@inline_stage
+def russian_roulette(path: PathState, u: float) -> PathState:
+    """End a path by chance according to its throughput, without the squeeze of solid angles inside glass."""
+    survival = wp.max(path.throughput) * path.eta_scale
+    if path.depth >= ROULETTE_DEPTH:
+        survival = wp.min(survival, 1.0)
+        path.is_done = path.is_done or not (u < survival)
+        path.throughput = path.throughput / survival
+    path.is_done = path.is_done or not (survival > 0.0)
+    return path
+
+
 @specialised()
 def make_scatter_at_surface(features: Features) -> wp.Function:
     """Return the stage (path, vertex, sample, u_roulette) -> PathState that turns a path to a sampled direction.
@@ -279,11 +294,12 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
     """
     bodies, media, regularized = features.bodies, features.media != "none", features.regularized
     mipmapped, tangents = features.mipmapped, features.tangents
-    lets_pass = features.opacity or features.nested or has_panes(features.models)
+    lets_pass = features.opacity or features.nested or bool(models_with(features.models, "straight"))
 
     @wp.func
     @inline_stage
     def scatter_at_surface(path: PathState, vertex: SurfaceVertex, sample: BsdfSample, u_roulette: float) -> PathState:
+        path.depth += 1
         path.eta_scale *= sample.eta * sample.eta
         path.scatter_pdf = sample.pdf
         if wp.static(regularized):
@@ -322,7 +338,7 @@ def make_sample_bsdf(features: Features) -> wp.Function:
 
     A path that goes straight through a pane passes it, as if it were not there.
     """
-    panes, clamped = has_panes(features.models), features.clamped
+    panes, clamped = bool(models_with(features.models, "straight")), features.clamped
     bsdf_sample = make_bsdf(features.models).sample
     scatter_at_surface = make_scatter_at_surface(features)
 
@@ -340,7 +356,7 @@ def make_sample_bsdf(features: Features) -> wp.Function:
                 path.is_done = path.is_done or wp.max(path.throughput) == 0.0
             else:
                 if wp.static(clamped):
-                    path = begin_indirect(path, path.depth + path.medium_scatterings >= 2)
+                    path = begin_indirect(path, path.depth + path.medium_scatterings >= 1)
                 path = scatter_at_surface(path, vertex, sample, u[3])
                 path.is_done = path.is_done or path.depth >= max_depth
         else:

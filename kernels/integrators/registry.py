@@ -4,12 +4,12 @@ import importlib
 
 import warp as wp
 
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.rays import Ray
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
 from wrt.kernels.sampling.sampler import Sampler
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
 
 
 @wp.func

@@ -4,21 +4,23 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.intersect import NO_HIT, make_intersect
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import Ray, to_local
+from wrt.kernels.accel.intersect import make_intersect
+from wrt.kernels.bsdf import models_with
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.rays import Ray, to_local
+from wrt.kernels.core.scene_data import MATERIAL_MODEL, BodyStack, SceneData
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import traces_alone
 from wrt.kernels.geometry.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
 from wrt.kernels.lights.shapes import make_light_shapes
+from wrt.kernels.materials.choice import MOST_PASSED
+from wrt.kernels.materials.values import make_share_passed
 from wrt.kernels.media.bodies import Crossing, crossed, is_same_crossing, is_there
 from wrt.kernels.media.grids import make_shadow_in_media
 from wrt.kernels.media.medium import make_extinction, transmittance
 from wrt.kernels.media.skin import Skin, or_skin
 from wrt.kernels.sampling.sampler import stream_key
-from wrt.kernels.scene.materials import MOST_PASSED, has_panes, make_share_passed
-from wrt.kernels.scene.scene_data import MATERIAL_MODEL, BodyStack, SceneData
-from wrt.kernels.specialise import specialised
-from wrt.kernels.spmd_marks import traces_alone
 from wrt.kernels.textures.normal_maps import apply_normal_map
 
 ATTENUATING = ("models", "opacity", "nested")
@@ -27,7 +29,7 @@ ATTENUATING = ("models", "opacity", "nested")
 
 def can_attenuate_shadows(features: Features) -> bool:
     """Return whether a surface can let a part of the light pass, instead of all or nothing."""
-    return features.opacity or features.nested or has_panes(features.models)
+    return features.opacity or features.nested or bool(models_with(features.models, "straight"))
 
 
 class PassedShares(NamedTuple):
@@ -82,13 +84,13 @@ def make_passed_shares(features: Features) -> PassedShares:
     "grid_media",
     "nested",
     "light_shapes",
-    "shadows_meet",
+    "gpu",
     *make_passed_shares.fields,
 )
 def make_transmission(features: Features) -> wp.Function:
     """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""
-    opacity, meets = features.opacity, features.shadows_meet
-    bodies = features.bodies
+    opacity, bodies = features.opacity, features.bodies
+    meets_others = features.gpu and not bodies  # of its warp
     media = features.media != "none"
     scattering = features.media == "scattering"
     nested = features.nested
@@ -111,7 +113,7 @@ def make_transmission(features: Features) -> wp.Function:
         if wp.static(opacity):
             if light_point.triangle >= 0:
                 share -= holes_at(scene, light_point, surface_at(scene, ray, light_point), ray.direction)
-                if wp.static(meets):
+                if wp.static(meets_others):
                     # With a way out here, lanes whose light may have holes would trace after the others of their warp.
                     distance = wp.where(wp.max(share) > 0.0, distance, -1.0)
                 elif wp.max(share) <= 0.0:

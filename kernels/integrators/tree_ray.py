@@ -4,18 +4,17 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.bsdf import make_bsdf, model_of
-from wrt.kernels.bsdf.lobes.specular import make_jitters
-from wrt.kernels.bsdf.record import Bsdf, SpecularLobes
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import Ray, to_world
+from wrt.kernels.bsdf import make_bsdf, make_is_any, models_with
+from wrt.kernels.core.bsdf import Bsdf, SpecularLobes
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import Hit
+from wrt.kernels.core.rays import Ray, to_world
+from wrt.kernels.core.scene_data import MOST_BODIES, BodyStack
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface, gap_behind
 from wrt.kernels.integrators.path_state import PathSettings
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCKS_PER_PATH, Sampler, make_sample_4d, vertex_block
 from wrt.kernels.sampling.warps import BELOW_ONE
-from wrt.kernels.scene.scene_data import MOST_BODIES, BodyStack
-from wrt.kernels.specialise import specialised
 
 WAITING = wp.constant(32)
 """Rays of a tree that may wait. Of two the weaker is followed first, which halves what is left: 32 halvings are more
@@ -220,8 +219,8 @@ class Children(NamedTuple):
 def make_children(features: Features) -> Children:
     """Return the functions for scenes with these features."""
     bsdf_sample = make_bsdf(features.models).sample
-    model_jitters = make_jitters(features.models)
-    jitters = any(model_of(name).jitters for name in features.models)
+    jittering = models_with(features.models, "jitters")
+    model_jitters, jitters = make_is_any(jittering), bool(jittering)
     sample_4d = make_sample_4d(features.sampler)
 
     @wp.func

@@ -17,13 +17,13 @@ Whitted (1980), "An improved illumination model for shaded display"; the limit o
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.intersect import NO_HIT
-from wrt.kernels.bsdf import make_bsdf, model_of
-from wrt.kernels.bsdf.lobes.specular import make_specular
-from wrt.kernels.bsdf.record import Bsdf
-from wrt.kernels.features import Features
-from wrt.kernels.geometry.rays import Ray, Receiver, to_local
+from wrt.kernels.bsdf import make_bsdf, make_receives_light, make_specular, models_with
+from wrt.kernels.core.bsdf import Bsdf
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.rays import Ray, Receiver, to_local
+from wrt.kernels.core.scene_data import LIGHT_ENVIRONMENT, LIGHT_TRIANGLE, LightRecord, SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.spheres import make_sphere_of
 from wrt.kernels.geometry.surface import (
     Surface,
@@ -47,17 +47,16 @@ from wrt.kernels.integrators.tree_ray import (
     straight_on,
 )
 from wrt.kernels.lights.environment import image_radiance
-from wrt.kernels.lights.intersect import make_hit_seen
-from wrt.kernels.lights.lights import make_lights, make_sides_of
-from wrt.kernels.lights.shapes import make_light_shapes, make_middle_of, shape_number
+from wrt.kernels.lights.lights import make_lights
+from wrt.kernels.lights.mesh_lights import make_sides_of
+from wrt.kernels.lights.shapes import make_hit_seen, make_light_shapes, make_middle_of, shape_number
+from wrt.kernels.materials.choice import MOST_PASSED, leaves_of, make_next_leaf
+from wrt.kernels.materials.values import make_bsdf_at, make_with_indices
 from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index
 from wrt.kernels.media.medium import emitted, make_extinction, medium_of, transmittance
 from wrt.kernels.media.skin import no_skin
 from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.sampling.warps import lattice_point
-from wrt.kernels.scene.materials import MOST_PASSED, leaves_of, make_bsdf_at, make_next_leaf, make_with_index
-from wrt.kernels.scene.scene_data import LIGHT_ENVIRONMENT, LIGHT_TRIANGLE, LightRecord, SceneData
-from wrt.kernels.specialise import specialised
 from wrt.kernels.textures.footprint import sample_footprint
 from wrt.kernels.textures.normal_maps import apply_normal_map
 
@@ -88,14 +87,14 @@ def make_direct_light(features: Features) -> wp.Function:
     Its arguments are (scene, vertex, surface, bsdf, wo, r, time, settings, jitters); `surface` has the normal map, and
     `r` is the ray that met the vertex. Where the surface `jitters`, only lamps without extent count.
     """
-    bsdfs = make_bsdf(features.models)
-    bsdf_evaluate, bsdf_sample, bsdf_is_delta = bsdfs.evaluate, bsdfs.sample, bsdfs.is_delta
+    bsdfs, receives_light = make_bsdf(features.models), make_receives_light(features.models)
+    bsdf_evaluate, bsdf_sample = bsdfs.evaluate, bsdfs.sample
     visibility = make_visibility(features)
     sample_one_light = make_lights(features).sample_one_light
     middle_of_shape = make_middle_of(features.light_shapes)
     sides_of = make_sides_of(features.geometry)
     exact, sphere_of = features.has_exact, make_sphere_of(features.geometry)
-    transmits = any(model_of(name).transmits for name in features.models)
+    transmits = bool(models_with(features.models, "transmits"))
 
     @wp.func
     def middle_of(scene: SceneData, light: LightRecord, side: int, time: float) -> wp.vec2:
@@ -136,7 +135,7 @@ def make_direct_light(features: Features) -> wp.Function:
         result = PathResult()
         result.radiance = wp.vec3(0.0)
         result.rays = 0
-        if bsdf_is_delta(bsdf):
+        if not receives_light(bsdf):
             return result
         if wp.max(settings.ambient) > 0.0 and not jitters:
             result.radiance = wp.cw_mul(settings.ambient, ambient_share(bsdf, wo))
@@ -309,7 +308,7 @@ def make_leaf_bsdf(features: Features) -> wp.Function:
     """Return the device function (scene, r, vertex, surface, leaf) -> Bsdf, of a material that has no parts."""
     nested = features.nested
     bsdf_at = make_bsdf_at(features)
-    with_index = make_with_index(features.models)
+    with_indices = make_with_indices(features.models)
 
     @wp.func
     def leaf_bsdf(scene: SceneData, r: TreeRay, vertex: TreeVertex, surface: Surface, leaf: int) -> Bsdf:
@@ -318,7 +317,8 @@ def make_leaf_bsdf(features: Features) -> wp.Function:
             if scene.shapes[surface.shape].body >= 0:
                 in_front = innermost(scene, r.medium_stack)
                 behind = innermost(scene, vertex.stack_behind)
-                bsdf = with_index(bsdf, relative_index(scene, surface, in_front, behind))
+                index = relative_index(scene, surface, in_front, behind)
+                bsdf = with_indices(bsdf, index, wp.vec3(index))
         return bsdf
 
     return leaf_bsdf

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.core.ray_tree import Hit
 
 NO_MEETING = wp.constant(-1.0)
 """Result of `LightModel.meet` for a ray that misses the light."""

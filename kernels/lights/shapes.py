@@ -1,7 +1,7 @@
 """Lights with a shape that is not made of triangles: their models, and the dispatch among them.
 
-A model is a file with a `MODEL` (see `kernels/lights/record.py`). To add one, write the file, name it in `BUILT_IN`,
-and describe it in `wrt/scene/lights/`; `LIGHT_SHAPES.register` adds one from outside the package.
+A model is a `LightModel` (see `kernels/lights/record.py`). To add one, write it, name its module in `_MODULES`, and
+describe it in `wrt/scene/lights/`; `LIGHT_SHAPES.register` adds one from outside the package.
 
 Scenes have few such lights, so a loop over those that rays can hit follows the traversal of the tree. A hit names one
 by a triangle number below NO_HIT.
@@ -11,19 +11,18 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.intersect import NO_HIT
-from wrt.kernels.geometry.rays import Ray, Receiver
+from wrt.kernels.accel.intersect import make_intersect
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import INFINITE_DISTANCE, NO_HIT, Hit
+from wrt.kernels.core.rays import Ray, Receiver
+from wrt.kernels.core.registry import Registry, model_number
+from wrt.kernels.core.scene_data import FIRST_LIGHT_SHAPE, LightRecord, LightShape, SceneData
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import ray_query
 from wrt.kernels.lights.record import NO_MEETING, LightModel, LightSample
-from wrt.kernels.registry import Registry, model_number
-from wrt.kernels.scene.scene_data import FIRST_LIGHT_SHAPE, LightRecord, LightShape, SceneData
-from wrt.kernels.specialise import specialised
 
 BUILT_IN = ("spot", "rectangle", "disk", "sphere", "sun")
 """Models in the kernels of all scenes with any light shape: further variants would mean more kernels to compile."""
-
-ON_DEMAND = ("projector",)
-"""Models in the kernels of scenes that use them."""
 
 
 def _check(name: str, model: LightModel) -> None:
@@ -35,7 +34,10 @@ def _check(name: str, model: LightModel) -> None:
         raise ValueError(f"{name}: a light needs a `pdf` if it has `meet` or `covers`, and only then")
 
 
-LIGHT_SHAPES: Registry[LightModel] = Registry("wrt.kernels.lights", (*BUILT_IN, *ON_DEMAND), _check)
+_MODULES = dict.fromkeys(BUILT_IN, "wrt.kernels.lights.area_lights") | dict.fromkeys(
+    ("spot", "projector"), "wrt.kernels.lights.spot"
+)
+LIGHT_SHAPES: Registry[LightModel] = Registry(_MODULES, _check)
 current_name = LIGHT_SHAPES.current_name
 
 _FIRST = wp.constant(-2)
@@ -242,3 +244,47 @@ def make_light_shapes(names: tuple[str, ...]) -> LightShapes:
     assert model.pdf is not None
     assert model.covers is not None
     return LightShapes(sample_light_shape, nearer_light_shape, light_shape_blocks, shines_back, model.pdf, model.covers)
+
+
+@specialised("instances", "exact", "light_shapes")
+def make_closest_hit(features: Features) -> wp.Function:
+    """Return the device function (scene, ray) -> the nearest hit; its triangle is NO_HIT for a miss.
+
+    For a hit on a light shape, it is a number below NO_HIT.
+    """
+    triangles = make_intersect(features.geometry)
+    if not features.light_shapes:
+        return triangles.closest_hit
+    triangle_before = triangles.closest_hit_before
+    nearer_light_shape = make_light_shapes(features.light_shapes).nearer
+
+    @wp.func(name=f"closest_hit_before_{features.geometry}_lights")
+    def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
+        hit = triangle_before(scene, ray, distance)
+        reach = float(distance)
+        if hit.triangle != NO_HIT:
+            reach = hit.t
+        return nearer_light_shape(scene, ray, hit, reach)
+
+    @wp.func(name=f"closest_hit_{features.geometry}_lights")
+    @ray_query
+    def nearest(scene: SceneData, ray: Ray) -> Hit:
+        return before(scene, ray, INFINITE_DISTANCE)
+
+    return nearest
+
+
+@specialised(*make_closest_hit.fields)
+def make_hit_seen(features: Features) -> wp.Function:
+    """Return the device function (scene, ray, with_lights) -> the nearest hit; without lights, on a triangle."""
+    nearest, triangle_hit = make_closest_hit(features), make_intersect(features.geometry).closest_hit
+    light_shapes = bool(features.light_shapes)
+
+    @wp.func
+    def hit_seen(scene: SceneData, ray: Ray, with_lights: bool) -> Hit:
+        if wp.static(light_shapes):
+            if not with_lights:
+                return triangle_hit(scene, ray)
+        return nearest(scene, ray)
+
+    return hit_seen

@@ -10,13 +10,13 @@ it are found and crossed together.
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.intersect import INFINITE_DISTANCE, NO_HIT, make_intersect
-from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.accel.intersect import make_intersect
+from wrt.kernels.core.ray_tree import INFINITE_DISTANCE, NO_HIT, Hit
+from wrt.kernels.core.rays import Ray
+from wrt.kernels.core.scene_data import MOST_BODIES, BodyStack, SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface, leave, make_surface_at
 from wrt.kernels.sampling.warps import lattice_point, square_to_sphere
-from wrt.kernels.scene.scene_data import MOST_BODIES, BodyStack, SceneData
-from wrt.kernels.specialise import specialised
 
 MOST_TOGETHER = wp.constant(2 * MOST_BODIES)
 """The most surfaces at one place that are considered."""

@@ -16,12 +16,12 @@ carries never grows.
 
 import warp as wp
 
-from wrt.kernels.geometry.rays import Ray
-from wrt.kernels.math.exponential import logarithm
+from wrt.kernels.core.elementary import logarithm
+from wrt.kernels.core.rays import Ray
+from wrt.kernels.core.scene_data import BodyStack, GridRecord, Lattice, MediumRecord, SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.media.medium import make_extinction, medium_of, transmittance
 from wrt.kernels.sampling.sampler import stream_4d
-from wrt.kernels.scene.scene_data import BodyStack, GridRecord, Lattice, MediumRecord, SceneData
-from wrt.kernels.specialise import specialised
 
 _FAINT = wp.constant(0.1)
 """Russian roulette begins where ratio tracking has left less than this share of the light."""

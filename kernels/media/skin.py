@@ -7,13 +7,12 @@ that surface, or was on its way to it, so the surface is remembered and counts a
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.accel.intersect import NO_HIT
-from wrt.kernels.features import has_exact
-from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.core.features import has_exact
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.rays import Ray
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import make_surface_at
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
 
 RELATIVE_ERROR = wp.constant(1.0e-5)
 """Error of a hit's distance, relative to the size of triangle and coordinates: several times the actual bound."""

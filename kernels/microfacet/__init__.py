@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import warp as wp
 
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import abc, beckmann, blinn_phong, ggx, sgd
 from wrt.kernels.microfacet.masking import GENERAL, SMITH, WALTER, make_masking
-from wrt.kernels.specialise import specialised
 
 DISTRIBUTIONS: dict[str, ModuleType] = {
     "ggx": ggx,

@@ -13,9 +13,7 @@ lower limit of B.
 
 import warp as wp
 
-from wrt.kernels.math.exponential import exponential
-from wrt.kernels.math.trigonometry import sine_cosine
-from wrt.kernels.microfacet.numerics import log1p, power_integral, power_integral_inverse
+from wrt.kernels.core.elementary import exponential, log1p, power_integral, power_integral_inverse, sine_cosine
 from wrt.kernels.sampling.warps import TWO_PI
 
 LEAST_B = wp.constant(0.1)

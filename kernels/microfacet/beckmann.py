@@ -5,7 +5,7 @@ Anisotropic: shape = (αu, αv, 0), of root-mean-square slopes αu/√2 along x 
 
 import warp as wp
 
-from wrt.kernels.math.exponential import exponential, logarithm
+from wrt.kernels.core.elementary import exponential, logarithm
 from wrt.kernels.sampling.warps import PI
 
 INV_SQRT_PI = wp.constant(0.564189583547756)

@@ -6,9 +6,8 @@ this α (Walter 2007, section 5.2): cosⁿθ = (1 + tan²θ)^(−n/2) → exp(�
 
 import warp as wp
 
-from wrt.kernels.math.exponential import exponential, logarithm
+from wrt.kernels.core.elementary import expm1, exponential, log1p, logarithm, normal_of, tan2_theta
 from wrt.kernels.microfacet import beckmann
-from wrt.kernels.microfacet.numerics import expm1, log1p, normal_of, tan2_theta
 from wrt.kernels.sampling.warps import INV_PI
 
 smith_lambda = beckmann.smith_lambda

@@ -15,11 +15,11 @@ for the mixture. `docs/notes/filtered-highlights.md` has the fit and its errors.
 
 import warp as wp
 
-from wrt.kernels.math.exponential import exponential, logarithm
+from wrt.kernels.core.elementary import exponential, logarithm
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import beckmann, ggx
 from wrt.kernels.microfacet.masking import GENERAL, Masking, correlated, sees
 from wrt.kernels.microfacet.widening import widened
-from wrt.kernels.specialise import specialised
 
 GGX_OWN = wp.constant(0.190711)  # by which α² of the GGX grows for all the weight that it lacks
 GGX_BUMPS = wp.constant(0.555)  # logarithm of its share of 2σ²; by its weight more

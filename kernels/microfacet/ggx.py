@@ -6,7 +6,7 @@ of visible normals are exact.
 
 import warp as wp
 
-from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.core.elementary import sine_cosine
 from wrt.kernels.sampling.warps import PI, TWO_PI
 
 

@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.math.exponential import exponential, logarithm
+from wrt.kernels.core.elementary import exponential, log1p, logarithm
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet.beckmann import stretched_cotangent
-from wrt.kernels.microfacet.numerics import log1p
-from wrt.kernels.specialise import specialised
 
 HALF_LOG_TWO_PI = wp.constant(0.918938533204673)
 

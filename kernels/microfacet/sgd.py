@@ -14,8 +14,15 @@ At p = 0 this is Beckmann's distribution of roughness √α.
 
 import warp as wp
 
-from wrt.kernels.math.exponential import exponential, logarithm
-from wrt.kernels.microfacet.numerics import log1p, normal_of, power_integral, power_integral_inverse, tan2_theta
+from wrt.kernels.core.elementary import (
+    exponential,
+    log1p,
+    logarithm,
+    normal_of,
+    power_integral,
+    power_integral_inverse,
+    tan2_theta,
+)
 from wrt.kernels.sampling.warps import INV_PI
 
 INV_E = wp.constant(0.367879441171442)

@@ -51,18 +51,18 @@ def _read(name: str) -> str:
 
 
 @functools.cache
-def include(name: str) -> wp.Function:
-    """Return the device function that adds a header to the modules of its callers."""
-    _included[key := f"include_{_identifier(name)}"] = name
-    return at_file_level(text_of(name), key)
+def include(*names: str) -> wp.Function:
+    """Return the device function that adds headers to the modules of its callers, in this order."""
+    _included[key := f"include_{_identifier('_'.join(names))}"] = names
+    return at_file_level("".join(map(text_of, names)), key)
 
 
-_included: dict[str, str] = {}
+_included: dict[str, tuple[str, ...]] = {}
 
 
-def included_by(function: wp.Function) -> str | None:
-    """Return the header that a function made by `include` adds, or None for other functions."""
-    return _included.get(function.key)
+def included_by(function: wp.Function) -> tuple[str, ...]:
+    """Return the headers that a function made by `include` adds; none for other functions."""
+    return _included.get(function.key, ())
 
 
 def at_file_level(code: str, name: str) -> wp.Function:

@@ -1,5 +1,5 @@
 #pragma once
-// Keyframed motion at a time (`kernels/geometry/motion.py`).
+// Keyframed motion at a time (`kernels/core/motion.py`).
 
 namespace wrt {
 // (Warp makes `float (` a cast, hence the names.)

@@ -6,6 +6,7 @@ split into passes. docs/sampling.md compares the samplers.
 
 import warp as wp
 
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.sampling.low_discrepancy import (
     further_dimension,
     jittered_point,
@@ -15,7 +16,6 @@ from wrt.kernels.sampling.low_discrepancy import (
     shuffle,
     sobol_point,
 )
-from wrt.kernels.specialise import specialised
 
 # Dimensions come in blocks of four numbers. The camera takes the first blocks, every path vertex BLOCKS_PER_VERTEX
 # more.

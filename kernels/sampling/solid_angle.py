@@ -6,8 +6,8 @@ Each `sample_X` returns pdf 0 if the light has no solid angle from the point: in
 
 import warp as wp
 
-from wrt.kernels.geometry.rays import Frame, make_frame, to_world
-from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
+from wrt.kernels.core.elementary import arc_tangent, sine_cosine
+from wrt.kernels.core.rays import Frame, make_frame, to_world
 from wrt.kernels.sampling.warps import TWO_PI
 
 SMALL_SOLID_ANGLE = wp.constant(2.0e-3)

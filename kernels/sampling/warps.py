@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.core.elementary import sine_cosine
 
 PI = wp.constant(3.14159265358979)
 TWO_PI = wp.constant(6.28318530717959)

@@ -2,10 +2,10 @@
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
+from wrt.kernels.core.ray_tree import Hit
+from wrt.kernels.core.scene_data import ImageRecord, SceneData
 from wrt.kernels.geometry.surface import Surface, uv_edges
 from wrt.kernels.geometry.triangles import edge_scale
-from wrt.kernels.scene.scene_data import ImageRecord, SceneData
 
 
 @wp.func

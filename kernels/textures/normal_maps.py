@@ -2,16 +2,10 @@
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Hit
-from wrt.kernels.geometry.rays import Frame, to_local, to_world
+from wrt.kernels.core.ray_tree import Hit
+from wrt.kernels.core.rays import Frame, to_local, to_world
+from wrt.kernels.core.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, ImageRecord, NormalMapRecord, SceneData
 from wrt.kernels.geometry.surface import Surface, uv_edges
-from wrt.kernels.scene.scene_data import (
-    NORMALS_AT_POINT,
-    NORMALS_FILTERED,
-    ImageRecord,
-    NormalMapRecord,
-    SceneData,
-)
 from wrt.kernels.textures.footprint import texels_across, texture_footprint
 from wrt.kernels.textures.textures import image_color, image_gradient
 

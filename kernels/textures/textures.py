@@ -2,8 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.geometry.surface import Surface
-from wrt.kernels.scene.scene_data import (
+from wrt.kernels.core.scene_data import (
     VERTEX_ALPHA,
     WRAP_CLAMP,
     WRAP_MIRROR,
@@ -12,7 +11,8 @@ from wrt.kernels.scene.scene_data import (
     ImageRecord,
     SceneData,
 )
-from wrt.kernels.specialise import specialised
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.textures.footprint import texels_across
 
 

@@ -90,7 +90,7 @@ def compile_cases() -> dict[str, Any]:
 
     import wrt.kernels
     from wrt.backend.lanes import WIDTHS, lanes_of, processor_flags
-    from wrt.kernels.features import Features
+    from wrt.kernels.core.features import Features
 
     every = [cls.example() for cls in MATERIALS.values()]
     usual = tuple(sorted({material.model for material in every if not material.parts}))

@@ -128,7 +128,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "cuda-tiles",
         "cuda",
-        "kernels/film/tiles.py",
+        "kernels/render.py",
         "left + in_tile % columns",
         "left + in_tile % TILE_WIDTH",
         "tests/film/test_film.py -k each_pixel",

@@ -25,7 +25,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "projector-cosine",
         "lights",
-        "kernels/lights/projector.py",
+        "kernels/lights/spot.py",
         "sample.distance / (depth * depth * depth)",
         "1.0 / (depth * depth)",
         "tests/lights/test_irradiance.py -k projector",
@@ -90,7 +90,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "roulette-weight",
         "path",
-        "kernels/integrators/russian_roulette.py",
+        "kernels/integrators/path_surface.py",
         "path.throughput = path.throughput / survival",
         "path.throughput = path.throughput",
         "tests/transport/test_estimators.py -k furnace",

@@ -64,7 +64,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "quadric-width",
         "quadrics",
-        "kernels/sampling/cylinder.py",
+        "kernels/lights/mesh_lights.py",
         "view.width = 2.0 * arc_tangent(1.0, wp.sqrt((view.distance - 1.0) * (view.distance + 1.0)))",
         "view.width = 2.0 * arc_tangent(1.1, wp.sqrt((view.distance - 1.0) * (view.distance + 1.0)))",
         "tests/geometry/test_cylinder_lights.py -k density",
@@ -72,7 +72,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "quadric-walls",
         "quadrics",
-        "kernels/sampling/cylinder.py",
+        "kernels/lights/mesh_lights.py",
         "near = u[0] < 0.5",
         "near = u[0] < 0.4",
         "tests/geometry/test_cylinder_lights.py -k density",

@@ -185,7 +185,7 @@ FAULTS: tuple[Mutant, ...] = (
     Mutant(
         "plastic-coat",
         "plastic",
-        "kernels/bsdf/rough_plastic.py",
+        "kernels/bsdf/plastic.py",
         "share * INV_PI * wi[2] + (1.0 - share) * coat",
         "share * INV_PI * wi[2] + (1.02 - share) * coat",
         "tests/materials/test_reflection_models.py -k 'follow and plastic'",

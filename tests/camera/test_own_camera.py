@@ -9,7 +9,7 @@ import pytest
 from conftest import ROOT
 
 import wrt
-from wrt.kernels.camera.perspective import MODEL as PINHOLE
+from wrt.kernels.camera.projections import PERSPECTIVE as PINHOLE
 from wrt.scene.camera import CAMERAS
 
 (CODE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "own-camera.md").read_text("utf-8"), re.M | re.S)

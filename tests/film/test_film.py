@@ -8,7 +8,7 @@ from support.statistics import sidak, t_test_mean
 
 import wrt
 from wrt.backend.device import Device
-from wrt.kernels.film.tiles import TILE_HEIGHT, TILE_WIDTH, pixel_of_thread
+from wrt.kernels.render import TILE_HEIGHT, TILE_WIDTH, pixel_of_thread
 from wrt.rendering.film import STATE_ARRAYS, Film
 
 EMISSION = (0.1, 1.0 / 3.0, 12345.678)

@@ -13,10 +13,10 @@ from scipy import stats
 from support.kernels import uniforms, upload
 from support.statistics import sidak
 
+from wrt.kernels.core.rays import Receiver
+from wrt.kernels.core.scene_data import LightRecord
 from wrt.kernels.geometry.quadrics import CYLINDER, Quadric
-from wrt.kernels.geometry.rays import Receiver
-from wrt.kernels.lights.lights import quadric_pdf, sample_mesh_quadric
-from wrt.kernels.scene.scene_data import LightRecord
+from wrt.kernels.lights.mesh_lights import quadric_pdf, sample_mesh_quadric
 
 N = 2**18
 RADIUS, LENGTH = 0.4, 1.5

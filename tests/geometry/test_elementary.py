@@ -10,8 +10,7 @@ import warp as wp
 from conftest import Report
 from support.kernels import map_function
 
-from wrt.kernels.math.exponential import exponential, logarithm
-from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
+from wrt.kernels.core.elementary import arc_tangent, exponential, logarithm, sine_cosine
 
 UNITS = 2.0
 UNITS_OF_ARC_TANGENT = 3.0

@@ -14,7 +14,7 @@ from support.kernels import upload
 from support.ray_trees import affine, rotation
 
 import wrt
-from wrt.kernels.geometry.motion import MotionKey, MotionRecord, transform_at
+from wrt.kernels.core.motion import MotionKey, MotionRecord, transform_at
 from wrt.upload.accel.swept_boxes import swept_boxes
 from wrt.upload.motion import motion_records
 

@@ -13,10 +13,8 @@ from support.ray_trees import HARD, OCTANTS, affine, mesh_of, random_rays, unit
 
 import wrt
 from wrt.backend.device import Device
-from wrt.kernels.accel.bvh import Bvh
-from wrt.kernels.accel.interleaved import trace_interleaved
-from wrt.kernels.accel.packets import trace_packets
-from wrt.kernels.accel.ray_batch import RayBatch, trace_rays
+from wrt.kernels.accel.ray_batch import RayBatch, trace_interleaved, trace_packets, trace_rays
+from wrt.kernels.core.ray_tree import Bvh
 from wrt.kernels.native import at_file_level, text_of
 from wrt.kernels.native import constants as sizes
 

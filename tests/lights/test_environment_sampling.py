@@ -13,10 +13,9 @@ from support.statistics import chi_square_test
 
 import wrt
 from wrt.backend.warp_backend import initialize_warp
-from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE, RECEIVES_FRONT, Receiver
-from wrt.kernels.lights.environment import point_direction, point_towards, radiance_at
-from wrt.kernels.lights.environment_sampling import image_pdf, sample_image
-from wrt.kernels.scene.scene_data import EnvironmentData
+from wrt.kernels.core.rays import RECEIVES_ANYWHERE, RECEIVES_FRONT, Receiver
+from wrt.kernels.core.scene_data import EnvironmentData
+from wrt.kernels.lights.environment import image_pdf, point_direction, point_towards, radiance_at, sample_image
 from wrt.upload.lights.environment import upload_environment
 from wrt.upload.lights.environment_sampling import COLUMNS, ROWS
 

@@ -22,8 +22,9 @@ from support.statistics import chi_square_test, image_z_test
 
 import wrt
 from wrt.backend.device import Device
-from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE, RECEIVES_BOTH, RECEIVES_FRONT
-from wrt.kernels.lights.tree import LightTree, far_light_probability, light_tree_probability, sample_light_tree
+from wrt.kernels.core.rays import RECEIVES_ANYWHERE, RECEIVES_BOTH, RECEIVES_FRONT
+from wrt.kernels.core.scene_data import LightTree
+from wrt.kernels.lights.choice import far_light_probability, light_tree_probability, sample_light_tree
 from wrt.upload.lights.bounds import LightBounds
 from wrt.upload.lights.choice import FEW_LIGHTS
 from wrt.upload.lights.tree import LightTree as HostTree

@@ -23,7 +23,7 @@ from support.small_scenes import image_of
 
 import wrt
 from wrt.backend.device import Device
-from wrt.kernels.lights.disk import MODEL as DISK
+from wrt.kernels.lights.area_lights import DISK
 from wrt.kernels.lights.shapes import BUILT_IN, LIGHT_SHAPES
 from wrt.scene.lights import LIGHTS
 from wrt.upload.scene_data import build_scene

@@ -14,7 +14,7 @@ from support.hits import Hit
 
 import wrt
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
-from wrt.kernels.scene import materials as device_materials
+from wrt.kernels.materials import choice as device_materials
 from wrt.rendering.fingerprint import scene_fingerprint
 from wrt.scene.materials import composite
 

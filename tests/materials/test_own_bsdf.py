@@ -19,8 +19,8 @@ from support.bsdfs import Case, albedo, assert_finite, assert_weights, chi_squar
 
 import wrt
 from wrt.kernels.bsdf import BSDFS, register_model
-from wrt.kernels.bsdf.diffuse import MODEL as LAMBERT
-from wrt.kernels.bsdf.record import MAX_SLOTS
+from wrt.kernels.bsdf.diffuse import DIFFUSE as LAMBERT
+from wrt.kernels.core.bsdf import MAX_SLOTS
 from wrt.scene.materials import MATERIALS
 from wrt.scene.srgb import srgb_from_linear
 

@@ -13,7 +13,7 @@ from support.kernels import uniforms
 
 import wrt
 from wrt.kernels.bsdf import make_bsdf
-from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.core.bsdf import Bsdf
 
 RED, BLUE = (0.9, 0.1, 0.0), (0.0, 0.2, 0.8)
 F0 = (0.9, 0.5, 0.1)

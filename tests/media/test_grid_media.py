@@ -20,10 +20,10 @@ from support.statistics import chi_square_test
 import wrt
 from wrt.backend.device import Device
 from wrt.backend.warp_backend import initialize_warp
-from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.core.rays import Ray
+from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.media.grids import make_fly_in_grid
 from wrt.kernels.sampling.sampler import hash_4d, stream_4d
-from wrt.kernels.scene.scene_data import SceneData
 from wrt.upload import grids
 from wrt.upload.scene_data import build_scene
 

@@ -15,7 +15,7 @@ from support.media import KERNELS, mean_and_error, render, stage
 from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
 import wrt
-from wrt.kernels.media.phase import phase, sample_phase
+from wrt.kernels.media.medium import phase, sample_phase
 from wrt.scene.medium import albedo_of_color, color_of_albedo
 
 N = 2**19

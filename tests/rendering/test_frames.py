@@ -4,7 +4,7 @@ import numpy as np
 import warp as wp
 from support.kernels import map_function
 
-from wrt.kernels.geometry.rays import TURNS, make_frame
+from wrt.kernels.core.rays import TURNS, make_frame
 
 
 @wp.func

@@ -15,14 +15,12 @@ from support.emulated_cuda.backend import emulated_cuda
 
 import wrt
 from wrt.backend.device import Device
-from wrt.kernels.accel.bvh import Bvh
-from wrt.kernels.accel.interleaved import trace_interleaved
-from wrt.kernels.accel.packets import trace_packets
-from wrt.kernels.accel.ray_batch import RayBatch, trace_rays
-from wrt.kernels.film.aovs import add_color
+from wrt.kernels.accel.ray_batch import RayBatch, trace_interleaved, trace_packets, trace_rays
+from wrt.kernels.core.ray_tree import Bvh
+from wrt.kernels.core.scene_data import ImageRecord, SceneData
 from wrt.kernels.film.film import FilmData, film_mean
+from wrt.kernels.integrators.aovs import add_color
 from wrt.kernels.native.constants import LEAF_FLOATS, NODE_FLOATS, PACKET, RAYS_PER_THREAD
-from wrt.kernels.scene.scene_data import ImageRecord, SceneData
 from wrt.kernels.textures.textures import image_color
 from wrt.upload.accel.geometry import upload_triangles
 from wrt.upload.limits import MOST_ELEMENTS, require_countable

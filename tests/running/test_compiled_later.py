@@ -25,7 +25,7 @@ from wrt.compiling import kernel, later
 from wrt.compiling.general import general_features, is_general
 from wrt.compiling.later import BEGUN, BUILD_MACHINE, RETRY_SECONDS, SWITCH, is_done, request
 from wrt.describe.system import system_text
-from wrt.kernels.features import Features
+from wrt.kernels.core.features import Features
 from wrt.rendering.guides import guide_features
 from wrt.spmd.ir import Unsupported
 

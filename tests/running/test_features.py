@@ -15,9 +15,9 @@ from warp._src.context import user_modules
 
 import wrt
 from wrt.backend.device import Device
-from wrt.kernels.features import Features, identifier
+from wrt.kernels.core.features import Features, identifier
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.render import make_render_kernel
-from wrt.kernels.specialise import specialised
 from wrt.upload.scene_data import build_scene
 
 PLAIN = Features(("diffuse",), False, "none")

@@ -17,7 +17,7 @@ import wrt
 from wrt.backend.builds import Builds
 from wrt.compiling import exercise, general, later
 from wrt.compiling.kernel import SCALAR, name_of_kernel
-from wrt.kernels.features import Features
+from wrt.kernels.core.features import Features
 from wrt.rendering import render_kernel
 from wrt.rendering.guides import guide_features
 from wrt.rendering.render_kernel import RenderKernel
@@ -153,7 +153,7 @@ from wrt.backend.builds import Builds
 from wrt.compiling.exercise import exercise
 from wrt.compiling.general import general_features
 from wrt.compiling.kernel import SCALAR, compile_kernel
-from wrt.kernels.features import Features
+from wrt.kernels.core.features import Features
 from wrt.rendering.guides import guide_features
 from wrt.scene.scene import RenderSettings
 plain = Features(("diffuse",), False, "none", sampler="sobol")

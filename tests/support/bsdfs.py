@@ -16,9 +16,9 @@ from support.mitsuba_scene import load_mitsuba
 from support.statistics import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
 from wrt.backend.device import Device
 from wrt.kernels.bsdf import current_name, filtered_name, make_bsdf, model_of
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, slot_values
-from wrt.kernels.features import identifier
-from wrt.kernels.registry import model_number
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, slot_values
+from wrt.kernels.core.features import identifier
+from wrt.kernels.core.registry import model_number
 from wrt.upload.tables.material_tables import pack_tables
 
 EPS = float(np.finfo(np.float32).eps)

@@ -15,7 +15,7 @@ import wrt
 from support.covering_kernels import covering
 from support.small_scenes import image_of
 from wrt.kernels import bsdf as models
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample, zero_pdf
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, no_sample, zero_pdf
 
 
 @wp.func

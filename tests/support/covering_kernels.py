@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from wrt.kernels.features import Features
+from wrt.kernels.core.features import Features
 from wrt.kernels.lights.shapes import BUILT_IN
 from wrt.rendering.render_kernel import RenderKernel
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.accel.intersect import make_intersect
-from wrt.kernels.geometry.rays import Ray
+from wrt.kernels.core.rays import Ray
+from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.geometry.surface import leave, make_add_texture_coordinates, make_surface_at
-from wrt.kernels.scene.scene_data import SceneData
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.upload.scene_data import build_scene
 

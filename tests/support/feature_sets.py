@@ -10,7 +10,7 @@ from types import ModuleType
 import warp as wp
 
 import wrt.kernels
-from wrt.kernels.features import Features
+from wrt.kernels.core.features import Features
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.microfacet import DISTRIBUTIONS, maskings_of

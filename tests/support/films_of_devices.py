@@ -49,7 +49,7 @@ long, and of 22,000 one was measured that multiplies rounding errors by 10^4."""
 def lamps_with_holes() -> wrt.Scene:
     """Return lamps with holes above surfaces with holes: triangles and exact shapes, most of which move.
 
-    Shadow rays to a hole are traced to nowhere on a GPU (`Features.shadows_meet`), through both levels of the tree.
+    Shadow rays to a hole are traced to nowhere on a GPU (`Features.gpu`), through both levels of the tree.
     """
     mask = wrt.Diffuse(0.7, opacity=wrt.ImageTexture(noise(13), channel="r", cutoff=0.5, filter="nearest"))
     veil = wrt.Diffuse((0.8, 0.4, 0.2), opacity=wrt.ImageTexture(noise(14), channel="g"))

@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 import wrt
 from support.kernels import upload
 from wrt.backend.device import Device
-from wrt.kernels.features import Features
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.geometry.surface import Surface
-from wrt.kernels.scene.materials import PASSED_THROUGH, make_choose_material, make_share_passed
-from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.materials.choice import PASSED_THROUGH, make_choose_material
+from wrt.kernels.materials.values import make_share_passed
 from wrt.upload.materials import describe_materials
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import wrt
 from support.small_scenes import finish
-from wrt.kernels.features import Features
+from wrt.kernels.core.features import Features
 
 FAR = 1000.0
 """Where things stand that are there only for their materials."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from wrt.kernels.spmd_marks import path_function, pixel_kernel, ray_query, shading_point
+from wrt.kernels.core.spmd_marks import path_function, pixel_kernel, ray_query, shading_point
 
 
 @wp.struct

@@ -21,7 +21,7 @@ from support.small_scenes import finish
 
 import wrt
 from wrt.backend.device import Device
-from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.textures.textures import filtered_color, make_slot_color
 from wrt.scene.srgb import of_codes
 from wrt.scene.textures import WRAPS

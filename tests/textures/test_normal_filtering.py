@@ -29,7 +29,7 @@ from support.covering_kernels import covering, rendering_with
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.bsdf import filtered_name
-from wrt.kernels.scene.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, NORMALS_FILTERED_ALONG_TEXTURE
+from wrt.kernels.core.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, NORMALS_FILTERED_ALONG_TEXTURE
 from wrt.upload.scene_data import build_scene
 from wrt.upload.textures.normal_maps import normals_of
 

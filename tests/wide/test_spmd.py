@@ -9,8 +9,8 @@ from support import spmd_example
 from support.spmd_example import Mirrors, Ray, albedo_at, blocked, make_kernel, next_mirror
 from support.wide_scenes import LANES, needs_lanes
 
+from wrt.kernels.core.spmd_marks import path_function
 from wrt.kernels.native import at_file_level
-from wrt.kernels.spmd_marks import path_function
 from wrt.spmd.ir import Unsupported
 from wrt.spmd.library import library
 from wrt.spmd.templates import fill

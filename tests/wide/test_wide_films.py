@@ -15,7 +15,7 @@ from support.wide_scenes import CAMERAS, LANES, SCENES, bits, differences, needs
 
 import wrt
 from wrt.backend.lanes import WIDTHS
-from wrt.kernels.features import Features
+from wrt.kernels.core.features import Features
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.native.constants import LARGE_TREE
 from wrt.kernels.render import make_render_kernel

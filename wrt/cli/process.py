@@ -22,7 +22,7 @@ RENDERING = ("wrt.rendering.renderer", "wrt.scene.large_mesh_normals")
 """Modules for rendering a large mesh."""
 
 KERNELS = (
-    "wrt.kernels.film.aovs",
+    "wrt.kernels.integrators.aovs",
     "wrt.kernels.render",
     "wrt.kernels.accel.build.collapse",
     "wrt.kernels.accel.build.presplit",

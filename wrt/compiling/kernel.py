@@ -49,7 +49,7 @@ def as_json(features: Any) -> str:
 
 def from_json(text: str) -> Any:
     """Return the features that `as_json` wrote."""
-    from wrt.kernels.features import Features
+    from wrt.kernels.core.features import Features
 
     described = json.loads(text)
     return Features(**{name: tuple(value) if isinstance(value, list) else value for name, value in described.items()})

@@ -36,7 +36,7 @@ class FilmAovs:
     def __init__(self, names: tuple[str, ...], width: int, height: int, device: Device) -> None:
         """Start empty layers for a picture of width x height pixels on a device."""
         backend = device.backend
-        aovs = backend.kernels("wrt.kernels.film.aovs")
+        aovs = backend.kernels("wrt.kernels.integrators.aovs")
 
         self.names, self.width, self.height, self.device = names, width, height, device
         self.data = aovs.AovData()

@@ -218,10 +218,13 @@ class Intersector:
     def _trace(self, rays: list[Any], t_min: float, t_max: Any, outputs: list[Any], *, any_hit: bool) -> None:
         import warp as wp
 
-        from wrt.kernels.accel.instances import trace_rays_instances
-        from wrt.kernels.accel.interleaved import trace_interleaved
-        from wrt.kernels.accel.packets import trace_packets
-        from wrt.kernels.accel.ray_batch import RayBatch, trace_rays
+        from wrt.kernels.accel.ray_batch import (
+            RayBatch,
+            trace_interleaved,
+            trace_packets,
+            trace_rays,
+            trace_rays_instances,
+        )
         from wrt.kernels.native.constants import PACKET, RAYS_PER_THREAD
 
         n, name = len(rays[0]), self.device.name

@@ -208,7 +208,7 @@ class Function:
         arguments: Its arguments.
         variables: All other variables, including constants.
         body: Its statements.
-        marks: Its marks; see `kernels/spmd_marks.py`.
+        marks: Its marks; see `kernels/core/spmd_marks.py`.
         result: The type of its result, or None.
     """
 

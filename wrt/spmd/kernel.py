@@ -5,14 +5,9 @@ import re
 
 import warp as wp
 
-from wrt.kernels.camera.camera import Camera
-from wrt.kernels.features import Features
-from wrt.kernels.film.aovs import AovData
-from wrt.kernels.film.film import FilmData
-from wrt.kernels.integrators.path_state import PathSettings
+from wrt.kernels.core.features import Features
 from wrt.kernels.native import at_file_level
-from wrt.kernels.render import make_render_kernel
-from wrt.kernels.scene.scene_data import SceneData
+from wrt.kernels.render import make_render_kernel, of_pass
 
 
 def module_name(features: Features, lanes: int) -> str:
@@ -40,7 +35,7 @@ def with_few_slots(code: str, features: Features) -> str:
     That many take 3 KB in sixteen lanes, copied several times at each surface: glossy 1.02, textures 1.04.
     """
     from wrt.kernels.bsdf import model_of
-    from wrt.kernels.bsdf.record import MAX_SLOTS
+    from wrt.kernels.core.bsdf import MAX_SLOTS
 
     slots = max((model_of(name).slots for name in features.models), default=0)
     return re.sub(rf"(Matrix|mat_t|make_mat)<{MAX_SLOTS}, ?3,", rf"\g<1><{max(slots, 1)}, 3,", code)
@@ -55,31 +50,13 @@ def declare_wide_render_kernel(features: Features, lanes: int, code: str) -> wp.
     const int width = camera.crop_width, height = (int)film.count.shape[0] / width;
     render_tile(tile, width, height, 0, target_count, seed, camera, filter_table, scene, settings, film, aovs);
     """)
-    def render_tile(
-        tile: int,
-        target_count: int,
-        seed: wp.uint32,
-        camera: Camera,
-        filter_table: wp.array(dtype=float),
-        scene: SceneData,
-        settings: PathSettings,
-        film: FilmData,
-        aovs: AovData,
-    ):
+    @of_pass
+    def render_tile(tile, target_count, seed, camera, filter_table, scene, settings, film, aovs):
         wide_code_h()
 
     @wp.kernel(module=wp.get_module(module_name(features, lanes)), enable_backward=False)
-    def render_tiles(
-        first_tile: int,
-        target_count: int,
-        seed: wp.uint32,
-        camera: Camera,
-        filter_table: wp.array(dtype=float),
-        scene: SceneData,
-        settings: PathSettings,
-        film: FilmData,
-        aovs: AovData,
-    ):
+    @of_pass
+    def render_tiles(first_tile, target_count, seed, camera, filter_table, scene, settings, film, aovs):
         render_tile(first_tile + wp.tid(), target_count, seed, camera, filter_table, scene, settings, film, aovs)
 
     return render_tiles

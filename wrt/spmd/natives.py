@@ -8,8 +8,7 @@ from wrt.spmd.ir import Unsupported
 from wrt.spmd.types import Types
 
 _WIDE = {
-    "_traverse": "closest_hit",
-    "make_exact_queries__locals__traverse": "closest_hit",
+    "_make_in_one_tree__locals__traverse": "closest_hit",
     "_sample_tree": "sample_light_tree",
     "reverse_bits": "reverse_bits",
     "further_dimension": "further_dimension",
@@ -24,8 +23,8 @@ def traverses_one_tree(functions: Iterable[str]) -> bool:
 
 def native_function(types: Types, function: Any) -> str:
     """Return the C++ of a native function for lanes: its wide version, or a loop that calls it for each lane."""
-    if (header := included_by(function)) is not None:
-        return "" if header in headers_of("lanes/library.h") else text_of(header)
+    if headers := included_by(function):
+        return "".join(text_of(header) for header in headers if header not in headers_of("lanes/library.h"))
     name = f"wide_{function.native_func}"
     arguments = function.adj.args
     result = function.adj.return_var[0]

@@ -38,7 +38,7 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
     """Return a path function as an object; `shared` are its arguments that are the same for all paths.
 
     Raises:
-        Unsupported: It does not meet the requirements in `kernels/spmd_marks.py`.
+        Unsupported: It does not meet the requirements in `kernels/core/spmd_marks.py`.
     """
     check_path_function(function, shared, module)
     emitter = Emitter(types, function)

@@ -60,7 +60,7 @@ def pixel_object(types: Types, kernel: ir.Function, path: ir.Function, module: M
     """Return the C++ structs `Path` and `Pixels` of a kernel and its path function, and their driver.
 
     Raises:
-        Unsupported: They do not meet the requirements in `kernels/spmd_marks.py`.
+        Unsupported: They do not meet the requirements in `kernels/core/spmd_marks.py`.
     """
     phases = _phases(kernel, path)
     call, samples = phases.call, phases.samples

@@ -6,7 +6,7 @@ traces them.
 
 from typing import NamedTuple
 
-from wrt.kernels.accel.intersect import INFINITE_DISTANCE
+from wrt.kernels.core.ray_tree import INFINITE_DISTANCE
 from wrt.spmd.natives import traverses_one_tree
 from wrt.spmd.templates import fill
 

@@ -51,7 +51,7 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
         raise Unsupported(f"{module.name}: follows no path")
     (path,) = paths
     types = Types([*functions, pixels], structs, elements)
-    headers = {n for f in builder.functions if (h := included_by(f)) is not None for n in headers_of(h)}
+    headers = {n for f in builder.functions for header in included_by(f) for n in headers_of(header)}
     exact = next((header for header in ("exact/with_quadrics.h", "exact/with_spheres.h") if header in headers), "")
     out = [library(lanes, exact=exact), types.declarations([a.type for a in pixels.arguments])]
     code.functions[path] = without_stages(code.functions[path], code)

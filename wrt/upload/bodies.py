@@ -69,7 +69,7 @@ class BodyTable:
     def upload(self, data: Any, device: Device) -> None:
         """Fill the tables of a SceneData struct."""
         backend = current_backend()
-        scene_data = backend.kernels("wrt.kernels.scene.scene_data")
+        scene_data = backend.kernels("wrt.kernels.core.scene_data")
 
         bodies = np.zeros(len(self.records), scene_data.BodyRecord.numpy_dtype())
         for i, values in enumerate(self.records):
@@ -163,7 +163,7 @@ def find_bodies(
 
 def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, geometry: str, device: Device) -> None:
     """Write the bodies around the camera into a SceneData struct."""
-    scene_data = current_backend().kernels("wrt.kernels.scene.scene_data")
+    scene_data = current_backend().kernels("wrt.kernels.core.scene_data")
 
     if not table.records:
         return

@@ -17,9 +17,9 @@ CropWindow = tuple[int, int, int, int]
 def build_camera(camera: Camera, width: int, height: int, crop: CropWindow | None = None, *, device: str) -> Any:
     """Return the Camera struct for a picture of width x height pixels, rendered within `crop`."""
     backend = current_backend()
-    motion = backend.kernels("wrt.kernels.geometry.motion")
+    motion = backend.kernels("wrt.kernels.core.motion")
 
-    from wrt.kernels.registry import model_number
+    from wrt.kernels.core.registry import model_number
 
     data = backend.kernels("wrt.kernels.camera.camera").Camera()
     name = backend.call("wrt.kernels.camera.models", "current_name", camera.model)

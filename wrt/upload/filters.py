@@ -1,4 +1,4 @@
-"""Tables of the reconstruction filters that `kernels/film/filters.py` samples."""
+"""Tables of the reconstruction filters that `kernels/camera/samples.py` samples."""
 
 from __future__ import annotations
 

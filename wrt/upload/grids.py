@@ -61,7 +61,7 @@ def upload_media(data: Any, media: Sequence[Medium], device: Device) -> None:
         InputError: when a medium is too dense to track rays through, or grids have more cells than 32 bits can count.
     """
     backend = current_backend()
-    scene_data = backend.kernels("wrt.kernels.scene.scene_data")
+    scene_data = backend.kernels("wrt.kernels.core.scene_data")
     grids = list(dict.fromkeys(medium.density for medium in media if medium.density is not None))
     records = np.zeros(len(media), scene_data.MediumRecord.numpy_dtype())
     for record, medium in zip(records, media, strict=True):

@@ -17,7 +17,7 @@ from wrt.scene.scene import RenderSettings, Scene
 from wrt.upload.lights.environment import resolve_environment
 
 if TYPE_CHECKING:
-    from wrt.kernels.features import Features
+    from wrt.kernels.core.features import Features
 
 WITHOUT_LIGHT = ("ao", "aov")
 """Integrators that can render a scene without light."""
@@ -79,7 +79,7 @@ def integrator_features(features: Features, integrator: str, settings: RenderSet
 def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> Any:
     """Return the kernels' PathSettings, except for the strategy."""
     backend = current_backend()
-    intersect = backend.kernels("wrt.kernels.accel.intersect")
+    intersect = backend.kernels("wrt.kernels.core.ray_tree")
     path = backend.kernels("wrt.kernels.integrators.path_state").PathSettings()
     path.max_depth = min(settings.max_depth, DIRECT_DEPTH) if integrator == "direct" else settings.max_depth
     path.max_scatterings = settings.max_scatterings

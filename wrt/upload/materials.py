@@ -74,7 +74,7 @@ class MaterialTable:
     @property
     def bytes(self) -> int:
         """Bytes that materials and images will take on a device, without the tables of reflection models."""
-        k = current_backend().kernels("wrt.kernels.scene.scene_data")
+        k = current_backend().kernels("wrt.kernels.core.scene_data")
         slots, records, texels = self._prepared()
         tables = (slots.rows, k.ColorSlot), (slots.images, k.ImageRecord), (slots.normal_maps, k.NormalMapRecord)
         sizes = (len(rows) * int(np.dtype(struct.numpy_dtype()).itemsize) for rows, struct in tables)
@@ -83,7 +83,7 @@ class MaterialTable:
     def _prepared(self) -> tuple[_Slots, NDArray[Any], Texels]:
         """Return all values, records still without tables, and the texels of all images; made once."""
         if self._made is None:
-            k = current_backend().kernels("wrt.kernels.scene.scene_data")
+            k = current_backend().kernels("wrt.kernels.core.scene_data")
             slots, records = _Slots(), np.zeros(len(self.materials), k.MaterialRecord.numpy_dtype())
             for record, material in zip(records, self.materials, strict=True):
                 self._describe(record, material, slots)
@@ -94,7 +94,7 @@ class MaterialTable:
     def upload(self, data: Any, device: Device) -> None:
         """Fill the tables of a SceneData struct: materials, slots, images, texels, normal maps, tables."""
         backend = current_backend()
-        k = backend.kernels("wrt.kernels.scene.scene_data")
+        k = backend.kernels("wrt.kernels.core.scene_data")
 
         slots, records, texels = self._prepared()
         tables, places = pack_tables([material.table_key for material in self.materials], device)
@@ -121,9 +121,9 @@ class MaterialTable:
         self._made = None  # release the pixels
 
     def _describe(self, record: Any, material: Material, slots: _Slots) -> None:
-        from wrt.kernels.registry import model_number
+        from wrt.kernels.core.registry import model_number
 
-        k = current_backend().kernels("wrt.kernels.scene.scene_data")
+        k = current_backend().kernels("wrt.kernels.core.scene_data")
         record["first_slot"] = len(slots.rows)
         for value in material.slots:
             slots.add(value)
@@ -200,7 +200,7 @@ def _needs_uv2_alpha(value: ColorSource) -> bool:
 
 
 def _normal_filter(material: Material, filtered: bool) -> int:
-    k = current_backend().kernels("wrt.kernels.scene.scene_data")
+    k = current_backend().kernels("wrt.kernels.core.scene_data")
 
     if not filtered:
         return int(k.NORMALS_AT_POINT)
@@ -223,7 +223,7 @@ class _Slots:
 
     def add(self, value: ColorSource) -> int:
         """Append a value, and return its number."""
-        k = current_backend().kernels("wrt.kernels.scene.scene_data")
+        k = current_backend().kernels("wrt.kernels.core.scene_data")
 
         if isinstance(value, ImageTexture):
             image = self.add_image(self._first_alike(value.pixels), value)

@@ -106,7 +106,7 @@ def _geometry(layout: Layout, *, textured: bool, uv2_alpha: bool) -> int:
     triangles = sum(len(mesh.faces) for mesh in (*layout.world_meshes, *(s.keys[0] for s in layout.shared)))
     shapes = len(layout.world_shapes) + len(layout.instances)
     of_vertex = 24 + 20 * textured + 12 * uv2_alpha  # points, normals; coordinates, colours; a second set
-    return of_vertex * vertices + 16 * triangles + shapes * _size("wrt.kernels.scene.scene_data", "ShapeRecord")
+    return of_vertex * vertices + 16 * triangles + shapes * _size("wrt.kernels.core.scene_data", "ShapeRecord")
 
 
 class _Builder(NamedTuple):
@@ -186,7 +186,7 @@ def tree_memory(layout: Layout, *, is_cpu: bool) -> TreeMemory:
         most = max(most, kept + (builder.tree(triangles) if keys > 1 else 0))  # a tree, and its copies for each key
     if layout.instances:
         count = len(layout.instances) + bool(world)
-        kept += count * _size("wrt.kernels.accel.instances", "InstanceRecord")
+        kept += count * _size("wrt.kernels.core.ray_tree", "InstanceRecord")
         kept += builder.node * math.ceil(count / INSTANCES_IN_NODE)
     return TreeMemory(kept, max(most, kept), max(most_if_cut, most, kept))
 
@@ -216,7 +216,7 @@ def _lights(scene: Scene, environment: Any, lights: Sequence[Light]) -> int:
     near = of_triangles + sum(light.extent().corners is not None for light in lights)
     count = of_triangles + len(lights) + (environment_kind(environment) == "image")
     has_tree = near > FEW_LIGHTS
-    size = count * _size("wrt.kernels.scene.scene_data", "LightRecord")
+    size = count * _size("wrt.kernels.core.scene_data", "LightRecord")
     if not has_tree or count > near:  # a table of those at infinity, or of all
         size += 8 * count
     if has_tree:

@@ -13,7 +13,7 @@ from wrt.scene.motion import Motion
 
 def motion_records(motions: Sequence[Motion]) -> tuple[Any, Any]:
     """Return the keys and the records of motions, as NumPy arrays of the kernels' structs."""
-    structs = current_backend().kernels("wrt.kernels.geometry.motion")
+    structs = current_backend().kernels("wrt.kernels.core.motion")
     records = np.zeros(len(motions), structs.MotionRecord.numpy_dtype())
     counts = np.array([len(motion.times) for motion in motions], np.int64)
     keys = np.zeros(int(counts.sum()), structs.MotionKey.numpy_dtype())

@@ -167,9 +167,9 @@ def build_scene(
         InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
     """
     backend = current_backend()
-    scene_data = backend.kernels("wrt.kernels.scene.scene_data")
+    scene_data = backend.kernels("wrt.kernels.core.scene_data")
 
-    from wrt.kernels.features import Features
+    from wrt.kernels.core.features import Features
 
     described = describe_scene(scene)
     scene, layout, exact, environment, lights, textures, materials = described
@@ -254,7 +254,7 @@ def _places(layout: Layout) -> _Places:
 def _upload_lights(data: Any, lights: LightTable, device: Device, choice: str) -> bool:
     """Upload the lights and the tables for selecting one, and return whether these include a tree."""
     backend = current_backend()
-    records = backend.kernels("wrt.kernels.scene.scene_data")
+    records = backend.kernels("wrt.kernels.core.scene_data")
     has_tree = False
     if lights.weights.sum() > 0.0:
         has_tree = upload_light_choice(data, lights, device, choice)
@@ -274,7 +274,7 @@ def _shape_records(
     scene: Scene, materials: MaterialTable, bodies: BodyTable, lights: LightTable, first_triangles: NDArray[np.int64]
 ) -> NDArray[Any]:
     """Return a ShapeRecord for each shape."""
-    record = current_backend().kernels("wrt.kernels.scene.scene_data").ShapeRecord
+    record = current_backend().kernels("wrt.kernels.core.scene_data").ShapeRecord
     records = np.zeros(len(scene.shapes), record.numpy_dtype())
     records["material"] = materials.of_shapes
     records["first_triangle"] = first_triangles

@@ -111,7 +111,7 @@ class WorldMeshes:
 
     def _smooth(self, number: int, mesh: Mesh, first: int, count: int) -> None:
         """Compute normals from the faces around each vertex; vertices that shared a normal still do."""
-        from wrt.kernels.geometry.mesh_normals import smooth_normals
+        from wrt.kernels.geometry.vertex_normals import smooth_normals
 
         if number not in self._corners:
             assert mesh.normals is not None

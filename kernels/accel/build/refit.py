@@ -3,7 +3,7 @@
 import warp as wp
 
 from wrt.kernels.accel.build.collapse import write_corners
-from wrt.kernels.accel.bvh import Bvh
+from wrt.kernels.core.ray_tree import Bvh
 from wrt.kernels.native.constants import LEAF_FLOATS, LEAF_SIZE, NODE_FLOATS
 
 # Unrolled loops take Warp many times as long to compile and run no faster.

@@ -22,10 +22,10 @@ What is called for each direction is not inlined, as in `albedo_fits.py`.
 
 import warp as wp
 
-from wrt.kernels.math.exponential import exponential, logarithm
+from wrt.kernels.core.elementary import exponential, logarithm
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
 from wrt.kernels.sampling.warps import INV_PI, PI, TWO_PI, lattice_point
-from wrt.kernels.specialise import specialised
 
 ROWS = wp.constant(32)
 COLUMNS = wp.constant(32)

@@ -30,9 +30,9 @@ from wrt.kernels.bsdf.lobes.albedo import (
     sample_multiple_bounces,
 )
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import make_microfacet
 from wrt.kernels.sampling.warps import lattice_point
-from wrt.kernels.specialise import specialised
 
 SIDE_SIZE = wp.constant(TABLE_SIZE)
 DIELECTRIC_TABLE_SIZE = 2 * TABLE_SIZE + 2

@@ -13,9 +13,9 @@ roughness has one column.
 import warp as wp
 
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
 from wrt.kernels.sampling.warps import lattice_point
-from wrt.kernels.specialise import specialised
 
 HEADER = wp.constant(2)
 ROUGHNESSES = wp.constant(32)

@@ -9,16 +9,15 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.bsdf.lobes.albedo_fits import LEAST_SHEEN_ROUGHNESS, sheen_albedo, specular_albedo
+from wrt.kernels.bsdf.lobes.albedo_fits import LEAST_SHEEN_ROUGHNESS, SHEEN_CUT, sheen_albedo, specular_albedo
 from wrt.kernels.bsdf.lobes.facets import mirrored
-from wrt.kernels.bsdf.lobes.sheen import sheen
-from wrt.kernels.bsdf.record import Bsdf
-from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.core.bsdf import Bsdf
+from wrt.kernels.core.elementary import exponential, sine_cosine
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import LEAST_ALPHA, bumpy_ggx, ggx
 from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
 from wrt.kernels.microfacet.widening import widened_evenly
 from wrt.kernels.sampling.warps import TWO_PI
-from wrt.kernels.specialise import specialised
 
 COAT_F0 = wp.constant(0.04)
 """Reflectance at normal incidence of a coat of index 1.5."""
@@ -194,6 +193,47 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool, bumpy: bool = 
         return reflected + (1.0 - reflected) * below_albedo(bsdf, wo)
 
     return Layer(evaluate, direction, albedo)
+
+
+@wp.func
+def _curve(x: float, k: float) -> float:
+    """Return ln Λ for cosθ = x ≤ 1/2 and k = (1 − r)²: a fit by Estevez and Kulla."""
+    a = wp.lerp(21.5473, 25.3245, k)
+    b = wp.lerp(3.82987, 3.32435, k)
+    c = wp.lerp(0.19823, 0.16801, k)
+    d = wp.lerp(-1.97760, -1.27393, k)
+    e = wp.lerp(-4.32054, -4.85967, k)
+    return a / (1.0 + b * wp.pow(x, c)) + d * x + e
+
+
+@wp.func
+def sheen_lambda(mu: float, roughness: float) -> float:
+    """Return Λ at a cosine: their L(x), whose logarithm is point-mirrored above 1/2."""
+    r = 1.0 - roughness * roughness
+    k = r * r
+    if mu < 0.5:
+        return exponential(_curve(mu, k))
+    return exponential(2.0 * _curve(0.5, k) - _curve(1.0 - wp.min(mu, 1.0), k))
+
+
+@wp.func
+def sheen(wo: wp.vec3, wi: wp.vec3, roughness: float, most_albedo: float) -> float:
+    """Return f cosθi of white sheen for directions above the surface.
+
+    Args:
+        wo: towards the viewer.
+        wi: towards the light.
+        roughness: LEAST_SHEEN_ROUGHNESS to 1.
+        most_albedo: the larger `sheen_albedo` of both directions.
+    """
+    h = wp.normalize(wo + wi)
+    inverse = 1.0 / (roughness * roughness)
+    sine2 = wp.min(h[0] * h[0] + h[1] * h[1], 1.0)
+    d = (2.0 + inverse) * wp.pow(sine2, 0.5 * inverse) / TWO_PI
+    mu_o = wp.max(wo[2], SHEEN_CUT)
+    mu_i = wp.max(wi[2], SHEEN_CUT)
+    hidden = sheen_lambda(mu_o, roughness) + sheen_lambda(mu_i, roughness)
+    return d * wi[2] / (4.0 * mu_o * mu_i * (1.0 + hidden) * wp.max(most_albedo, 1.0))
 
 
 @specialised()

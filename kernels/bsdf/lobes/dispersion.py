@@ -10,7 +10,7 @@ channel alone: the other channels of its throughput are zero, so that this chann
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model
 from wrt.kernels.sampling.warps import BELOW_ONE
 
 

@@ -5,11 +5,11 @@ Slot SHAPE of such a model is the shape of its distribution of normals (`kernels
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, no_sample
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, no_sample
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import BUMPY, LEAST_ALPHA
 from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
 from wrt.kernels.microfacet.widening import WIDENED, not_widened
-from wrt.kernels.specialise import specialised
 
 SHAPE = wp.constant(0)
 

@@ -5,10 +5,10 @@ import warp as wp
 from wrt.kernels.bsdf.lobes.coats import alpha_of, schlick
 from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
 from wrt.kernels.bsdf.lobes.thin_film import film_change
-from wrt.kernels.bsdf.record import Bsdf
+from wrt.kernels.core.bsdf import Bsdf
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
 from wrt.kernels.microfacet.widening import widened
-from wrt.kernels.specialise import specialised
 
 BASE_COLOR = wp.constant(0)
 METALLIC = wp.constant(1)

@@ -15,8 +15,7 @@ ends where terms are below LEAST_TERM.
 import warp as wp
 
 from wrt.kernels.bsdf.lobes.fresnel import fresnel_dielectric, fresnel_schlick
-from wrt.kernels.math.exponential import exponential
-from wrt.kernels.math.trigonometry import sine_cosine
+from wrt.kernels.core.elementary import exponential, sine_cosine
 from wrt.kernels.sampling.warps import TWO_PI
 
 FARTHEST = wp.constant(40.0)

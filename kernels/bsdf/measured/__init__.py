@@ -19,8 +19,8 @@ from wrt.kernels.bsdf.measured.tables import (
     turned,
     view_of,
 )
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, Model, no_sample
-from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.core.elementary import arc_tangent, sine_cosine
 from wrt.kernels.sampling.bilinear import density_at, invert_grid, sample_grid
 from wrt.kernels.sampling.warps import PI, TWO_PI
 
@@ -102,4 +102,4 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     return s
 
 
-MODEL = Model(evaluate, pdf, sample, slots=0)
+MEASURED = Model(evaluate, pdf, sample, slots=0)

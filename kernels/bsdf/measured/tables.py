@@ -7,8 +7,8 @@ it.
 
 import warp as wp
 
-from wrt.kernels.bsdf.record import Bsdf
-from wrt.kernels.math.trigonometry import arc_tangent
+from wrt.kernels.core.bsdf import Bsdf
+from wrt.kernels.core.elementary import arc_tangent
 from wrt.kernels.sampling.bilinear import (
     Blend,
     Cell,

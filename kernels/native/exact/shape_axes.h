@@ -64,7 +64,7 @@ instances_with_axes(const Placed& placed, const Corners& corners, const Normals&
         placed.slice_nodes, placed.motion_keys, placed.motions, placed.key_times, axes_of(corners, normals)};
 }
 } // namespace wrt
-#elif defined(WRT_SPHERES)
+#else
 namespace wrt {
 template<class Bvh, class Corners, class Normals>
 WRT_INLINE const Bvh& with_axes(const Bvh& bvh, const Corners&, const Normals&) {

@@ -10,11 +10,7 @@
 namespace lanes {
 // The tree of a scene, with the arrays that its leaves refer to.
 template<class Scene> LANES_INLINE decltype(auto) tree_of_scene(const Scene& scene) {
-#if defined(WRT_SPHERES)
     return wrt::with_axes(scene.bvh, scene.corners, scene.normals);
-#else
-    return (scene.bvh);
-#endif
 }
 
 // Starts a group, and follows the rays that leave any group.

@@ -172,12 +172,10 @@ LANES_CALLED Vector<4, Floats> closest_hit(
     return found(journeys, t_max);
 }
 
-#if defined(WRT_SPHERES)
 template<class Bvh, class Corners, class Normals>
-LANES_CALLED Vector<4, Floats> closest_hit(
+LANES_INLINE Vector<4, Floats> closest_hit(
     const Bvh& bvh, const Corners& corners, const Normals& normals, const Vector<3, Floats>& origin,
     const Vector<3, Floats>& direction, Floats t_min, Floats t_max, Mask any_hit, Mask exec) {
     return closest_hit(wrt::with_axes(bvh, corners, normals), origin, direction, t_min, t_max, any_hit, exec);
 }
-#endif
 } // namespace lanes

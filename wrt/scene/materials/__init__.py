@@ -17,7 +17,7 @@ from wrt.scene.materials.principled import Principled
 from wrt.scene.registration import register_class
 
 if TYPE_CHECKING:
-    from wrt.kernels.bsdf.record import Model
+    from wrt.kernels.core.bsdf import Model
 
 MATERIALS: dict[str, type[Material]] = {
     cls.type_name: cls

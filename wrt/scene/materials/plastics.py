@@ -123,7 +123,7 @@ class RoughPlastic(Material):
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
-        """The values that kernels/bsdf/rough_plastic.py reads."""
+        """The values that kernels/bsdf/plastic.py reads."""
         return (self.reflectance, self.specular_reflectance, self.relative_ior, self.alpha, float(self.nonlinear))
 
     @property

@@ -1,4 +1,4 @@
-"""The requirements on a kernel whose paths are followed round by round; see `kernels/spmd_marks.py`."""
+"""The requirements on a kernel whose paths are followed round by round; see `kernels/core/spmd_marks.py`."""
 
 from wrt.spmd import ir
 

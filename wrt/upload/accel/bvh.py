@@ -84,7 +84,7 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
 
     backend = current_backend()
     collapse = backend.kernels("wrt.kernels.accel.build.collapse")
-    bvh = backend.kernels("wrt.kernels.accel.bvh")
+    bvh = backend.kernels("wrt.kernels.core.ray_tree")
     constants = backend.kernels("wrt.kernels.native.constants")
 
     tree = _wide_tree(_boxes(points, indices, device), device, constants.MAX_DEPTH)

@@ -65,7 +65,7 @@ class PlacedTrees:
     @property
     def bytes(self) -> int:
         """Memory of the trees, the points, the indices and the instances."""
-        record = current_backend().kernels("wrt.kernels.accel.instances").InstanceRecord.numpy_dtype()
+        record = current_backend().kernels("wrt.kernels.core.ray_tree").InstanceRecord.numpy_dtype()
         size = 4 * len(self.data.nodes) + len(self._numbers) * int(np.dtype(record).itemsize)
         for tree, (points, indices) in zip(self._trees, self._geometry, strict=True):
             size += tree.bytes + 12 * len(points) + 4 * len(indices)
@@ -117,7 +117,7 @@ class PlacedTrees:
 
 def instance_records(transforms: FloatArray) -> NDArray[Any]:
     """Return InstanceRecords of (N, 3, 4) or (N, 4, 4) transforms to world space, still without mesh and triangles."""
-    instances = current_backend().kernels("wrt.kernels.accel.instances")
+    instances = current_backend().kernels("wrt.kernels.core.ray_tree")
 
     linear, position = transforms[:, :3, :3], transforms[:, :3, 3]
     to_mesh = inverse(linear)
@@ -139,7 +139,7 @@ def round_trip(linear: FloatArray) -> FloatArray:
 
 def placed_mesh(tree: BuiltBvh) -> Any:
     """Return the PlacedMesh of a tree over a rigid mesh."""
-    instances = current_backend().kernels("wrt.kernels.accel.instances")
+    instances = current_backend().kernels("wrt.kernels.core.ray_tree")
 
     mesh = instances.PlacedMesh()
     mesh.bvh = tree.data
@@ -158,7 +158,7 @@ def instance_tree(meshes: Sequence[Any], records: NDArray[Any], boxes: NDArray[n
     """
     backend = current_backend()
     node_floats = backend.kernels("wrt.kernels.native.constants").NODE_FLOATS
-    instances = backend.kernels("wrt.kernels.accel.instances")
+    instances = backend.kernels("wrt.kernels.core.ray_tree")
 
     name = device.name
     trees = [build_upper_tree(slice_boxes[:, 0], slice_boxes[:, 1], device) for slice_boxes in boxes]

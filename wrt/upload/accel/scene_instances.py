@@ -38,7 +38,7 @@ def place(layout: Layout, pools: list[tuple[int, int]], world: Any, points: Any,
         device: the device.
     """
     backend = current_backend()
-    motion = backend.kernels("wrt.kernels.geometry.motion")
+    motion = backend.kernels("wrt.kernels.core.motion")
 
     trees = [placed_mesh(world)] if world is not None else []
     first_time = 0

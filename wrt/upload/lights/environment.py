@@ -51,7 +51,7 @@ def upload_environment(environment: ConstantEnvironment | ImageEnvironment | Non
     The integral is 0 for constant environments, which are best sampled by the BSDF alone.
     """
     backend = current_backend()
-    k = backend.kernels("wrt.kernels.scene.scene_data")
+    k = backend.kernels("wrt.kernels.core.scene_data")
 
     data = k.EnvironmentData()
     data.rotation = np.eye(3)

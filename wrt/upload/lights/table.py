@@ -93,7 +93,7 @@ def light_table(
     Raises:
         InputError: when there are more solid lights than MOST_SOLID_LIGHTS.
     """
-    k = current_backend().kernels("wrt.kernels.scene.scene_data")
+    k = current_backend().kernels("wrt.kernels.core.scene_data")
 
     records: list[NDArray[Any]] = []
     bounds: list[LightBounds] = []
@@ -165,7 +165,7 @@ def _light_shapes(lights: list[Light], first: int, texture_slots: dict[int, int]
         InputError: when there are more solid lights than MOST_SOLID_LIGHTS, or a model is not registered.
     """
     backend = current_backend()
-    k = backend.kernels("wrt.kernels.scene.scene_data")
+    k = backend.kernels("wrt.kernels.core.scene_data")
     models, order = {}, {}
     for i, light in enumerate(lights):
         if light.shape() is not None:
@@ -198,7 +198,7 @@ def _light_shapes(lights: list[Light], first: int, texture_slots: dict[int, int]
 
 def _record(light: Light, shaped: _LightShapes, number: int) -> NDArray[Any]:
     """Return a light's record, still without its probability."""
-    k = current_backend().kernels("wrt.kernels.scene.scene_data")
+    k = current_backend().kernels("wrt.kernels.core.scene_data")
     record = np.zeros(1, k.LightRecord.numpy_dtype())
     for key, value in light.record().items():
         record[key] = value
@@ -231,7 +231,7 @@ def _emissive_mesh(
 
     The power of a moving shape is that in the middle of the exposure, and its normals may point anywhere.
     """
-    k = current_backend().kernels("wrt.kernels.scene.scene_data")
+    k = current_backend().kernels("wrt.kernels.core.scene_data")
     mesh = shape.mesh_at(0.5 * sum(shutter))
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

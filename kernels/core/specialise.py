@@ -18,7 +18,7 @@ import re
 from collections.abc import Callable
 from typing import Any, Generic, ParamSpec, TypeVar, cast
 
-from wrt.kernels.features import Features, identifier
+from wrt.kernels.core.features import Features, identifier
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -1,143 +1,17 @@
-"""Materials at a point: choosing one in a mixture, and evaluating its parameters."""
+"""The BSDF of a material at a point."""
 
 import warp as wp
 
-from wrt.kernels.bsdf import model_of
+from wrt.kernels.bsdf import model_of, models_with
 from wrt.kernels.bsdf.lobes.dispersion import shares_of
-from wrt.kernels.bsdf.record import Bsdf, slot_values
-from wrt.kernels.features import Features
+from wrt.kernels.core.bsdf import Bsdf, slot_values
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.registry import model_number
+from wrt.kernels.core.scene_data import MaterialRecord, SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface
-from wrt.kernels.registry import model_number
-from wrt.kernels.sampling.warps import BELOW_ONE
-from wrt.kernels.scene.scene_data import MATERIAL_MIX, MATERIAL_MODEL, MaterialRecord, SceneData
-from wrt.kernels.specialise import specialised
+from wrt.kernels.materials.choice import leaves_of, make_next_leaf
 from wrt.kernels.textures.textures import make_slot_value
-
-PASSED_THROUGH = wp.constant(-1)
-
-MOST_PASSED = wp.constant(4096)
-"""Limit on the surfaces that a ray passes because they are not opaque; no scene has that many in a row."""
-
-MAX_NESTING = 7
-"""The greatest depth of mixtures within mixtures."""
-
-_numbers = wp.types.vector(length=MAX_NESTING + 1, dtype=int)
-_shares = wp.types.vector(length=MAX_NESTING + 1, dtype=float)
-
-
-@specialised()
-def make_choose_material(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Function:
-    """Return the device function (scene, material, surface, u) -> the chosen material, or PASSED_THROUGH.
-
-    Choosing one part of a mixture with the probability of its weight has the right mean; likewise opacity. The random
-    number is rescaled after each choice and reused for the next.
-    """
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
-
-    @wp.func
-    def choose_material(scene: SceneData, material: int, surface: Surface, u: float) -> int:
-        number = int(material)
-        while number != PASSED_THROUGH:
-            record = scene.materials[number]
-            if record.opacity_slot >= 0:
-                opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
-                if u >= opacity:
-                    return PASSED_THROUGH
-                u = wp.min(u / opacity, BELOW_ONE)
-            if record.kind == MATERIAL_MODEL:
-                return number
-            if record.kind == MATERIAL_MIX:
-                weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
-                if u < weight:
-                    number = record.second
-                    u = wp.min(u / weight, BELOW_ONE)
-                else:
-                    number = record.first
-                    u = wp.min((u - weight) / (1.0 - weight), BELOW_ONE)
-            else:
-                number = wp.where(surface.front, record.first, record.second)
-        return PASSED_THROUGH
-
-    return choose_material
-
-
-@wp.func
-def material_of_side(scene: SceneData, material: int, surface: Surface) -> int:
-    """Return the material on the side of a surface that is seen; there must be no mixtures, and no holes."""
-    number = int(material)
-    while scene.materials[number].kind != MATERIAL_MODEL:
-        number = wp.where(surface.front, scene.materials[number].first, scene.materials[number].second)
-    return number
-
-
-@wp.struct
-class Leaves:
-    """A traversal of a material's parts: those still `left` to visit, and the current one.
-
-    `leaf` is a material without parts and `share` its weight in the whole, 0 if there are no more; `passed` is the
-    share of light that goes straight through.
-    """
-
-    numbers: _numbers
-    shares: _shares
-    left: int
-    leaf: int
-    share: float
-    passed: float
-
-
-@wp.func
-def leaves_of(material: int) -> Leaves:
-    """Return the start of a traversal; a material without parts is its only leaf."""
-    leaves = Leaves()
-    leaves.numbers[0] = material
-    leaves.shares[0] = 1.0
-    leaves.left = 1
-    leaves.leaf = material
-    leaves.share = 1.0
-    leaves.passed = 0.0
-    return leaves
-
-
-@specialised()
-def make_next_leaf(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Function:
-    """Return the device function (scene, leaves, surface) -> Leaves with the next leaf.
-
-    Some parts may still be left after the last leaf and turn out to have no weight.
-    """
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
-
-    @wp.func
-    def next_leaf(scene: SceneData, leaves: Leaves, surface: Surface) -> Leaves:
-        found = leaves
-        found.share = 0.0
-        while found.left > 0:
-            found.left = found.left - 1
-            number = found.numbers[found.left]
-            record = scene.materials[number]
-            share = found.shares[found.left]
-            if record.opacity_slot >= 0:
-                opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
-                found.passed = found.passed + share * (1.0 - opacity)
-                share *= opacity
-            if record.kind == MATERIAL_MODEL:
-                found.leaf = number
-                found.share = share
-                return found
-            if record.kind == MATERIAL_MIX:
-                weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
-                found.numbers[found.left] = record.first
-                found.shares[found.left] = share * (1.0 - weight)
-                found.numbers[found.left + 1] = record.second
-                found.shares[found.left + 1] = share * weight
-                found.left = found.left + 2
-            else:
-                found.numbers[found.left] = wp.where(surface.front, record.first, record.second)
-                found.shares[found.left] = share
-                found.left = found.left + 1
-        return found
-
-    return next_leaf
 
 
 @specialised()
@@ -162,52 +36,11 @@ def make_straight(names: tuple[str, ...]) -> wp.Function:
 
 
 @specialised()
-def make_is_pane(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function bsdf -> bool: whether light is transmitted straight on only, so shadow rays pass."""
-    if not names:
-        return _no_pane
-    number = model_number(names[0])
-    next_is_pane = make_is_pane(names[1:])
-    if model_of(names[0]).straight is None:
-        return next_is_pane
-
-    @wp.func
-    def chain(bsdf: Bsdf) -> bool:
-        return bsdf.model == wp.static(number) or next_is_pane(bsdf)
-
-    return chain
-
-
-@specialised()
-def make_with_index(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function (bsdf, index) -> Bsdf with another refractive index, inside over outside."""
-    if not names:
-        return _same_bsdf
-    number = model_number(names[0])
-    slot = model_of(names[0]).index_slot
-    next_with_index = make_with_index(names[1:])
-    if slot < 0:
-        return next_with_index
-
-    @wp.func
-    def chain(bsdf: Bsdf, index: float) -> Bsdf:
-        if bsdf.model == wp.static(number):
-            # Some models need the lower index in front; otherwise front and back are swapped.
-            if index < 1.0:
-                bsdf.front = not bsdf.front
-                index = 1.0 / index
-            bsdf.slots[wp.static(slot)] = wp.vec3(index)
-            return bsdf
-        return next_with_index(bsdf, index)
-
-    return chain
-
-
-@specialised()
 def make_with_indices(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (bsdf, index, indices) -> Bsdf, where `indices` are those of the channels.
 
-    Models without dispersion take the one `index`. Front and back are swapped by it too, for all channels alike.
+    Models without dispersion take the one `index`, inside over outside. Some models need the lower index in front:
+    where it is not, front and back are swapped, for all channels alike.
     """
     if not names:
         return _same_bsdf_of_channels
@@ -262,16 +95,6 @@ def _nothing_straight(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def _no_pane(bsdf: Bsdf) -> bool:
-    return False
-
-
-@wp.func
-def _same_bsdf(bsdf: Bsdf, index: float) -> Bsdf:
-    return bsdf
-
-
-@wp.func
 def _same_bsdf_of_channels(bsdf: Bsdf, index: float, indices: wp.vec3) -> Bsdf:
     return bsdf
 
@@ -286,19 +109,14 @@ def disperses(names: tuple[str, ...]) -> bool:
     return any(model_of(name).channels_slot >= 0 for name in names)
 
 
-def has_panes(names: tuple[str, ...]) -> bool:
-    """Return whether any of these models transmits light straight on only."""
-    return any(model_of(name).straight is not None for name in names)
-
-
-@specialised("models", "slot_loop", "textured", "uv2_alpha", "mipmapped")
+@specialised("models", "gpu", "textured", "uv2_alpha", "mipmapped")
 def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Function:
     """Return the device function (scene, material, surface, wo) -> vec3: the share of light that goes straight through.
 
     It is the mean over `choose_material` of holes and, unless `holes_only`, of panes. Light leaves along `wo`, in the
     surface's frame.
     """
-    panes = has_panes(features.models) and not holes_only
+    panes = bool(models_with(features.models, "straight")) and not holes_only
     bsdf_at = make_bsdf_at(features)
     straight = make_straight(features.models)
     next_leaf = make_next_leaf(features.uv2_alpha)  # shadow rays carry no footprint
@@ -317,10 +135,10 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
     return share_passed
 
 
-@specialised("models", "slot_loop", "textured", "uv2_alpha", "mipmapped")
+@specialised("models", "gpu", "textured", "uv2_alpha", "mipmapped")
 def make_bsdf_at(features: Features) -> wp.Function:
     """Return the device function (scene, material, surface) -> Bsdf for the models of `features`."""
-    if features.slot_loop:
+    if features.gpu:
         return _make_load_in_loop(features.models, features.textured, features.uv2_alpha, features.mipmapped)
     return _make_load(features.models, features.textured, features.uv2_alpha, features.mipmapped)
 

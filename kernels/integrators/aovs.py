@@ -6,23 +6,22 @@ be averaged, such as depth across an edge, come from the sample nearest to the p
 
 import warp as wp
 
-from wrt.kernels.accel.intersect import NO_HIT
 from wrt.kernels.bsdf import make_bsdf
 from wrt.kernels.camera.camera import Camera, CameraRay
 from wrt.kernels.camera.models import make_camera
-from wrt.kernels.features import Features, has_quadrics
+from wrt.kernels.core.features import Features, has_quadrics
+from wrt.kernels.core.ray_tree import NO_HIT
+from wrt.kernels.core.rays import to_local, to_world
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.film.film import is_finite_color
 from wrt.kernels.geometry.quadrics import NO_QUADRIC, in_unit_shape, make_quadric_of, point_of
-from wrt.kernels.geometry.rays import to_local, to_world
 from wrt.kernels.geometry.spheres import make_sphere_axes, make_sphere_of
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
 from wrt.kernels.geometry.triangles import make_triangle_of
-from wrt.kernels.integrators.first_surface import FirstSurface, make_first_surface
-from wrt.kernels.integrators.specular_chain import make_follow_specular
+from wrt.kernels.integrators.first_surface import FirstSurface, make_first_surface, make_follow_specular
+from wrt.kernels.materials.values import make_bsdf_at
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
-from wrt.kernels.scene.materials import make_bsdf_at
-from wrt.kernels.scene.scene_data import SceneData
-from wrt.kernels.specialise import specialised
 
 
 @wp.struct

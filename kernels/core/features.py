@@ -17,7 +17,7 @@ _COVER_NOTHING = ("whitted", "ao")
 class Features:
     """Selects one kernel variant; scenes with equal features share a compiled kernel.
 
-    There are few fields, because each doubles the number of variants that somebody may have to compile.
+    Each field doubles the number of variants, which take seconds to compile: add one only where it pays.
 
     Attributes:
         models: sorted names of the reflection models in the scene (see `kernels.bsdf`).
@@ -36,7 +36,7 @@ class Features:
             from outside that the scene uses (see `kernels/lights/shapes.py`).
         clamped: whether indirect light is clamped.
         regularized: whether surfaces get rougher along a path.
-        aovs: whether the film has layers besides radiance (see `kernels/film/aovs.py`).
+        aovs: whether the film has layers besides radiance (see `kernels/integrators/aovs.py`).
         guides: whether albedo and normals are the guides of a denoiser, which look through glass and into mirrors.
         media: "none", "absorbing" (media absorb or emit light) or "scattering".
         grid_media: whether the density of any medium varies on a grid.
@@ -46,10 +46,9 @@ class Features:
         exact: which exact shapes lie among the triangles of the ray tree: "none", "spheres" alone, or "quadrics", which
             are disks and cylinders, with spheres or without.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
-        slot_loop: whether one loop reads the values of materials for all models, as on GPUs.
-        shadows_meet: whether shadow rays to a hole in their light are traced to nowhere, beside others of a GPU's warp.
-        tiles: whether threads take the pixels tile by tile, so that a GPU's warp has those of one tile. Kernels with it
-            are for GPUs alone.
+        gpu: whether the kernel is for GPUs alone. There one loop reads the values of materials for all models, threads
+            take the pixels tile by tile, and shadow rays to a hole in a light are traced to nowhere, beside others of
+            a warp.
     """
 
     models: tuple[str, ...]
@@ -74,9 +73,7 @@ class Features:
     mipmapped: bool = False
     composite: str = "none"
     exact: str = "none"
-    slot_loop: bool = False
-    shadows_meet: bool = False
-    tiles: bool = False
+    gpu: bool = False
 
     def covers(self, other: "Features") -> bool:
         """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""

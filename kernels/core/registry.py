@@ -1,4 +1,4 @@
-"""Registries of models by name: built-in ones, each a file of a folder, and those registered from outside the package.
+"""Registries of models by name: built-in ones, and those registered from outside the package.
 
 A model is a NamedTuple of device functions. Kernels dispatch by number among the models that a scene uses, through a
 chain of functions, one for each model, in which each calls the next. A static loop over the models would not do: Warp's
@@ -9,7 +9,7 @@ confused.
 import functools
 import importlib
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from typing import Any, Generic, NamedTuple, TypeVar
 
 M = TypeVar("M")
@@ -29,10 +29,13 @@ class Registry(Generic[M]):
         families: for each family, the function that makes a model from the parts of its name.
     """
 
-    def __init__(self, package: str, built_in: Iterable[str], check: Callable[[str, M], None]) -> None:
-        """Take the package with a file for each built-in model; `check` raises ValueError for an invalid model."""
+    def __init__(self, files: Mapping[str, str], check: Callable[[str, M], None]) -> None:
+        """Take the module of each built-in model, and `check`, which raises ValueError for an invalid model.
+
+        The module has the model by its name in capitals, or a function `make_NAME` of the parts of its name.
+        """
         self.families: dict[str, Callable[..., M]] = {
-            name: functools.partial(_model_in, package, name) for name in built_in
+            name: functools.partial(_model_in, module, name) for name, module in files.items()
         }
         self._built_in = frozenset(self.families)
         self._check = check
@@ -84,11 +87,11 @@ class Registry(Generic[M]):
         return self._models[name]
 
 
-def _model_in(package: str, file: str, *parts: str) -> Any:
-    """Import a file's model when a scene first uses it: importing all takes a tenth of the start-up time."""
-    found = importlib.import_module(f"{package}.{file}")
-    make = getattr(found, f"make_{file}", None)
-    return found.MODEL if make is None else make(*parts)
+def _model_in(module: str, name: str, *parts: str) -> Any:
+    """Import a model's module when a scene first uses it: importing all takes a tenth of the start-up time."""
+    found = importlib.import_module(module)
+    make = getattr(found, f"make_{name}", None)
+    return getattr(found, name.upper()) if make is None else make(*parts)
 
 
 def model_number(name: str) -> int:

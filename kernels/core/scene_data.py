@@ -2,9 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.accel.bvh import Bvh
-from wrt.kernels.accel.instances import InstanceTree
-from wrt.kernels.lights.tree import LightTree
+from wrt.kernels.core.ray_tree import Bvh, InstanceTree
 
 # Wrapping of an image beyond its edges.
 WRAP_REPEAT = wp.constant(0)
@@ -232,6 +230,21 @@ class LightShape:
     size: wp.vec2
     falloff: int
     slot: int  # of its texture in `slots`; -1 without one
+
+
+@wp.struct
+class LightTree:
+    """The tree in the layout of `wrt.upload.lights.tree.LightTree`, with at least one node.
+
+    `far` is the irradiance of all lights at infinity; `scale` converts the importance of the root's children to an
+    irradiance.
+    """
+
+    nodes: wp.array(dtype=float)
+    parents: wp.array(dtype=int)
+    places: wp.array(dtype=int)
+    scale: float
+    far: float
 
 
 @wp.struct

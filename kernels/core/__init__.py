@@ -1,0 +1,1 @@
+"""What all device code is made of: records, elementary functions, features; it imports nothing above."""

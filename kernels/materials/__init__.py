@@ -1,0 +1,1 @@
+"""Materials at a point: choosing one in a mixture, and its BSDF."""

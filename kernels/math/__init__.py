@@ -1,1 +1,0 @@
-"""Elementary functions inlined as arithmetic, which vectorises."""

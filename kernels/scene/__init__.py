@@ -1,1 +1,0 @@
-"""The scene's device data."""
