@@ -10,8 +10,9 @@ from pathlib import Path
 import benchmark
 import mutate
 import numpy as np
+import plots
 import pytest
-from benchmarks import agreement, figures, measure, render, report, scenes
+from benchmarks import agreement, measure, render, report, scenes
 from conftest import ROOT, Report
 from peers import peer
 from peers.picture_tests import image_z_test
@@ -122,7 +123,7 @@ def test_commands_of_the_pages_are_understood() -> None:
 def test_pages_show_what_was_measured() -> None:
     """The tables of the docs are those of docs/measured."""
     for name in {path.stem for path in measure.MEASURED_FOLDER.glob("*.json")} - {mutate.OUTCOMES.stem}:
-        result = figures.result_of(name)
+        result = measure.result_of(name)
         assert result["benchmark"] == name
         for section in report.SECTIONS[name]:
             page = section.page.read_text(encoding="utf-8")
@@ -132,7 +133,7 @@ def test_pages_show_what_was_measured() -> None:
 @pytest.mark.slow
 def test_plots_of_what_was_measured_are_drawn(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="plots need matplotlib")
-    for draw in figures.MEASURED.values():
+    for draw in plots.MEASURED.values():
         draw(tmp_path / "plot.png")
         assert (tmp_path / "plot.png").stat().st_size > 5_000
 
