@@ -63,8 +63,8 @@ def test_a_picture_renders_as_the_docs_show_it(tmp_path) -> None:
 def test_every_camera_integrator_material_and_preset_has_its_picture() -> None:
     cameras = [PICTURES[name].make() for name in PICTURES if name.startswith("camera-")]
     assert {type(scene.camera) for scene in cameras} == set(CAMERAS.values())
-    given = [PICTURES[name].given["integrator"] for name in PICTURES if name.startswith("integrator-")]
-    assert set(given) == set(INTEGRATORS) - {"aov", "volpath"}
+    shown = [PICTURES[name].options["integrator"] for name in PICTURES if name.startswith("integrator-")]
+    assert set(shown) == set(INTEGRATORS) - {"aov", "volpath"}
     # What is measured needs a file, which the project does not have.
     built_in = {name for name, cls in MATERIALS.items() if cls.__module__.startswith("wrt.")} - {"measured"}
     tiles = pictures.materials.tiles()
