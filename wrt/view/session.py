@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import Any
 
-from wrt.backend import leave_compiled
-from wrt.backend.builds import NotCompiled
 from wrt.errors import InputError, one_line
 from wrt.rendering.passes import Progress
 from wrt.rendering.renderer import Renderer
@@ -253,9 +251,6 @@ class Session:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     worked = self._step()
-            except NotCompiled:
-                worked = True
-                self._leave_compiled()
             except Exception as error:  # noqa: BLE001  # the page shows it, and without this thread nobody would answer
                 if isinstance(error, RuntimeError) and _SHUTDOWN in str(error):
                     return
@@ -264,12 +259,6 @@ class Session:
             if not worked:
                 with self._changed:
                     self._changed.wait_for(lambda: self._has_work() or self._closed, timeout=60.0)
-
-    def _leave_compiled(self) -> None:
-        """Open the scene again with Warp, which compiles the kernel that a new layer, integrator or denoising needs."""
-        self._passes = self._pictures = None
-        leave_compiled()
-        self._reload = True
 
     def _fail(self, text: str) -> None:
         self.error = text
@@ -326,13 +315,11 @@ class Session:
         with self._changed:
             if not self._requests:  # they were cancelled
                 return
-            request = answer, future = self._requests[0]  # it stays in the list if its kernel is not compiled yet
+            request = answer, future = self._requests[0]
         outcome: Any = None
         error: Exception | None = None
         try:
             outcome = answer()
-        except NotCompiled:
-            raise
         except Exception as found:  # noqa: BLE001  # who asked gets it
             error = found if isinstance(found, (InputError, OSError, MemoryError)) else OSError(_text_of(found))
         with self._changed:
