@@ -159,6 +159,11 @@ class Array:
         return self.rows.__array_interface__
 
     @property
+    def size(self) -> int:
+        """The number of its elements."""
+        return math.prod(self.shape)
+
+    @property
     def capacity(self) -> int:
         """Its bytes."""
         return self.rows.nbytes
