@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from wrt.developing import TONES, Exposure, check_exposure
+from wrt.develop.settings import TONES, Exposure, check_exposure
 from wrt.errors import InputError
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.layers import LAYERS

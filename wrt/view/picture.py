@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from wrt.develop.exposure import peak, stops
 from wrt.develop.picture import develop_image
+from wrt.develop.settings import Exposure
 from wrt.develop.tones import CURVES
-from wrt.developing import Exposure
 from wrt.rendering.layer_colors import layer_colors
 from wrt.rendering.renderer import Renderer
 from wrt.scene.scene import RenderSettings
@@ -60,7 +60,7 @@ def develop(radiance: NDArray[np.float32], look: Look) -> NDArray[np.uint8]:
         return develop_image(radiance, tone=look.tone, exposure=exposure)
     with np.errstate(invalid="ignore", over="ignore"):
         exposed = np.nan_to_num(radiance * np.float32(2.0**exposure)).clip(0.0, WHITE)
-    shown = CURVES[look.tone].apply(exposed, peak(exposed)).clip(0.0, 1.0)
+    shown = CURVES[look.tone](exposed, peak(exposed)).clip(0.0, 1.0)
     codes: NDArray[np.uint8] = _table()[(np.sqrt(shown) * (CODES - 1) + 0.5).astype(np.intp)]
     return codes
 
