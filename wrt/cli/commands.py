@@ -110,7 +110,7 @@ def develop(options: argparse.Namespace) -> int:
 
     from wrt.cli.signals import Interrupts
     from wrt.develop.exposure import stops
-    from wrt.developing import DEVELOPED_SUFFIXES, check_exposure
+    from wrt.develop.settings import DEVELOPED_SUFFIXES, check_exposure
     from wrt.errors import InputError, one_line
     from wrt.io.images import PICTURE, check_output, read_image, save_image
     from wrt.io.safe_write import free_path

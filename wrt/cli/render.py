@@ -212,7 +212,7 @@ def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[
     """Read the input and compile the kernels; return the renderer and the path of the picture."""
     with no_collections():
         from wrt.develop.picture import require_tone
-        from wrt.developing import DEVELOPED_SUFFIXES
+        from wrt.develop.settings import DEVELOPED_SUFFIXES
         from wrt.rendering.picture import check_contents
 
         with importing_renderer(options.input):
