@@ -27,79 +27,36 @@ from wrt.io.toml.schema import scene_schema
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
-GROUPS: dict[str, tuple[str, ...]] = {
-    "Loading and rendering": (
-        "load",
-        "render",
-        "render_views",
-        "View",
-        "Renderer",
-        "Progress",
-        "precompile",
-        "Precompiled",
-        "device_memory",
-        "DeviceMemory",
-    ),
-    "Several machines": ("Part", "merge", "Merged"),
-    "Scenes": ("Scene", "Shape", "RenderSettings"),
-    "Meshes": ("Mesh", "load_mesh", "box", "sphere", "spheres", "disk", "cylinder", "quad", "polygon"),
-    "Motion": ("Motion", "Deformation"),
-    "Cameras": ("Camera", "PerspectiveCamera", "OrthographicCamera", "PanoramaCamera", "FisheyeCamera"),
-    "Lights": (
-        "PointLight",
-        "SpotLight",
-        "DirectionalLight",
-        "RectangleLight",
-        "DiskLight",
-        "SphereLight",
-        "ConstantEnvironment",
-        "ImageEnvironment",
-        "SphericalHarmonicsEnvironment",
-        "SunSkyEnvironment",
-        "Light",
-        "register_light",
-    ),
-    "Materials": (
-        "Material",
-        "Diffuse",
-        "OrenNayar",
-        "Mirror",
-        "Glossy",
-        "Conductor",
-        "RoughConductor",
-        "Dielectric",
-        "RoughDielectric",
-        "ThinDielectric",
-        "Null",
-        "Plastic",
-        "RoughPlastic",
-        "Principled",
-        "Burley",
-        "Measured",
-        "Measurement",
-        "Mix",
-        "TwoSided",
-        "Emissive",
-        "Medium",
-        "DensityGrid",
-        "register_material",
-    ),
-    "Textures": ("ImageTexture", "VertexColor", "NormalMap"),
-    "Rays": ("Intersector", "Hits"),
-    "Files": ("load_image", "save_image", "develop_image", "save_scene", "load_density", "load_measurement"),
-    "Errors": ("InputError",),
-}
-"""The public names, in the order in which a reader meets them.
-
-Names that are not listed go to the end, and names that wrt does not have are left out."""
+GROUPS = """
+Loading and rendering: load render render_views View Renderer Progress precompile Precompiled device_memory
+    DeviceMemory
+Several machines: Part merge Merged
+Scenes: Scene Shape RenderSettings
+Meshes: Mesh load_mesh box sphere spheres disk cylinder quad polygon
+Motion: Motion Deformation
+Cameras: Camera PerspectiveCamera OrthographicCamera PanoramaCamera FisheyeCamera
+Lights: PointLight SpotLight DirectionalLight RectangleLight DiskLight SphereLight ConstantEnvironment
+    ImageEnvironment SphericalHarmonicsEnvironment SunSkyEnvironment Light register_light
+Materials: Material Diffuse OrenNayar Mirror Glossy Conductor RoughConductor Dielectric RoughDielectric ThinDielectric
+    Null Plastic RoughPlastic Principled Burley Measured Measurement Mix TwoSided Emissive Medium DensityGrid
+    register_material
+Textures: ImageTexture VertexColor NormalMap
+Rays: Intersector Hits
+Files: load_image save_image develop_image save_scene load_density load_measurement
+Errors: InputError
+"""
+"""The public names by group, in the order in which a reader meets them."""
 
 
 def groups() -> dict[str, list[str]]:
-    """Return the public names by group; every name is in one."""
-    found = {title: [name for name in names if name in wrt.__all__] for title, names in GROUPS.items()}
+    """Return the public names by group; names that `GROUPS` does not list come last."""
+    found = {}
+    for line in GROUPS.strip().replace("\n    ", " ").splitlines():
+        title, _, names = line.partition(": ")
+        found[title] = [name for name in names.split() if name in wrt.__all__]
     listed = {name for names in found.values() for name in names}
-    others = [name for name in wrt.__all__ if name not in listed and not name.startswith("__")]
-    return {**found, **({"More": others} if others else {})}
+    unlisted = [name for name in wrt.__all__ if name not in listed and not name.startswith("__")]
+    return {**found, **({"More": unlisted} if unlisted else {})}
 
 
 def names_text() -> str:
