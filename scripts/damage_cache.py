@@ -19,16 +19,15 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 
-COMMAND = ("render", "cornell-box", "--size", "32x32", "--spp", "2", "--quiet", "-o", "film.npy")
+COMMAND = ("render", "cornell-box", "--size", "32x32", "--spp", "2", "--quiet")
 
 SECONDS = 300.0
 """Time after which a render counts as hung."""
@@ -37,8 +36,7 @@ NOTES = "wrt/builds-*.json"
 FILM = "warp/*/wp_wrt.kernels.film_*"
 
 
-@dataclass(frozen=True)
-class Kind:
+class Kind(NamedTuple):
     """A kind of damage: a pattern for the file to damage, files to remove so that it is read, and a weight."""
 
     files: str
@@ -63,45 +61,42 @@ class Place:
 
     def __init__(self, folder: Path, start: Path | None = None) -> None:
         """Fill the cache by rendering, into a copy of `start` if given."""
-        self.cache, self._whole, self._folder = folder / "cache", folder / "whole", folder
+        self.cache, self._intact, self._film = folder / "cache", folder / "intact", folder / "film.npy"
         folder.mkdir()
         if start is not None:
             shutil.copytree(start, self.cache)
         for _ in range(2):  # the second render uses the notes of the first
-            status, said = self.render()
-            if status != 0 or said:
-                raise SystemExit(f"a render with an empty cache ends with status {status}: {said}")
-        self.film = (folder / "film.npy").read_bytes()
-        shutil.copytree(self.cache, self._whole)
+            status, output = self.render()
+            if status != 0 or output:
+                raise SystemExit(f"a render with an empty cache ends with status {status}: {output}")
+        self.film = self._film.read_bytes()
+        shutil.copytree(self.cache, self._intact)
 
     def restore(self) -> None:
         """Undo all damage."""
         shutil.rmtree(self.cache)
-        shutil.copytree(self._whole, self.cache)
+        shutil.copytree(self._intact, self.cache)
 
     def render(self) -> tuple[int, str]:
         """Render; return the exit status and the output."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith(("WARP_", "WRT_"))}
         environment |= {"XDG_CACHE_HOME": str(self.cache), "PYTHONPATH": str(ROOT)}
-        (self._folder / "film.npy").unlink(missing_ok=True)
-        command = [sys.executable, "-m", "wrt", *COMMAND]
+        self._film.unlink(missing_ok=True)
+        command = [sys.executable, "-m", "wrt", *COMMAND, "-o", str(self._film)]
         try:
-            done = subprocess.run(
-                command, cwd=self._folder, env=environment, capture_output=True, text=True, timeout=SECONDS
-            )
+            done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=SECONDS)
         except subprocess.TimeoutExpired:
             return -1, f"not done after {SECONDS:.0f} s"
         return done.returncode, done.stdout + done.stderr
 
     def failure(self) -> tuple[str, str]:
         """Render; return what went wrong (empty if nothing) and the output."""
-        status, said = self.render()
+        status, output = self.render()
         if status != 0:
-            return f"status {status}", said
-        if not all(line.startswith("wrt: warning: ") for line in said.splitlines()):
-            return "something else than warnings", said
-        film = self._folder / "film.npy"
-        return ("" if film.exists() and film.read_bytes() == self.film else "another picture"), said
+            return f"status {status}", output
+        if not all(line.startswith("wrt: warning: ") for line in output.splitlines()):
+            return "something else than warnings", output
+        return ("" if self._film.exists() and self._film.read_bytes() == self.film else "another picture"), output
 
 
 def damage(file: Path, chance: random.Random) -> str:
@@ -111,10 +106,7 @@ def damage(file: Path, chance: random.Random) -> str:
     if chance.random() < 0.25:
         file.write_bytes(data[:at])
         return f"cut off after {at} bytes"
-    if chance.random() < 0.5:
-        data[at] ^= 1 << chance.randrange(8)
-    else:
-        data[at] ^= chance.randrange(1, 256)
+    data[at] ^= 1 << chance.randrange(8) if chance.random() < 0.5 else chance.randrange(1, 256)
     file.write_bytes(data)
     return f"byte {at} is {data[at]:#04x}"
 
@@ -123,25 +115,25 @@ def play(place: Place, seed: int, number: int) -> tuple[str, str, str]:
     """Play a round; return its kind, its outcome, and the reason if it failed."""
     chance = random.Random(f"{seed} {number}")
     (name,) = chance.choices(list(KINDS), [kind.weight for kind in KINDS.values()])
-    kind = KINDS[name]
     place.restore()
-    file = chance.choice(sorted(place.cache.glob(kind.files)))
-    how = damage(file, chance)
-    for pattern in kind.removed:
+    file = chance.choice(sorted(place.cache.glob(KINDS[name].files)))
+    description = damage(file, chance)
+    for pattern in KINDS[name].removed:
         for path in place.cache.glob(pattern):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
-    failed, said = place.failure()
-    if said and not failed:
-        again, said_again = place.failure()
-        failed = f"the next render: {again or 'says something'}" if again or said_again else ""
-        said = said_again if failed else said
+    failed, output = place.failure()
+    noticed = output != ""
+    if noticed and not failed:
+        failed, output = place.failure()
+        failed = f"the next render: {failed or 'is not silent'}" if failed or output else ""
     if failed:
-        return name, "failed", f"round {number}, {file.relative_to(place.cache)}, {how}: {failed}\n{said.strip()}"
-    return name, "noticed" if said else "harmless", ""
+        place_of_file = file.relative_to(place.cache)
+        return name, "failed", f"round {number}, {place_of_file}, {description}: {failed}\n{output.strip()}"
+    return name, "noticed" if noticed else "harmless", ""
 
 
 def run(
-    rounds: Sequence[int], jobs: int, seed: int, tell: Callable[[str], None] = print, start: Path | None = None
+    rounds: Sequence[int], jobs: int, seed: int, report: Callable[[str], object] = print, start: Path | None = None
 ) -> Counter[tuple[str, str]]:
     """Play rounds; return the number of rounds by kind and outcome.
 
@@ -149,7 +141,7 @@ def run(
         rounds: the numbers of the rounds.
         jobs: how many rounds to play at once.
         seed: determines what each round does.
-        tell: called with a description of each failure.
+        report: called with a description of each failure.
         start: a cache to begin with copies of; None for empty ones.
     """
     counts: Counter[tuple[str, str]] = Counter()
@@ -168,7 +160,7 @@ def run(
         for name, outcome, text in pool.map(play_somewhere, rounds):
             counts[name, outcome] += 1
             if text:
-                tell(text)
+                report(text)
     return counts
 
 
@@ -180,15 +172,14 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="random seed (default: 0)")
     parser.add_argument("--only", type=int, metavar="N", help="play only this round")
     options = parser.parse_args()
-    rounds = range(options.rounds) if options.only is None else range(options.only, options.only + 1)
-    start = time.monotonic()
-    counts = run(rounds, options.jobs, options.seed, lambda text: print(text, flush=True))
-    seconds = time.monotonic() - start
+    rounds = range(options.rounds) if options.only is None else [options.only]
+    counts = run(rounds, options.jobs, options.seed)
     for name in KINDS:
-        found = {outcome: counts[name, outcome] for outcome in ("noticed", "harmless", "failed")}
-        print(f"{name:<22}" + "".join(f"{count:>6} {outcome}" for outcome, count in found.items()))
-    failed = sum(count for (_, outcome), count in counts.items() if outcome == "failed")
-    print(f"{len(rounds)} rounds in {seconds:.0f} s, {failed} failed")
+        print(
+            f"{name:<22}", *(f"{counts[name, outcome]:>6} {outcome}" for outcome in ("noticed", "harmless", "failed"))
+        )
+    failed = sum(counts[name, "failed"] for name in KINDS)
+    print(f"{len(rounds)} rounds, {failed} failed")
     return int(failed > 0)
 
 
