@@ -29,7 +29,7 @@ import warp as wp
 
 import wrt
 import wrt.kernels
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.features import Features
 from wrt.kernels.regeneration import make_gpu_render_kernel
 from wrt.scene.materials import MATERIALS

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import wrt
 from wrt.backend.device import Device
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.bsdf import make_bsdf
 from wrt.kernels.bsdf.lobes.fresnel import (
     cos_transmitted_squared,

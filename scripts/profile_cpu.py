@@ -92,7 +92,7 @@ def rendering(scene: str, size: int, threads: int | None) -> None:
     """Render a scene until standard input ends, after printing where its kernel is. Runs in its own process."""
     import warp as wp
 
-    from wrt.backend.warp_backend import initialize_warp
+    from wrt.backend.warp_start import initialize_warp
 
     initialize_warp()
     wp.config.cpu_compiler_flags = (wp.config.cpu_compiler_flags or "") + LINES

@@ -68,7 +68,7 @@ def ratios_of(lanes: int, name: str, size: int, rounds: int) -> list[float]:
     def seconds(kernel: Any) -> float:
         renderer.film.restore(start)
         begun = time.process_time()
-        wp.launch(kernel, dim=threads[kernel], inputs=[0, SPP, *renderer._inputs], device="cpu")
+        renderer.device.launch(kernel, threads[kernel], [SPP, *renderer._inputs])
         return time.process_time() - begun
 
     taken = [[seconds(kernel) for kernel in threads] for _ in range(1 + rounds)][1:]

@@ -142,4 +142,4 @@ def wide_film(case: Case, lanes: int) -> str | None:
 
 def _render(case: Case, renderer: wrt.Renderer, kernel: Any, threads: int) -> None:
     for target in case.passes:
-        wp.launch(kernel, dim=threads, inputs=[0, target, *renderer._inputs], device="cpu")
+        renderer.device.launch(kernel, threads, [target, *renderer._inputs])

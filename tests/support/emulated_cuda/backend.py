@@ -12,9 +12,10 @@ import wrt.backend
 from support.emulated_cuda.flow import Flow, flow_of
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
 from support.emulated_cuda.ptx import Entry, Module, parse
+from wrt.backend.backend import Backend, Kernel
 from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.memory import memory_left
-from wrt.backend.warp_backend import WarpBackend, initialize_warp
+from wrt.backend.warp_start import initialize_warp
 
 ARCH = 90
 """Hopper."""
@@ -25,8 +26,8 @@ RUNS_LONG = "wrt.coat.", "wrt.missing"
 """What names of modules begin with that are always optimised: tables of materials run for half a minute otherwise."""
 
 
-class EmulatedBackend(WarpBackend):
-    """Warp's backend, with one GPU whose memory is that of the CPU; it counts `launches` by names of kernels."""
+class EmulatedBackend(Backend):
+    """The backend, with one GPU whose memory is that of the CPU; it counts `launches` by names of kernels."""
 
     def __init__(self, arch: int = ARCH, *, optimization: int = 1, traces: bool = False) -> None:
         """Make a GPU; modules compile in a third of the time without `optimization`, and trace as `Library` says."""
@@ -73,20 +74,21 @@ class EmulatedBackend(WarpBackend):
     def is_loaded(self, kernel: Any, device: str) -> bool:
         if device == "cpu":
             return super().is_loaded(kernel, device)
+        kernel = declared(kernel)
         return (kernel.module.name, kernel.module.get_module_hash(BLOCK)) in self._libraries
 
     def load(self, kernel: Any, device: str) -> None:
         if device == "cpu":
             super().load(kernel, device)
         else:
-            self.library(kernel)
+            self.library(declared(kernel))
 
     def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
         """Run threads `first` to first + count − 1 of a kernel; on the GPU too they are done afterwards."""
         if device == "cpu":
             super().queue(kernel, first, count, inputs, device)
         else:
-            self.run(kernel, (count,), [first, *inputs])
+            self.run(declared(kernel), (count,), [first, *inputs])
 
     def fetch(self, array: Any, *, beside: bool = False) -> Any:
         """Return an array as NumPy data; what is copied beside is a copy here too, though the memory is the CPU's."""
@@ -107,6 +109,11 @@ class EmulatedBackend(WarpBackend):
 
     def memory_of(self, gpu: str) -> int:
         return memory_left()
+
+
+def declared(kernel: Any) -> Any:
+    """Return Warp's kernel."""
+    return kernel.declared() if isinstance(kernel, Kernel) else kernel
 
 
 def entry_of(kernel: Any) -> str:

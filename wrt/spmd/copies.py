@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from wrt.spmd import ir
-from wrt.spmd.passes.uses import set_by, stores_into, uses
+from wrt.spmd.analysis import set_by, stores_into, uses
 
 
 def without_copies(function: ir.Function) -> ir.Function:
@@ -19,10 +19,10 @@ def without_copies(function: ir.Function) -> ir.Function:
     return _without_unused(replace(function, body=body))
 
 
-def _settled(body: list[ir.Statement], known: set[Any]) -> list[ir.Statement]:
+def _settled(body: list[ir.Statement], false: set[Any]) -> list[ir.Statement]:
     """Return statements in which a `where` whose condition is known to be false is a copy.
 
-    `known` are such conditions. After an `if` that ends in a jump, its condition is false for all active lanes.
+    `false` are such conditions. After an `if` that ends in a jump, its condition is false for all active lanes.
     """
     out = []
     copied: dict[Any, Any] = {}  # conditions are loaded again each time
@@ -31,15 +31,15 @@ def _settled(body: list[ir.Statement], known: set[Any]) -> list[ir.Statement]:
         if (
             isinstance(s, ir.Set)
             and value.name == "where"
-            and copied.get(value.arguments[0], value.arguments[0]) in known
+            and copied.get(value.arguments[0], value.arguments[0]) in false
         ):
             s = replace(s, value=ir.Builtin("copy", value.arguments[2:]))
         if isinstance(s, ir.If | ir.Loop):
-            s = replace(s, body=_settled(s.body, known if isinstance(s, ir.If) else set()))
+            s = replace(s, body=_settled(s.body, false if isinstance(s, ir.If) else set()))
         leaves = isinstance(s, ir.If) and not s.negated and s.body and isinstance(s.body[-1], ir.Jump)
-        gone = {copied.get(s.condition, s.condition)} if isinstance(s, ir.If) and leaves else set()
+        false_after = {copied.get(s.condition, s.condition)} if isinstance(s, ir.If) and leaves else set()
         changed = {v for inner in ir.walk([s]) for v in (set_by(inner), *stores_into(inner))}
-        known = known - changed | gone
+        false = false - changed | false_after
         copied = {v: of for v, of in copied.items() if v not in changed and of not in changed}
         if value.name == "copy" and isinstance(s, ir.Set):
             copied[s.variable] = copied.get(value.arguments[0], value.arguments[0])
@@ -58,13 +58,13 @@ def _set_once(body: list[ir.Statement]) -> list[ir.Statement]:
     return _set_once_in(body, outside, set())
 
 
-def _set_once_in(body: list[ir.Statement], outside: set[Any], seen: set[Any]) -> list[ir.Statement]:
-    """Return such statements; `seen` are variables of statements before, whose zeros may matter in the next round."""
+def _set_once_in(body: list[ir.Statement], outside: set[Any], earlier: set[Any]) -> list[ir.Statement]:
+    """Return such statements; zeros of variables of `earlier` statements may matter in the next round."""
     out: list[ir.Statement | None] = []
     zeros: dict[Any, int] = {}  # where variables were made zero that nothing has used since
     for s in body:
         if isinstance(s, ir.If | ir.Loop):
-            s = replace(s, body=_set_once_in(s.body, outside, set(seen)))
+            s = replace(s, body=_set_once_in(s.body, outside, set(earlier)))
         inner = list(ir.walk([s]))
         if isinstance(s, ir.Update) and not s.fields and s.variable in zeros and s.value is not s.variable:
             out[zeros[s.variable]] = None
@@ -73,9 +73,9 @@ def _set_once_in(body: list[ir.Statement], outside: set[Any], seen: set[Any]) ->
         if any(isinstance(one, ir.Jump | ir.Leave) for one in inner):
             touched |= outside
         zeros = {v: at for v, at in zeros.items() if v not in touched}
-        if isinstance(s, ir.Set) and isinstance(s.value, ir.Zero) and s.variable not in seen:
+        if isinstance(s, ir.Set) and isinstance(s.value, ir.Zero) and s.variable not in earlier:
             zeros[s.variable] = len(out)
-        seen |= touched
+        earlier |= touched
         out.append(s)
     return [s for s in out if s is not None]
 
@@ -110,7 +110,7 @@ class _Order:
                 self._add(s.body, loops)
 
     def replaceable(self) -> dict[ir.Variable, ir.Variable]:
-        """Return copies that can be replaced in one step: none is the source of another."""
+        """Return copies that can be replaced in one step, so no copy is the source of another."""
         found: dict[ir.Variable, ir.Variable] = {}
         for v, changes in self._changes.items():
             source = _copied_from(self._all[changes[0]][0])
@@ -132,13 +132,13 @@ class _Order:
                 return False
             for change in self._changes.get(source, ()):
                 statement, inside, _ = self._all[change]
-                again = len(deeper) > len(loops) and deeper[: len(loops) + 1] == inside[: len(loops) + 1]
-                if not _gives_back(statement, v) and (at < change < user or again):
+                same_inner_loop = len(deeper) > len(loops) and deeper[: len(loops) + 1] == inside[: len(loops) + 1]
+                if not _gives_back(statement, v) and (at < change < user or same_inner_loop):
                     return False
         return True
 
     def _takes_over(self, v: ir.Variable, source: ir.Variable) -> bool:
-        """Return whether a copy can share its source's variable, which is not read meanwhile.
+        """Return whether a copy can share its source's variable.
 
         This holds if the source is set before the copy in the same round and not used after it; or if after the copy
         the source only takes the copy's value back, and does so on each way out of the round.
@@ -148,20 +148,21 @@ class _Order:
         if len(loops) != 1 or any(u < at or self._all[u][1][:1] != loops for u in self._users[v]):
             return False
         end, block = self._ends[loops]
-        behind = [i for i in self._users[source] if at < i]
-        if not behind:
+        later = [i for i in self._users[source] if at < i]
+        if not later:
             first = self._changes.get(source, [end])[0]
             return first < at and self._all[first][1] == loops
-        behind = [i for i in behind if i <= end]
-        if not all(_gives_back(self._all[i][0], v) for i in behind):
+        later = [i for i in later if i <= end]
+        if not all(_gives_back(self._all[i][0], v) for i in later):
             return False
-        ways_out = [
-            (i, self._all[i][2]) for i in range(at, end + 1)
-            if isinstance(self._all[i][0], ir.Jump) and self._all[i][1] == loops
-        ]  # fmt: skip
+        exits = [
+            (i, of)
+            for i, (s, inside, of) in enumerate(self._all)
+            if at <= i <= end and isinstance(s, ir.Jump) and inside == loops
+        ]
         return all(
-            any(i <= out and self._all[i][2] == of and not any(i < k <= out for k in self._changes[v]) for i in behind)
-            for out, of in [*ways_out, (end, block)]
+            any(i <= out and self._all[i][2] == of and not any(i < k <= out for k in self._changes[v]) for i in later)
+            for out, of in [*exits, (end, block)]
         )
 
 
@@ -194,31 +195,31 @@ def _replaced(body: list[ir.Statement], found: dict[ir.Variable, ir.Variable]) -
 
 def _without_unused(function: ir.Function) -> ir.Function:
     """Return a function without dead statements and unused variables."""
-    needed: set[ir.Variable] = set()
-    before = -1
-    while before != len(needed):
-        before = len(needed)
-        kept = _kept(function.body, needed)
-    used = uses(kept)
+    read: set[ir.Variable] = set()
+    count = -1
+    while count != len(read):
+        count = len(read)
+        body = _live(function.body, read)
+    used = uses(body)
     variables = [v for v in function.variables if v in used]
-    return replace(function, variables=variables, body=kept)
+    return replace(function, variables=variables, body=body)
 
 
-def _kept(body: list[ir.Statement], needed: set[ir.Variable]) -> list[ir.Statement]:
-    """Return the statements that have an effect or set `needed` variables, and add the variables that they need."""
+def _live(body: list[ir.Statement], read: set[ir.Variable]) -> list[ir.Statement]:
+    """Return the statements that have an effect or set variables that are `read`, and add those that they read."""
     out = []
     for s in reversed(body):
         if isinstance(s, ir.If | ir.Loop):
-            inner = _kept(s.body, needed)
+            inner = _live(s.body, read)
             if not inner:
                 continue
             s = replace(s, body=inner)
-        elif isinstance(s, ir.Set | ir.Update) and s.variable not in needed and not _has_effect(s.value):
+        elif isinstance(s, ir.Set | ir.Update) and s.variable not in read and not _has_effect(s.value):
             continue
-        needed.update(e for e in ir.own_expressions(s) if isinstance(e, ir.Variable))
+        read.update(e for e in ir.own_expressions(s) if isinstance(e, ir.Variable))
         out.append(s)
     return out[::-1]
 
 
 def _has_effect(e: ir.Expression) -> bool:
-    return isinstance(e, ir.Call) or (isinstance(e, ir.Builtin) and e.name == "iter_next")
+    return isinstance(e, ir.Call) or ir.is_builtin(e, "iter_next")
