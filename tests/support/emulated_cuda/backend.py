@@ -9,9 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import wrt.backend
-from support.emulated_cuda.flow import Flow, flow_of
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
-from support.emulated_cuda.ptx import Entry, Module, parse
 from wrt.backend.backend import Backend, Kernel
 from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.memory import memory_left
@@ -29,11 +27,11 @@ RUNS_LONG = "wrt.coat.", "wrt.missing"
 class EmulatedBackend(Backend):
     """The backend, with one GPU whose memory is that of the CPU; it counts `launches` by names of kernels."""
 
-    def __init__(self, arch: int = ARCH, *, optimization: int = 1, traces: bool = False) -> None:
-        """Make a GPU; modules compile in a third of the time without `optimization`, and trace as `Library` says."""
+    def __init__(self, arch: int = ARCH, *, optimization: int = 1) -> None:
+        """Make a GPU; modules compile in a third of the time without `optimization`."""
         super().__init__()
         self.launches: dict[str, int] = {}
-        self._arch, self._optimization, self._traces = arch, optimization, traces
+        self._arch, self._optimization = arch, optimization
         self._libraries: dict[tuple[str, bytes], Library] = {}
         self._lock = threading.RLock()
 
@@ -43,20 +41,9 @@ class EmulatedBackend(Backend):
         with self._lock:
             if key not in self._libraries:
                 level = max(self._optimization, 1) if module.name.startswith(RUNS_LONG) else self._optimization
-                binary = compiled(ptx_of(module, self._arch), optimization=level, traces=self._traces)
+                binary = compiled(ptx_of(module, self._arch), optimization=level)
                 self._libraries[key] = Library(binary)
             return self._libraries[key]
-
-    def entry(self, kernel: Any) -> Entry:
-        return next(entry for entry in self._parsed(kernel).entries if entry.name == entry_of(kernel))
-
-    def flow(self, kernel: Any) -> Flow:
-        """Return the control flow of a kernel with the functions that it calls."""
-        functions = {function.name: function for function in self._parsed(kernel).functions}
-        return flow_of(self.entry(kernel), functions)
-
-    def _parsed(self, kernel: Any) -> Module:
-        return parse(ptx_of(kernel.module, self._arch))
 
     def run(self, kernel: Any, shape: tuple[int, ...], arguments: list[Any]) -> None:
         from warp._src.context import pack_arg
