@@ -200,12 +200,12 @@ def test_processes_of_several_devices_render_one_picture(one, monkeypatch, after
 
 
 def test_names_of_several_devices(monkeypatch, capsys):
-    monkeypatch.setattr("wrt.backend.warp_backend.WarpBackend.gpus", lambda _: 0)
+    monkeypatch.setattr("wrt.backend.backend.Backend.gpus", lambda _: 0)
     assert main(["render", "cornell-box", "--device", "cuda:0,1", "--quiet"]) == 2
     error = capsys.readouterr().err  # no driver, or no GPU
     assert error.startswith("wrt: error: device 'cuda:0,1': no ")
     assert error.endswith(" was found; use cpu\n")
-    monkeypatch.setattr("wrt.backend.warp_backend.WarpBackend.gpus", lambda _: 3)
+    monkeypatch.setattr("wrt.backend.backend.Backend.gpus", lambda _: 3)
     assert devices_of("cuda:all") == ["cuda:0", "cuda:1", "cuda:2"]
     assert devices_of("cuda:2,0") == ["cuda:2", "cuda:0"]
     assert [devices_of(name) for name in ("cpu", "cuda", "cuda:1", "cuda:0,", "cuda:0-2")] == [None] * 5

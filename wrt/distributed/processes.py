@@ -31,11 +31,10 @@ def devices_of(name: str) -> list[str] | None:
     found = _SEVERAL.fullmatch(name)
     if not found:
         return None
+    from wrt.backend import current_backend
     from wrt.backend.cuda.gpus import require_gpus
-    from wrt.backend.warp_backend import WarpBackend
 
-    backend = WarpBackend()
-    backend.start()
+    backend = current_backend()
     count = backend.gpus()
     numbers = list(range(count)) if found[1] == "all" else [int(number) for number in found[1].split(",")]
     require_gpus(backend, name, numbers)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.backend.device import Device
 from wrt.develop.picture import Developed
-from wrt.developing import DEVELOPED_SUFFIXES, Exposure, names_file
+from wrt.develop.settings import DEVELOPED_SUFFIXES, Exposure, names_file
 from wrt.errors import InputError
 from wrt.io.images import picture_path
 from wrt.io.safe_read import PathLike

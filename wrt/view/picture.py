@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from wrt.develop.denoise import require_denoiser
 from wrt.develop.exposure import peak, stops
 from wrt.develop.picture import develop_image
+from wrt.develop.settings import TONES, Exposure, check_exposure
 from wrt.develop.tones import CURVES
-from wrt.developing import TONES, Exposure, check_exposure
 from wrt.errors import InputError
 from wrt.rendering.layer_colors import layer_colors
 from wrt.rendering.renderer import Renderer
@@ -83,7 +83,7 @@ def develop(radiance: NDArray[np.float32], look: Look) -> NDArray[np.uint8]:
         return develop_image(radiance, tone=look.tone, exposure=exposure)
     with np.errstate(invalid="ignore", over="ignore"):
         exposed = np.nan_to_num(radiance * np.float32(2.0**exposure)).clip(0.0, WHITE)
-    shown = CURVES[look.tone].apply(exposed, peak(exposed)).clip(0.0, 1.0)
+    shown = CURVES[look.tone](exposed, peak(exposed)).clip(0.0, 1.0)
     codes: NDArray[np.uint8] = _table()[(np.sqrt(shown) * (CODES - 1) + 0.5).astype(np.intp)]
     return codes
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from wrt.io.mitsuba.materials.textures import LUMINANCE, Textures
 from wrt.io.mitsuba.plugin import Plugin
+from wrt.linalg import weighted_sum
 from wrt.scene.materials import Material, Mix, TwoSided
 from wrt.scene.textures import ImageTexture, NormalMap
-from wrt.sums import weighted_sum
 
 
 def with_bumps(plugin: Plugin, material: Material, textures: Textures) -> Material:

@@ -17,10 +17,9 @@ from wrt.errors import InputError
 from wrt.io.images import read_image
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.spectra import COLOR_TAGS, color_of
-from wrt.linalg import norm
+from wrt.linalg import norm, weighted_sum
 from wrt.scene.medium import DensityGrid
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
-from wrt.sums import weighted_sum
 from wrt.values import Vec3, sealed, vec3
 
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169]) / (0.212671 + 0.715160 + 0.072169)

@@ -1,4 +1,4 @@
-"""Rendering without importing Warp: the same bits, never a stale build, and Warp itself where anything is missing."""
+"""Compiled kernels run without Warp: the same bits, never a stale file, and Warp compiles what is missing."""
 
 from __future__ import annotations
 
@@ -13,36 +13,34 @@ import numpy as np
 import pytest
 import warp as wp
 from conftest import ROOT
-from support.caches import python, render_small, without_notes
+from support.caches import python, render_small, without_artefacts
 from support.commands import CAMERA, QUAD
 from support.wide_scenes import CAMERAS, SCENES, add_balls
 
 import wrt
 from wrt import backend
-from wrt.backend import builds, fingerprint, recording
-from wrt.backend.builds import Builds, NotCompiled
-from wrt.backend.compiled_backend import CompiledBackend
+from wrt.backend import artefacts, current_backend, fingerprint
+from wrt.backend.arrays import Layout
+from wrt.backend.artefacts import Artefacts
+from wrt.backend.describe import describe_struct
+from wrt.backend.device import Device
 from wrt.backend.kernel_cache import digest
-from wrt.backend.warp_backend import WarpBackend
-from wrt.kernels.bsdf import model_of
+from wrt.kernels.bsdf import BSDFS, model_of
 
 
 @pytest.fixture
 def environment(tmp_path: Path) -> dict[str, str]:
-    return without_notes(tmp_path)
+    return without_artefacts(tmp_path)
 
 
 # --- From the shell -----------------------------------------------------------------------------------
 
 
-def test_a_process_without_warp_gives_the_same_bits(tmp_path: Path, environment, monkeypatch) -> None:
-    """By the kernels that this process has compiled with Warp, and noted."""
-    for name in ("XDG_CACHE_HOME", "WARP_CACHE_PATH"):
-        monkeypatch.setenv(name, environment[name])
+def test_a_process_without_warp_gives_the_same_bits(tmp_path: Path, environment) -> None:
     image = wrt.render("cornell-box", width=24, height=16, spp=2)
-    backend.note_compiled()
-    assert render_small(tmp_path, environment, "compiled.npy", "cornell-box") == (False, "")
-    np.testing.assert_array_equal(np.load(tmp_path / "compiled.npy"), image)
+    for has_warp in (True, False):
+        assert render_small(tmp_path, environment, "compiled.npy", "cornell-box") == (has_warp, "")
+        np.testing.assert_array_equal(np.load(tmp_path / "compiled.npy"), image)
 
 
 @pytest.mark.machinery
@@ -57,7 +55,7 @@ def test_the_second_start_is_without_warp_whatever_the_scene_has(tmp_path: Path,
     assert (tmp_path / "compiled.npy").read_bytes() == (tmp_path / "warp.npy").read_bytes()
 
 
-def read_notes(path: Path) -> dict[str, dict[str, object]]:
+def read_table(path: Path) -> dict[str, dict[str, object]]:
     said, _, text = path.read_bytes().partition(b"\n")
     assert said == digest(text)
     return json.loads(text)
@@ -68,8 +66,8 @@ def test_what_is_missing_is_compiled_and_nothing_is_said_twice(tmp_path: Path, e
     (tmp_path / "dark.toml").write_text(CAMERA + QUAD)
     has_warp, said = render_small(tmp_path, environment, "a.npy", "dark.toml")
     assert (has_warp, said.count("no light")) == (True, 1)
-    (index,) = (tmp_path / "cache" / "wrt").glob("builds-*.json")
-    known = read_notes(index)
+    (index,) = (tmp_path / "cache" / "wrt").glob("artefacts-*.json")
+    known = read_table(index)
     # A file of another size than when it was noted, and one that is gone.
     changes = {"split": {"bytes": 1}, "top": {"file": "gone.o"}}
     files = {f"wrt.kernels.accel.build.{name}": change for name, change in changes.items()}
@@ -77,15 +75,15 @@ def test_what_is_missing_is_compiled_and_nothing_is_said_twice(tmp_path: Path, e
     text = json.dumps(known | {"files": changed}).encode()
     index.write_bytes(digest(text) + b"\n" + text)
     assert render_small(tmp_path, environment, "b.npy", "dark.toml") == (True, said)
-    assert read_notes(index) == known
+    assert read_table(index) == known
     assert render_small(tmp_path, environment, "c.npy", "dark.toml") == (False, said)
     for damaged in (json.dumps(known).encode(), index.read_bytes()[:-9]):
         index.write_bytes(damaged)
         has_warp, told = render_small(tmp_path, environment, "b.npy", "dark.toml")
         warned, rest = told.split("\n", 1)
-        assert warned == f"wrt: warning: {index}: notes on compiled kernels were damaged; they are replaced"
+        assert warned == f"wrt: warning: {index}: the table of compiled kernels was damaged; it is replaced"
         assert (has_warp, rest) == (True, said)
-    assert read_notes(index) == known
+    assert read_table(index) == known
     assert len({(tmp_path / f"{name}.npy").read_bytes() for name in "abc"}) == 1
 
 
@@ -132,7 +130,7 @@ views = [view.image for view in wrt.render_views(scene, [camera, scene.camera], 
 print(json.dumps([has_warp(), seen + digest(*views)]))
 """
 
-GOES_OVER = """
+COMPILES = """
 made = []
 for needs in (
     lambda renderer: renderer.denoising_guides()["albedo"],
@@ -168,16 +166,15 @@ def test_whatever_a_renderer_does_needs_no_warp_the_second_time(tmp_path: Path, 
     first = run(tmp_path, environment, WITHOUT_WARP)
     assert first[0]
     assert run(tmp_path, environment, WITHOUT_WARP) == (False, first[1])
-    # Where user code has imported Warp, it gets Warp's arrays.
     assert run(tmp_path, environment, WITHOUT_WARP, "import warp\n" + BEGIN) == (True, first[1])
 
 
 @pytest.mark.machinery
-def test_what_is_not_compiled_moves_the_picture_to_warp(tmp_path: Path, environment: dict[str, str]) -> None:
+def test_a_renderer_compiles_what_it_lacks(tmp_path: Path, environment: dict[str, str]) -> None:
     run(tmp_path, environment, PRECOMPILE)
     assert run(tmp_path, environment, RENDER)[0] is False, "kernels are compiled beforehand"
-    with_warp = run(tmp_path, environment, GOES_OVER, "import warp\n" + BEGIN)
-    assert run(tmp_path, environment, GOES_OVER) == with_warp
+    with_warp = run(tmp_path, environment, COMPILES, "import warp\n" + BEGIN)
+    assert run(tmp_path, environment, COMPILES) == with_warp
 
 
 OF_A_USER = """
@@ -198,11 +195,10 @@ values, total = (make(n, dtype=float, device="cpu") for make, n in ((wp.ones, 8)
 def test_cooperative_kernels_of_users_go_on_to_work(tmp_path: Path, environment: dict[str, str]) -> None:
     """Loading kernels without Warp gives its library functions that must not replace Warp's own."""
     run(tmp_path, environment, RENDER)
-    started = "from wrt.backend import current_backend\ncurrent_backend().start()\n"
-    compiled = "assert renderer_with(1).device.backend.builds is not None\n"
+    compiled = "renderer_with(1)\nassert not has_warp()\n"
     launch = "wp.launch_tiled(sums, dim=[1], inputs=[values, total], block_dim=8, device='cpu')\n"
     script = tmp_path / "script.py"
-    script.write_text(BEGIN + started + OF_A_USER + compiled + launch + "print(total.numpy().tolist())")
+    script.write_text(BEGIN + compiled + OF_A_USER + launch + "print(total.numpy().tolist())")
     assert python(tmp_path, environment, str(script)).endswith("[8.0]\n")
 
 
@@ -219,24 +215,22 @@ def structs_of_kernels() -> list[Any]:
     return list(found)
 
 
-def compiled_backend(notes: dict[str, Any]) -> CompiledBackend:
-    known = Builds(Path("none"), Path("none"), "1.19.0")
-    known.notes |= json.loads(json.dumps(notes))
-    return CompiledBackend(known)
-
-
 def test_structs_lie_in_memory_as_warp_lays_them() -> None:
-    structs: dict[str, Any] = {}
-    names = {recording._struct(struct, structs): struct for struct in structs_of_kernels()}
+    table: dict[str, Any] = {}
+    names = {describe_struct(struct, table.__setitem__): struct for struct in structs_of_kernels()}
     assert len(names) > 30
-    noted = compiled_backend({"structs": structs})
+
+    def layout_of(name: str) -> Layout:
+        size, fields = json.loads(json.dumps(table[name]))
+        return Layout(name, size, fields, layout_of)
+
     for name, struct in names.items():
-        layout, expected = noted.struct(name).numpy, np.dtype(struct.numpy_dtype())
+        layout, expected = layout_of(name).numpy, np.dtype(struct.numpy_dtype())
         assert layout.itemsize == expected.itemsize
         assert layout == expected, name
 
 
-# --- Notes --------------------------------------------------------------------------------------------
+# --- The table ----------------------------------------------------------------------------------------
 
 
 def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -266,90 +260,86 @@ def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path: Path, mo
         seen |= found
 
 
-def test_another_version_of_warp_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert Builds.known() is not None
-    assert wp.config.version in builds.TESTED
-    monkeypatch.setattr(builds, "TESTED", ("0.0.0",))
-    assert Builds.known() is None
+def test_another_version_of_warp_launches_its_kernels_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the versions that were tested lay out arguments as wrt does."""
+    assert Artefacts().can_launch
+    assert wp.config.version in artefacts.TESTED
+    options: dict[str, Any] = {"width": 24, "height": 16, "spp": 2}
+    image = wrt.render("cornell-box", **options)
+    monkeypatch.setattr(artefacts, "TESTED", ("0.0.0",))
+    assert not Artefacts().can_launch
+    monkeypatch.setattr(backend, "_backend", None)
+    np.testing.assert_array_equal(wrt.render("cornell-box", **options), image)
+    ball, ray = wrt.sphere(subdivisions=1), ([[0.1, 0.2, 5.0]], [[0.0, 0.0, -1.0]])
+    hits = [wrt.Intersector(ball).closest_hit(*ray)]
+    monkeypatch.undo()
+    hits.append(wrt.Intersector(ball).closest_hit(*ray))
+    assert hits[0] == hits[1]
 
 
-def test_many_may_note_at_once(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "builds.json"
+def table_of(path: Path) -> Artefacts:
+    """Return the table in a file."""
+    found = Artefacts()
+    found.path, found.folders = path, [path.parent]
+    for part in found.table.values():
+        part.clear()
+    found.refresh()
+    return found
 
-    def note(number: int) -> None:
-        known = Builds(path, tmp_path, "")
+
+def test_many_may_save_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "artefacts.json"
+
+    def save(number: int) -> None:
+        table = table_of(path)
         for k in range(20):
-            known.note({"files": {f"m{number}.{k}": {"file": "f" * 1000, "bytes": k, "kernels": {}}}})
+            table.add("files", f"m{number}.{k}", {"file": "f" * 1000, "bytes": k, "kernels": {}})
+            table.save()
 
-    note(0)
-    threads = [threading.Thread(target=note, args=(number,)) for number in range(4)]
+    save(0)
+    threads = [threading.Thread(target=save, args=(number,)) for number in range(4)]
     for thread in threads:
         thread.start()
     while any(thread.is_alive() for thread in threads):
-        assert len(read_notes(path)["files"]) in range(20, 81)  # whole at any time
-    assert len(read_notes(path)["files"]) in range(20, 81)  # those of the last to write, and what that one had read
-    assert [found.name for found in path.parent.iterdir()] == ["builds.json"]
+        assert len(read_table(path)["files"]) in range(20, 81)  # whole at any time
+    assert len(read_table(path)["files"]) in range(20, 81)  # those of the last to write, and what that one had read
+    assert [found.name for found in path.parent.iterdir()] == ["artefacts.json"]
 
 
-def test_notes_of_a_render_that_ends_meanwhile_are_kept(tmp_path: Path) -> None:
+def test_what_another_render_saves_is_kept(tmp_path: Path) -> None:
     """Else the render after it would import Warp."""
-    compiler, other, last = (Builds(tmp_path / "builds.json", tmp_path, "") for _ in range(3))
-    compiler.refresh()
-    tables: dict[str, dict[str, Any]] = {"files": {}, "structs": {}, "modules": {}}
-    other.note({**tables, "calls": {"scalar": {"value": 1}}})
-    compiler.note({**tables, "calls": {"wide": {"value": 2}}})
-    last.refresh()
-    assert last.notes["calls"] == {"scalar": {"value": 1}, "wide": {"value": 2}}
+    compiler, other = (table_of(tmp_path / "artefacts.json") for _ in range(2))
+    for table, name in (other, "scalar"), (compiler, "wide"):
+        table.add("calls", name, {"value": 1})
+        table.save()
+    assert set(table_of(tmp_path / "artefacts.json").table["calls"]) == {"scalar", "wide"}
 
 
-# --- Warp where it is needed --------------------------------------------------------------------------
+def test_models_of_users_are_not_kept_for_other_processes() -> None:
+    """Another process may register other functions under the name."""
+    model = model_of("mirror")
+    BSDFS.register("mirror_of_a_user", model)
+    try:
+        for name in ("mirror", "mirror_of_a_user"):
+            assert current_backend().call("wrt.kernels.bsdf", "model_of", name).slots == model.slots
+        calls = current_backend().artefacts.table["calls"]
+        assert "wrt.kernels.bsdf.model_of('mirror')" in calls
+        assert not [call for call in calls if "mirror_of_a_user" in call]
+    finally:
+        BSDFS.forget("mirror_of_a_user")
 
 
-def test_what_is_not_compiled_is_prepared_again_with_warp(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend, "_backend", compiled_backend({}))
-    seen = []
-
-    def build(error: type[Exception] = NotCompiled) -> str:
-        seen.append(type(backend.current_backend()))
-        if seen[-1] is CompiledBackend:
-            raise error
-        return "built"
-
-    with pytest.raises(ZeroDivisionError):  # whatever else goes wrong, goes wrong once
-        backend.prepare(lambda: build(ZeroDivisionError))
-    assert backend.prepare(build) == "built"
-    assert seen == [CompiledBackend, CompiledBackend, WarpBackend]
-
-
-def test_a_process_that_has_warp_keeps_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend, "_backend", None)
-    backend.prefer_compiled()
-    assert isinstance(backend.current_backend(), WarpBackend)
-
-
-def test_models_of_a_persons_own_are_left_to_warp() -> None:
-    model = model_of("diffuse")
-    described = recording._described(model, {})
-    assert described["fields"]["slots"] == model.slots
-
-    @wp.func
-    def evaluate(bsdf: int) -> int:
-        return bsdf
-
-    assert recording._described(model._replace(evaluate=evaluate), {}) is None
-
-
-@pytest.mark.slow
-def test_kernels_that_their_names_do_not_tell_apart_are_left_to_warp() -> None:
+def test_kernels_of_one_name_are_told_apart() -> None:
     def make(factor: int) -> wp.Kernel:
-        @wp.kernel(module=wp.get_module("wrt.test_compiled"), enable_backward=False)
+        @wp.kernel(module=wp.get_module("wrt.test_artefacts"), enable_backward=False)
         def times(first: int, values_out: wp.array(dtype=int)):  # type: ignore[valid-type]
             values_out[first + wp.tid()] = wp.static(factor)
 
         return times
 
-    kept = []
-    for factor, is_noted in ((2, True), (3, False)):
-        kept.append(make(factor))
-        wp.load_module("wrt.test_compiled", device="cpu")
-        assert ("wrt.test_compiled" in recording.compiled_by_warp(WarpBackend())["files"]) is is_noted
+    device = Device("cpu")
+    values = device.backend.zeros(1, int)
+    for kernel, factor in [(make(factor), factor) for factor in (2, 3)]:
+        device.launch(kernel, 1, [values])
+        assert values.numpy().tolist() == [factor]
+    assert "wrt.test_artefacts" not in device.backend.artefacts.table["files"]

@@ -11,7 +11,7 @@ Exposure: TypeAlias = float | str | None
 """Stops, "auto", or None for the default; see `wrt.develop.exposure.stops`."""
 
 DEVELOPED_SUFFIXES = (".png", ".jpg", ".jpeg")
-"""Suffixes of pictures that are developed, in small letters; all others keep the radiance."""
+"""Lower-case suffixes of pictures that are developed; other formats keep the radiance."""
 
 AUTO = "auto"
 
@@ -55,5 +55,5 @@ def check_tone(value: object) -> str:
     if isinstance(value, str) and (value in TONES or value == OCIO or value.startswith(f"{OCIO}:")):
         return value
     hint = did_you_mean(value, [*TONES, OCIO]) if isinstance(value, str) else ""
-    known = f"{', '.join(TONES)}, {OCIO} or {OCIO}:CONFIG,DISPLAY,VIEW"
-    raise InputError(f"tone must be one of {known}, not {value!r}{hint}")
+    names = f"{', '.join(TONES)}, {OCIO} or {OCIO}:CONFIG,DISPLAY,VIEW"
+    raise InputError(f"tone must be one of {names}, not {value!r}{hint}")

@@ -7,10 +7,8 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from wrt import backend
 from wrt.api import load
-from wrt.backend import kernel_cache
-from wrt.backend.builds import Builds
+from wrt.backend import current_backend, kernel_cache
 from wrt.backend.lanes import lanes_here
 from wrt.rendering.renderer import Renderer
 from wrt.scene.scene import Scene
@@ -61,11 +59,9 @@ def precompile(source: Any, *, denoise: bool | None = None, **options: Any) -> P
     scene = source if isinstance(source, Scene) else load(source)
     if denoise is not None:
         scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, denoise=denoise))
-    with kernel_cache.compiled_modules() as modules, backend.using(backend.current_backend()):
+    with kernel_cache.compiled_modules() as modules:
         renderer = Renderer(scene, **options)
-    result = precompiled(renderer, tuple(sorted(modules)))
-    backend.note_compiled()
-    return result
+    return precompiled(renderer, tuple(sorted(modules)))
 
 
 def compile_general(sampler: str | None = None) -> str:
@@ -81,8 +77,8 @@ def compile_general(sampler: str | None = None) -> str:
     from wrt.rendering.guides import guide_features
     from wrt.scene.scene import RenderSettings
 
-    builds, lanes = Builds.known(), lanes_here()
-    if builds is None or lanes == 0:
+    lanes = lanes_here()
+    if lanes == 0 or not current_backend().artefacts.can_launch:
         return "there is only the scalar kernel"
     started, count = time.perf_counter(), 0
     plain = Features((general.TIERS[0].models[0],), False, "none", sampler=sampler or RenderSettings().sampler)
@@ -90,9 +86,9 @@ def compile_general(sampler: str | None = None) -> str:
     wanted = [(features, lanes) for features in general.general_features(plain)]
     wanted += [(features, kernel.SCALAR) for features in general.general_features(guides)]
     for features, width in wanted:
-        if not builds.has(kernel.name_of_kernel(features, width)):
+        if not kernel.is_compiled(features, width):
             count += 1
-            kernel.compile_kernel(features, width, builds, exercise.exercise)
+            kernel.compile_kernel(features, width, exercise.exercise)
     seconds = time.perf_counter() - started
     return f"{count} general kernels compiled in {seconds:.1f} s" if count else "everything was compiled before"
 

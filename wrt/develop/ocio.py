@@ -1,8 +1,8 @@
 """Displays and views of OpenColorIO configurations, such as ACES 2.0, through OpenImageIO.
 
-A tone `ocio:CONFIG,DISPLAY,VIEW` names a configuration file (.ocio, .ocioz) or one of those that are built into
-OpenColorIO, such as ocio://default, then a display and a view of it. What is left out is the configuration's default;
-without a configuration it is the one in the environment variable OCIO, or ocio://default.
+A tone `ocio:CONFIG,DISPLAY,VIEW` names a configuration, which is a file (.ocio, .ocioz) or built into OpenColorIO, such
+as ocio://default, and a display and a view of it. Display and view default to the configuration's own defaults, and the
+configuration to the environment variable OCIO or else to ocio://default.
 """
 
 from __future__ import annotations
@@ -35,14 +35,7 @@ _SOURCES = (
 
 @dataclass(frozen=True)
 class View:
-    """A view of a configuration that exists.
-
-    Attributes:
-        config: file or built-in configuration.
-        display: name of the display.
-        view: name of the view.
-        source: what the configuration calls linear Rec. 709.
-    """
+    """A view that exists: its configuration, its display, and the configuration's name for linear Rec. 709."""
 
     config: str
     display: str
@@ -51,7 +44,7 @@ class View:
 
 
 def find_view(tone: str) -> View:
-    """Return the view that a tone such as "ocio:CONFIG,DISPLAY,VIEW" names.
+    """Return the view of a tone such as "ocio:CONFIG,DISPLAY,VIEW".
 
     Raises:
         InputError: if the configuration cannot be read, or has no such display or view, or no linear Rec. 709.
@@ -60,7 +53,7 @@ def find_view(tone: str) -> View:
 
     parts = [part.strip() for part in tone.partition(":")[2].split(",")]
     if len(parts) > 3:
-        raise InputError(f"tone {tone!r}: has more than a configuration, a display and a view")
+        raise InputError(f"tone {tone!r}: expected at most a configuration, a display and a view")
     config, display, view = parts + [""] * (3 - len(parts))
     config = config or os.environ.get("OCIO", "") or BUILT_IN
     if not config.startswith("ocio://") and not os.path.isfile(config):
@@ -87,17 +80,13 @@ def _one_of(name: str, names: Sequence[str], what: str) -> str:
 
 
 def encode(image: NDArray[np.float32], view: View) -> NDArray[np.float32]:
-    """Return (H, W, 3) linear Rec. 709 radiance as the display's values, 0 to 1, which are not linear.
-
-    Raises:
-        InputError: if OpenColorIO cannot do it.
-    """
+    """Return the non-linear display values, 0 to 1, of (H, W, 3) linear Rec. 709 radiance, or raise InputError."""
     import OpenImageIO
 
     source = OpenImageIO.ImageBuf(image)
-    shown: Any = OpenImageIO.ImageBufAlgo.ociodisplay(
+    encoded: Any = OpenImageIO.ImageBufAlgo.ociodisplay(
         source, view.display, view.view, view.source, "", False, False, "", "", view.config
     )
-    if shown.has_error:
-        raise InputError(f"{view.config}: {' '.join(shown.geterror().split())}")
-    return np.asarray(shown.get_pixels("float"), np.float32).clip(0.0, 1.0)
+    if encoded.has_error:
+        raise InputError(f"{view.config}: {' '.join(encoded.geterror().split())}")
+    return np.asarray(encoded.get_pixels("float"), np.float32).clip(0.0, 1.0)
