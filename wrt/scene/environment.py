@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.linalg import norm, product
+from wrt.linalg import norm, product, weighted_sum
 from wrt.scene.lights import DirectionalLight
 from wrt.scene.skies.harmonics import harmonics
 from wrt.scene.skies.hosek_wilkie import sky_rgb, sun_rgb
 from wrt.scene.skies.preetham import rgb_from_xyz, sky_xyz, sun_xyz
-from wrt.sums import weighted_sum
 from wrt.values import ColorLike, Vec3, boolean, color, image, number, one_of, owned, sealed, vector
 
 SUN_DIAMETER_DEGREES = 0.53

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.backend import compiled_first, current_backend
+from wrt.backend import current_backend
 from wrt.backend.device import Device
 
 
@@ -23,12 +23,6 @@ def smooth_normals(
         groups: (N,) index of the group that shares a normal, for each vertex, numbered without gaps.
         size: extent of the mesh, metres.
     """
-    return compiled_first(lambda: _on_device(vertices, faces, groups, size))
-
-
-def _on_device(
-    vertices: NDArray[np.float32], faces: NDArray[np.int32], groups: NDArray[np.intp], size: float
-) -> NDArray[np.float32]:
     backend = current_backend()
     kernels = backend.kernels("wrt.kernels.geometry.vertex_normals")
     device = Device()

@@ -18,10 +18,9 @@ from wrt.io.images import read_image
 from wrt.io.measured.measurement import load_measurement
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.spectra import COLOR_TAGS, color_of
-from wrt.linalg import norm
+from wrt.linalg import norm, weighted_sum
 from wrt.scene.materials.measured import Measurement
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
-from wrt.sums import weighted_sum
 from wrt.values import Vec3, sealed, vec3
 
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169]) / (0.212671 + 0.715160 + 0.072169)
