@@ -170,7 +170,7 @@ class Crew:
 
     def job_of(self, member: Member, job: Job) -> Job:
         """Return a job for the device of a worker."""
-        device = self._cluster.device_of(member.address)
+        device = self._cluster.devices.get(member.address)
         return job if device is None else replace(job, options={**job.options, "device": device})
 
     def call(self, member: Member, name: str, function: Any, *arguments: Any) -> Any:

@@ -182,12 +182,12 @@ def render(
 
     Args:
         source: as for `wrt.load`.
-        client: a `distributed.Client`, the address of a scheduler, such as "tcp://head:8786", or `Processes`.
-        spp: as for `wrt.Renderer.passes`.
-        time: likewise.
-        noise: likewise.
-        adaptive: likewise.
-        options: as for `DistributedRenderer`.
+        client: as for `DistributedRenderer`, like `options`.
+        spp: as for `wrt.Renderer.passes`, like `time`, `noise` and `adaptive`.
+        time: seconds of rendering.
+        noise: relative noise of the picture.
+        adaptive: whether tiles stop once they are good enough.
+        options: see `client`.
 
     Raises:
         InputError: if an argument cannot be used, or no worker can render the scene.

@@ -76,7 +76,7 @@ class Pass:
     Attributes:
         film: the film of the picture, which gets the samples.
         crop: the window of the whole picture that the film shows.
-        job: what all windows need.
+        job: the values that all windows share.
         spp: samples per pixel at the end.
         seconds_left: estimated time until the picture is finished, including this pass.
         samples: the most samples that a pixel still needs.
