@@ -18,7 +18,7 @@ from support.emulated_cuda.libraries import Library, compiled
 from support.emulated_cuda.ptx import NotTranslated, parse
 from support.emulated_cuda.translation import to_cpp
 
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.warp_start import initialize_warp
 
 pytestmark = pytest.mark.machinery
 

@@ -6,7 +6,7 @@ import weakref
 import numpy as np
 import pytest
 import warp as wp
-from support.device_memory import allocations
+from support.device_memory import allocations, memory_of
 from support.emulated_cuda.backend import emulated_cuda
 
 import wrt
@@ -111,7 +111,9 @@ def test_snapshots_that_are_still_needed_keep_their_picture(gpu):
 @pytest.mark.parametrize("place", ["cpu", GPU])
 def test_the_film_on_the_device_outlives_its_renderer(place, gpu):
     film = Film(20, 10, Device(place))
-    owner = weakref.ref(film.data.count)
+    counts = film.data.count
+    owner = weakref.ref(memory_of(counts.rows) if place == "cpu" else counts)
+    del counts
     shared = film.on_device()
     del film
     gc.collect()

@@ -16,9 +16,8 @@ from conftest import ROOT
 
 from wrt.backend.processor import processor_flags
 from wrt.errors import InputError
-from wrt.linalg import determinant, dot, gauss_legendre, inverse, norm, polar, product, singular_values
+from wrt.linalg import determinant, dot, gauss_legendre, inverse, norm, polar, product, singular_values, weighted_sum
 from wrt.scene.motion import check_affine, rotation_matrix
-from wrt.sums import weighted_sum
 
 EPS = float(np.finfo(np.float64).eps)
 RANDOM = np.random.default_rng(11)

@@ -13,7 +13,7 @@ from scipy import stats
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test, sidak
 
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.sampling.solid_angle import (
     cone_pdf,
     disk_cone,

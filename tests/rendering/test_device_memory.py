@@ -122,12 +122,12 @@ def test_the_builder_on_the_cpu_is_counted(monkeypatch):
 
 def test_memory_that_runs_out_on_the_way_is_one_line(monkeypatch, tmp_path, capsys):
     def fail(*_, **__):
-        raise RuntimeError("Failed to allocate 2147483648 bytes on device 'cuda:0'")
+        raise MemoryError
 
-    monkeypatch.setattr(wp, "zeros", fail)
-    monkeypatch.setattr(wp, "empty", fail)
+    monkeypatch.setattr("wrt.backend.arrays.LARGE", 2000)
+    monkeypatch.setattr("wrt.backend.arrays.zeros", fail)
     assert main(["render", "cornell-box", "--size", "8x8", "--spp", "1", "-o", str(tmp_path / "a.png")]) == 1
-    assert capsys.readouterr().err.startswith("wrt: error: memory ran out on cpu: 2.15 GB more were needed;")
+    assert capsys.readouterr().err.startswith("wrt: error: memory ran out on cpu: 0.00 GB more were needed;")
 
 
 def test_the_command_lists_the_parts_and_whether_they_fit(monkeypatch, capsys):

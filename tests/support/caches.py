@@ -21,7 +21,7 @@ CORNELL_BOX = ("render", "cornell-box", "--size", "16x16", "--spp", "1", "--quie
 
 
 def copy_of_warm_cache(cache: Path, but_for: tuple[str, ...] = ()) -> None:
-    """Fill a cache folder with the headers and the kernels of CORNELL_BOX, without notes.
+    """Fill a cache folder with the headers and the kernels of CORNELL_BOX, without a table of artefacts.
 
     Args:
         cache: a folder, to be named by XDG_CACHE_HOME.
@@ -42,16 +42,16 @@ def copy_of_headers(cache: Path) -> None:
 @functools.cache
 def _kernels() -> tuple[Path, ...]:
     """Return the folders of the kernels in the usual cache; those that are missing are compiled."""
-    with tempfile.TemporaryDirectory() as notes:
-        environment = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": notes, "WARP_CACHE_PATH": str(warp_folder())}
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": folder, "WARP_CACHE_PATH": str(warp_folder())}
         command = [sys.executable, "-m", "wrt", *CORNELL_BOX, "film.npy"]
-        subprocess.run(command, cwd=notes, env={**os.environ, **environment}, check=True)
-        (file,) = Path(notes).glob("wrt/builds-*.json")
+        subprocess.run(command, cwd=folder, env={**os.environ, **environment}, check=True)
+        (file,) = Path(folder).glob("wrt/artefacts-*.json")
         known = json.loads(file.read_bytes().partition(b"\n")[2])
     return tuple(Path(each["file"]).parent for each in known["files"].values())
 
 
-def without_notes(folder: Path) -> dict[str, str]:
+def without_artefacts(folder: Path) -> dict[str, str]:
     """Return variables by which nothing is known to be compiled, though the usual cache has it."""
     wp.init()
     # Warp puts a folder of its version there itself.

@@ -72,7 +72,7 @@ def _pictures(name: str, drawing: Any) -> Iterator[tuple[str, Case]]:
         return
     picture = getattr(drawing, "picture", drawing)
     height = max(1, 24 * picture.height // picture.width)
-    yield name, Case(picture.make, {**picture.given, "width": 24, "height": height}, (2,))
+    yield name, Case(picture.make, {**picture.options, "width": 24, "height": height}, (2,))
 
 
 def _seen_by(scene: wrt.Scene, camera: str) -> wrt.Scene:
@@ -142,4 +142,4 @@ def wide_film(case: Case, lanes: int) -> str | None:
 
 def _render(case: Case, renderer: wrt.Renderer, kernel: Any, threads: int) -> None:
     for target in case.passes:
-        wp.launch(kernel, dim=threads, inputs=[0, target, *renderer._inputs], device="cpu")
+        renderer.device.launch(kernel, threads, [target, *renderer._inputs])

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import warp as wp
 from conftest import Report
 from numpy.typing import ArrayLike, NDArray
 
@@ -102,7 +101,7 @@ def differences(scene: wrt.Scene, lanes: int) -> list[str]:
         renderer.film.restore(start)
         renderer.film.data.rays.zero_()
         for target in (3, 22):
-            wp.launch(kernel, dim=threads, inputs=[0, target, *renderer._inputs], device="cpu")
+            renderer.device.launch(kernel, threads, [target, *renderer._inputs])
         films.append({**renderer.film.state(), "rays": renderer.film.data.rays.numpy().copy()})
     assert films[0]["total"].any()
     assert films[0]["count"].min() >= 22

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import wrt
 from support.kernels import upload
+from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.kernels.features import Features
 from wrt.kernels.geometry.surface import Surface
@@ -82,7 +83,7 @@ class Hit:
         """Upload `material` to a device."""
         self.device = device
         self.table = describe_materials([material])
-        self.scene = SceneData()
+        self.scene = current_backend().kernels("wrt.kernels.scene.scene_data").SceneData()
         self.table.upload(self.scene, Device(device))
         self.point = Point()
         self.point.front, self.point.uv, self.point.color = front, wp.vec2(*uv), wp.vec3(*color)

@@ -291,7 +291,7 @@ def bits(renderer: wrt.Renderer, kernel: wp.Kernel, threads: int, start: Bits, s
     renderer.film.restore(start)
     renderer.film.data.rays.zero_()
     for target in spp:
-        wp.launch(kernel, dim=threads, inputs=[0, target, *renderer._inputs], device="cpu")
+        renderer.device.launch(kernel, threads, [target, *renderer._inputs])
     return {**renderer.film.state(), "rays": renderer.film.data.rays.numpy().copy()}
 
 

@@ -72,7 +72,8 @@ def importing(names: Sequence[str], kernels: Sequence[str] = ()) -> Iterator[Non
             from wrt.backend import current_backend  # not at the top: --help must import little
 
             for name in kernels:
-                current_backend().kernels(name)
+                if current_backend().artefacts.get("modules", name) is None:
+                    importlib.import_module(name)
 
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_SECONDS)

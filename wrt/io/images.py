@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt._version import __version__
-from wrt.developing import DEFAULT_TONE, DEVELOPED_SUFFIXES, Exposure
+from wrt.develop.settings import DEFAULT_TONE, DEVELOPED_SUFFIXES, Exposure
 from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.npy import read_array

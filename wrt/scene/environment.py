@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.linalg import norm, product
+from wrt.linalg import norm, product, weighted_sum
 from wrt.scene.description import Checks, Description, optional
 from wrt.scene.lights import DirectionalLight
 from wrt.scene.skies.hosek_wilkie import sky_rgb, sun_rgb
-from wrt.sums import weighted_sum
 from wrt.values import ColorLike, Vec3, boolean, color, image, number, owned, sealed, vec3, vector
 
 SUN_DIAMETER_DEGREES = 0.53

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt import _notebook
-from wrt.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
+from wrt.develop.settings import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.errors import InputError
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
@@ -182,7 +182,7 @@ class RenderSettings(Description):
         jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a material "glossy"; later
             ones send one. With 0 it has direct light alone.
         ao_distance: distance up to which surfaces occlude for integrator "ao", metres; None for no limit.
-        layers: names from `wrt.scene.layers.LAYERS` to render besides radiance.
+        layers: layers to render besides radiance, see docs/integrators.md.
         clamp_indirect: limit of the indirect radiance of one path per channel, W·sr⁻¹·m⁻²; None for no limit. Biased:
             energy above the limit is lost.
         regularization: roughness r that widens rough surfaces to √(α² + r²) after the first non-specular scattering of

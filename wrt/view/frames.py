@@ -1,4 +1,4 @@
-"""Frames: developed and encoded in a thread of their own, beside the next pass, and sent to whoever watches."""
+"""Frames: developed and encoded in a thread of their own, during the next pass."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Frame:
 
     Attributes:
         number: counts from 1.
-        header: what the page shows beside it: samples, noise, paths per second, the camera's number, and so on.
+        header: the values beside the picture: samples, noise, paths per second, the camera's serial number, and so on.
         picture: a JPEG file.
     """
 
@@ -47,21 +47,21 @@ class _Source:
 
     @cached_property
     def image(self) -> NDArray[np.float32]:
-        """The image, fetched by the thread that asks first."""
+        """The image, fetched on first use."""
         return self.fetch()
 
-    def is_of(self, other: _Source | None) -> bool:
-        """Return whether both are of one picture, which rests."""
-        if other is None or self.header.get("moving") or other.header.get("moving"):
+    def shows_same(self, source: _Source | None) -> bool:
+        """Return whether both show one picture, whose camera rests."""
+        if source is None or self.header.get("moving") or source.header.get("moving"):
             return False
         keys = ("serial", "width", "height")
-        return self.is_radiance == other.is_radiance and all(self.header.get(k) == other.header.get(k) for k in keys)
+        return self.is_radiance == source.is_radiance and all(self.header.get(k) == source.header.get(k) for k in keys)
 
 
 class Encoder:
-    """Turns the newest image into a frame; images that come meanwhile are skipped, except the last.
+    """Turns the newest image into a frame, and skips older ones.
 
-    Denoising takes longer than rendering a preview, so another thread does it, and its result is shown if the picture
+    Denoising takes longer than rendering a preview, so another thread does it, and its result is shown if the camera
     still rests. Once a picture has been denoised, its later images are shown only denoised, or it would flicker.
 
     Attributes:
@@ -92,20 +92,20 @@ class Encoder:
         """Make a frame of the image that `fetch` returns; with guides, denoise it and make a frame of the result."""
         source = _Source(fetch, is_radiance, header, guides)
         with self._waiting:
-            self._source, self._due = source, guides is None or not source.is_of(self._denoised)
+            self._source, self._due = source, guides is None or not source.shows_same(self._denoised)
             if guides is not None and not self._denoising:
                 thread = threading.Thread(target=self._denoise, args=(source,), name="wrt-denoise", daemon=True)
                 self._denoising = start_if_possible(thread)
             self._waiting.notify()
 
     def _denoise(self, source: _Source) -> None:
-        """Denoise an image, and then the newest one for as long as there is a newer one."""
+        """Denoise an image, and then the newest one until no newer one has come."""
         while True:
             guides = source.guides or {}
             image = denoise(source.image, guides.get("albedo"), guides.get("normal"))
             with self._waiting:
                 newest = self._source
-                if self.look.denoise and source.is_of(newest):
+                if self.look.denoise and source.shows_same(newest):
                     result = _Source(partial(np.asarray, image), True, {**source.header, "denoised": True})
                     self._denoised, self._due = result, True
                     self._waiting.notify()
@@ -115,7 +115,7 @@ class Encoder:
             source = newest
 
     def show(self, look: Look) -> None:
-        """Develop the newest image again in another way."""
+        """Develop the newest image again with another look."""
         with self._waiting:
             self.look, self._due = look, self._source is not None
             if not look.denoise:
@@ -136,8 +136,8 @@ class Encoder:
         self._thread.join()
 
     def _shown(self) -> _Source | None:
-        """Return what a frame shows: the newest image, or the last denoised one of the same picture."""
-        if self._denoised is not None and self._denoised.is_of(self._source):
+        """Return the newest image, or the last denoised one of the same picture."""
+        if self._denoised is not None and self._denoised.shows_same(self._source):
             return self._denoised
         return self._source
 

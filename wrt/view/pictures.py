@@ -18,7 +18,7 @@ from wrt.view.controls import Settings
 from wrt.view.picture import Look
 
 PREVIEW_SECONDS = 0.02
-"""Time in which a preview should be rendered, so that the picture follows the hand."""
+"""Target time of a preview, so that the picture follows the hand."""
 
 FIRST_RATE = 5e5
 """Camera paths per second assumed before any has been traced."""
@@ -47,28 +47,28 @@ class Pictures:
         self._rate = FIRST_RATE
 
     def shown(self, settings: Settings) -> Renderer | None:
-        """Return the renderer of what the settings show, if there is one already."""
-        if (settings.integrator, settings.max_depth) != (self._settings.integrator, self._settings.max_depth):
+        """Return the renderer for the settings, None until `get` has made it."""
+        if settings.overrides() != self._settings.overrides():
             return None
         if settings.layer in ("", "noise"):
             return self.main
         return self._layer[1] if self._layer is not None and self._layer[0] == settings.layer else None
 
     def get(self, settings: Settings) -> Renderer:
-        """Return the renderer of what the settings show."""
-        if (settings.integrator, settings.max_depth) != (self._settings.integrator, self._settings.max_depth):
-            overrides = settings.overrides()
+        """Return the renderer for the settings."""
+        overrides = settings.overrides()
+        if overrides != self._settings.overrides():
             self.main = self._sharing(**overrides) if overrides else self.base
             self._settings = settings
             self._previews.clear()
-        if settings.layer in ("", "noise"):
-            return self.main
-        if self._layer is None or self._layer[0] != settings.layer:
-            self._layer = settings.layer, self._sharing(integrator="aov", layers=(settings.layer,))
-        return self._layer[1]
+        renderer = self.shown(settings)
+        if renderer is None:
+            renderer = self._sharing(integrator="aov", layers=(settings.layer,))
+            self._layer = settings.layer, renderer
+        return renderer
 
     def preview(self, settings: Settings) -> Renderer:
-        """Return a renderer of what the settings show, with as few pixels as can be rendered in time."""
+        """Return a renderer for the settings with so few pixels that a sample takes PREVIEW_SECONDS."""
         full = self.get(settings)
         pixels = full.width * full.height
         divisor = math.ceil(math.sqrt(pixels / max(self._rate * PREVIEW_SECONDS, 1.0)))
@@ -94,21 +94,21 @@ class Pictures:
             renderer.set_camera(camera)
             renderer.seconds_render, renderer.paths = 0.0, 0
             self._aims[id(renderer)] = camera
-        elif renderer.scene.camera != camera:  # another renderer has turned the shared scene since
+        elif renderer.scene.camera != camera:  # another renderer has moved the camera of the shared scene
             renderer.scene.camera = camera
             renderer._built.look_from(camera)
         return renderer
 
     def pick(self, camera: Camera, x: float, y: float) -> dict[str, Any] | None:
-        """Return what is seen at a place of the picture: position, object and bounds; None if nothing is."""
+        """Return the position of the surface at a place of the picture, and its shape's name and bounds, or None."""
         column = min(max(int(x * self.base.width), 0), self.base.width - 1)
         row = min(max(int(y * self.base.height), 0), self.base.height - 1)
         crop = (column, row, column + 1, row + 1)
-        one = self._sharing(integrator="aov", layers=("position", "object"), crop=crop)
-        one.set_camera(camera)
-        for _ in one.passes(spp=1):
+        pixel = self._sharing(integrator="aov", layers=("position", "object"), crop=crop)
+        pixel.set_camera(camera)
+        for _ in pixel.passes(spp=1):
             pass
-        layers = one.layers()
+        layers = pixel.layers()
         number = int(layers["object"].ravel()[0])
         if number == 0:
             return None
@@ -123,9 +123,9 @@ class Pictures:
         }
 
     def _sharing(self, **changes: Any) -> Renderer:
-        other = sharing(self.base, **changes)
-        self._aims.pop(id(other), None)  # of a renderer that is gone
-        return other
+        renderer = sharing(self.base, **changes)
+        self._aims.pop(id(renderer), None)  # of a deleted renderer
+        return renderer
 
 
 def file_of(renderer: Renderer, suffix: str, look: Look) -> bytes:
@@ -139,12 +139,12 @@ def file_of(renderer: Renderer, suffix: str, look: Look) -> bytes:
     Raises:
         InputError: see `Renderer.save`.
     """
-    before = renderer.settings
-    renderer.settings = dataclasses.replace(before, **dataclasses.asdict(look))
+    settings = renderer.settings
+    renderer.settings = dataclasses.replace(settings, **dataclasses.asdict(look))
     try:
         with tempfile.TemporaryDirectory(prefix="wrt-view-") as folder:
             path = Path(folder) / f"picture{suffix}"
             renderer.save(path)
             return path.read_bytes()
     finally:
-        renderer.settings = before
+        renderer.settings = settings

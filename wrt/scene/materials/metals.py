@@ -84,9 +84,9 @@ class Conductor(Filmed):
     Attributes:
         eta: real part of the refractive index per channel, relative to the air around it; copper's by default.
         k: extinction coefficient per channel; copper's by default.
-        f0: reflectance at normal incidence per channel, 0 to 1, instead of eta and k; or a name in the tables of
-            `materials.presets`, such as "gold", "silicon" or "gems".
-        metal: a name in `materials.presets.METAL_IOR`, "silicon" or a chemical symbol, instead of the others. It is
+        f0: reflectance at normal incidence per channel, 0 to 1, instead of eta and k; or a name such as
+            "gold", "silicon" or "gems" (wrt materials --presets).
+        metal: a name such as "gold", or a chemical symbol, instead of the others (wrt materials --presets). It is
             replaced by its eta and k, or by its f0 if only that is known.
         film_thickness: thickness in nanometres of a thin film on the metal, such as an oxide, whose colours come from
             interference; 0 is no film.

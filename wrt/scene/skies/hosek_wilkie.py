@@ -5,7 +5,8 @@
 - Sun: Hošek and Wilkie, "Adding a Solar-Radiance Function to the Hošek-Wilkie Skylight Model" (IEEE CG&A 2013).
   Polynomials in the elevation, at eleven wavelengths, and in the cosine at the sun's surface.
 
-The tables are in `wrt/scene/skies/data/hosek_wilkie.npz`, made by `scripts/sky_data.py`, with their licence beside it.
+The published tables are in `wrt/scene/skies/data/hosek_wilkie.npz`, in single precision, with their licence beside it:
+those of the sky's radiance for linear Rec. 709, those of the sun's by wavelength.
 """
 
 from __future__ import annotations
