@@ -32,7 +32,7 @@ COMMAND = ("render", "cornell-box", "--size", "32x32", "--spp", "2", "--quiet")
 SECONDS = 300.0
 """Time after which a render counts as hung."""
 
-NOTES = "wrt/builds-*.json"
+TABLES = "wrt/artefacts-*.json"
 FILM = "warp/*/wp_wrt.kernels.film_*"
 
 
@@ -46,13 +46,13 @@ class Kind(NamedTuple):
 
 KINDS = {
     "object": Kind("warp/*/*/*.o", (), 4),
-    "object, read by Warp": Kind("warp/*/*/*.o", (NOTES,), 4),
+    "object, read by Warp": Kind("warp/*/*/*.o", (TABLES,), 4),
     "digest": Kind("warp/*/*/*.checksum", (), 2),
-    "digest, read by Warp": Kind("warp/*/*/*.checksum", (NOTES,), 2),
-    "meta": Kind("warp/*/*/*.meta", (NOTES,), 2),
-    "notes": Kind(NOTES, (), 3),
+    "digest, read by Warp": Kind("warp/*/*/*.checksum", (TABLES,), 2),
+    "meta": Kind("warp/*/*/*.meta", (TABLES,), 2),
+    "table": Kind(TABLES, (), 3),
     "headers": Kind("wrt/headers-*/*", (FILM,), 2),
-    "source": Kind("warp/*/*/*.cpp", (NOTES,), 1),
+    "source": Kind("warp/*/*/*.cpp", (TABLES,), 1),
 }
 
 
@@ -65,7 +65,7 @@ class Place:
         folder.mkdir()
         if start is not None:
             shutil.copytree(start, self.cache)
-        for _ in range(2):  # the second render uses the notes of the first
+        for _ in range(2):  # the second render uses the table of the first
             status, output = self.render()
             if status != 0 or output:
                 raise SystemExit(f"a render with an empty cache ends with status {status}: {output}")
