@@ -66,7 +66,7 @@ def peers_of(rows: list[Row]) -> list[str]:
 
 
 def error_ratio(row: Row, peer: str, seconds: float, key: str = "rmse") -> float:
-    """Return how many times as large a renderer's error is as that of wrt, NaN where it was not measured."""
+    """Return a renderer's error over wrt's error, NaN where it was not measured."""
     found = [row["renderers"].get(name, {}).get("errors", []) for name in (peer, OWN.name)]
     theirs, ours = ([error[key] for error in errors if error["seconds"] == seconds] for errors in found)
     return theirs[0] / ours[0] if theirs and ours and ours[0] > 0.0 else float("nan")
