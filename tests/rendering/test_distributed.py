@@ -59,7 +59,7 @@ def one():
 
 @pytest.fixture
 def after_window(monkeypatch):
-    """Return a function that lets another be called with the number of windows, each time that the film gets one."""
+    """Return a function that installs a callback, which gets the number of windows whenever the film gets one."""
 
     def install(react):
         keep, numbers = Pass.keep, itertools.count(1)
@@ -127,7 +127,7 @@ def test_a_target_of_noise(client, adaptive, tmp_path):
 
 
 def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, monkeypatch):
-    """Every two seconds a client's own copy of what the scheduler knows is replaced by one without workers."""
+    """Every two seconds a client replaces its copy of the scheduler's state by one without workers."""
     sync = client.sync
 
     def sync_and_renew(*arguments, **options):
@@ -140,7 +140,7 @@ def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, mon
 
 
 def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
-    """It would make other bits; what it has made is rendered again."""
+    """It would make other bits; its windows are rendered again."""
     strange = sorted(client.scheduler_info()["workers"])[0]
     arithmetic_of = arithmetic.arithmetic_of
 
@@ -292,7 +292,7 @@ def test_a_person_is_told_that_there_is_no_worker(monkeypatch):
 
 @pytest.mark.slow
 def test_workers_die_come_late_and_stop(monkeypatch, after_window):
-    """In processes of their own: one is killed, one is added, one is stopped by a signal and wakes up at the end."""
+    """Processes: one is killed, one is added, one is stopped by a signal and continues at the end."""
     size = {**SIZE, "width": 48, "height": 36}
     expected = film_of(wrt.Renderer(block_scene(), **size), 96)
     how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}

@@ -1,4 +1,4 @@
-"""A render ends at its target of noise, at the same samples however it is cut into passes, killed or resumed."""
+"""A render ends at its noise target, with the same samples whatever the passes, kills and resumes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Parts of a render merge to the picture of one machine, bit for bit; what does not fit together is refused by name."""
+"""Parts of a render merge to the picture of one machine, to the bit; parts that do not fit are refused by name."""
 
 import dataclasses
 import os
@@ -46,7 +46,7 @@ def test_windows_cover_a_picture_once_and_evenly(crop):
 
 @pytest.mark.parametrize("of", [1, 3, 50])
 def test_merged_parts_are_the_film_of_one_machine(renderer, single, of):
-    """In any order, and of a crop window; 50 parts of 37 rows are pieces of rows."""
+    """In any order, also of a crop window; 50 parts of 37 rows are pieces of rows."""
     merged = wrt.merge(reversed([renderer.part(number, of, spp=5) for number in range(1, of + 1)]))
     assert_same_arrays(merged.film.arrays(), single.film.arrays())
     np.testing.assert_array_equal(merged.image(), single.image())
