@@ -12,7 +12,6 @@ import numpy as np
 
 from wrt.linalg import dot
 from wrt.rendering.renderer import Renderer
-from wrt.rendering.sharing import sharing
 from wrt.scene.camera import Camera
 from wrt.view.controls import Settings
 from wrt.view.picture import Look
@@ -76,7 +75,7 @@ class Pictures:
         layer = "" if full is self.main else settings.layer
         if (layer, divisor) not in self._previews:
             size = {"width": -(-full.width // divisor), "height": -(-full.height // divisor), "crop": None}
-            self._previews[layer, divisor] = preview = sharing(full, **size)
+            self._previews[layer, divisor] = preview = full.sharing(**size)
             self._aims.pop(id(preview), None)
         return self._previews[layer, divisor]
 
@@ -123,7 +122,7 @@ class Pictures:
         }
 
     def _sharing(self, **changes: Any) -> Renderer:
-        renderer = sharing(self.base, **changes)
+        renderer = self.base.sharing(**changes)
         self._aims.pop(id(renderer), None)  # of a deleted renderer
         return renderer
 
