@@ -16,7 +16,7 @@ import inspect
 import json
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +26,19 @@ import wrt
 from wrt.cli.arguments.options import make_parser
 from wrt.describe.docstrings import meanings_of, plain, summary_of
 from wrt.io.toml.schema import scene_schema
+from wrt.scene.camera import CAMERAS
+from wrt.scene.environment import ENVIRONMENTS
+from wrt.scene.lights import LIGHTS
+from wrt.scene.materials import MATERIALS
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 # --- Python ----------------------------------------------------------------------------------------
+
+
+def _names(classes: Mapping[str, type]) -> str:
+    return " ".join(cls.__name__ for cls in classes.values())
+
 
 GROUPS: dict[str, str] = {
     "Loading and rendering": "load render render_views View Renderer Progress precompile Precompiled device_memory "
@@ -38,12 +47,9 @@ GROUPS: dict[str, str] = {
     "Scenes": "Scene Shape RenderSettings",
     "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon",
     "Motion": "Motion Deformation",
-    "Cameras": "Camera PerspectiveCamera OrthographicCamera PanoramaCamera FisheyeCamera register_camera",
-    "Lights": "PointLight SpotLight ProjectorLight DirectionalLight RectangleLight DiskLight SphereLight "
-    "ConstantEnvironment ImageEnvironment SphericalHarmonicsEnvironment SunSkyEnvironment Light register_light",
-    "Materials": "Material Diffuse OrenNayar Mirror Glossy Conductor RoughConductor Dielectric RoughDielectric "
-    "ThinDielectric Null Plastic RoughPlastic Principled Burley Measured Measurement Mix TwoSided Emissive "
-    "register_material",
+    "Cameras": f"Camera {_names(CAMERAS)} register_camera",
+    "Lights": f"{_names(LIGHTS)} {_names(ENVIRONMENTS)} Light register_light",
+    "Materials": f"Material {_names(MATERIALS)} Measurement register_material",
     "Media": "Medium DensityGrid",
     "Textures": "ImageTexture VertexColor NormalMap",
     "Rays": "Intersector Hits",

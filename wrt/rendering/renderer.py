@@ -144,7 +144,7 @@ class Renderer(Picture):
         other = Renderer.__new__(Renderer)
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
             setattr(other, name, getattr(self, name))
-        other._use(self.scene, changed_settings(self.settings, settings))
+        other._use(self.scene, dataclasses.replace(self.settings, **settings))
         other._start_film()
         other._guides = None
         with self.device.compiling() as compile:
