@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.arrays import read_arrays
+from wrt.io.npy import read_arrays
 from wrt.io.npy import read_array
 from wrt.io.safe_read import naming_file, read_file
 from wrt.io.toml.scene_keys import (

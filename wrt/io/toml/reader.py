@@ -363,7 +363,7 @@ class _SceneReader(TableReader):
         Args:
             file: a NumPy archive (.npz) of `centers` (N, 3), `radii` (N,) and perhaps `colors` (N, 3).
         """
-        from wrt.io.arrays import read_spheres
+        from wrt.io.npy import read_spheres
 
         with self.at("file"):
             return read_spheres(self.beside(file))
@@ -374,7 +374,7 @@ class _SceneReader(TableReader):
         Args:
             file: a NumPy archive (.npz) of their arrays `boxes` (N, 2, 3) and `axes` (N, 3, 3).
         """
-        from wrt.io.arrays import read_quadrics
+        from wrt.io.npy import read_quadrics
 
         with self.at("file"):
             return read_quadrics(self.beside(file))

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.io.arrays import arrays_of_exact
-from wrt.io.codes import codes_of, save_codes
+from wrt.io.npy import arrays_of_exact
+from wrt.io.images import codes_of, save_codes
 from wrt.io.measured.measurement import save_measurement
 from wrt.io.safe_read import PathLike, is_input
 from wrt.io.safe_write import Kind, new_folder, output_path, require_writable, write_atomically
