@@ -295,7 +295,7 @@ class Session:
         with self._changed:
             if not self._requests:  # they were cancelled
                 return
-            request = answer, future = self._requests[0]  # it stays in the list if its kernel is not compiled yet
+            request = answer, future = self._requests[0]  # listed until it is answered, so that it can be cancelled
         result: Any = None
         error: Exception | None = None
         try:
