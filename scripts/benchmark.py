@@ -10,7 +10,7 @@
     python scripts/benchmark.py found [--scenes NAME ...] [--spp N ...] [--folder FOLDER] [--llvm FOLDER]
 
 Each command prints its results, and writes them as JSON with --json FILE. With --docs, results go to docs/measured, and
-tables, plots and pictures to docs/performance.md and docs/notes. Everything is warmed up first. Competitors are
+tables and pictures to docs/performance.md and docs/notes. Everything is warmed up first. Competitors are
 measured alternately, A B A B, and reported as medians and their ratio; on noisy machines, ratios are more reliable than
 times. docs/performance.md explains the figures.
 """

@@ -252,11 +252,11 @@ class Worker:
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self.pipe, other = context.Pipe()
-        arguments = (other, *self._options, self._folder, *self._limits)
+        self.pipe, pipe_of_process = context.Pipe()
+        arguments = (pipe_of_process, *self._options, self._folder, *self._limits)
         self._process = context.Process(target=work, args=arguments, daemon=True)
         self._process.start()
-        other.close()
+        pipe_of_process.close()
         self.pipe.recv()  # it is ready
 
     def give(self, number: int, kind: str, data: bytes) -> None:
