@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.developing import names_file
+from wrt.develop.settings import names_file
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of, warn
 from wrt.io.safe_read import PathLike, confined_to
 from wrt.scene.environment import Environment

@@ -15,12 +15,12 @@ from support.films_of_devices import FILMS, OPTIONS, film_cases
 
 import wrt
 import wrt.kernels
-from wrt.backend.warp_backend import initialize_warp
-from wrt.kernels.bsdf import models_with
+from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.core.features import Features
+from wrt.kernels.integrators.path import has_panes
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
@@ -171,8 +171,8 @@ VALUES = {
 """What each feature can be that is not true or false; names that a kernel can have several of are listed one by one."""
 
 
-CHOSEN = {"cameras", "gpu"}
-"""Features from outside, and the one that `make_gpu_render_kernel` chooses."""
+CHOSEN = {"cameras", "slot_loop", "shadows_meet", "tiles"}
+"""Features from outside, and those that `make_gpu_render_kernel` chooses."""
 
 FLAGS = {field.name for field in fields(Features)} - {*VALUES, *CHOSEN}
 
@@ -199,7 +199,7 @@ def test_every_feature_is_compiled(render_kernels_when_launched: None) -> None:
         found = set().union(*map(values_of, loop))
         assert {pair for pair in asked if pair[0] in ("media", "grid_media", "nested", "opacity", "clamped")} <= found
         assert {True, False} == {features.mixed for features in loop} == {bool(each.light_shapes) for each in loop}
-        assert {True, False} == {bool(models_with(features.models, "straight")) for features in loop}
+        assert {True, False} == {has_panes(features.models) for features in loop}
 
 
 def test_no_kernel_is_left_out() -> None:
@@ -238,15 +238,18 @@ def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
 def test_kernels_for_gpus_alone_divide_approximately_whoever_made_them() -> None:
     # No other test makes kernels of these features.
     features = replace(PLAIN, clamped=True, regularized=True)
-    for kernel in (make_regenerating_kernel(features), make_render_kernel(replace(features, gpu=True))):
+    for kernel in (make_regenerating_kernel(features), make_render_kernel(replace(features, tiles=True))):
         assert kernel.module.options["fast_math"]
     assert not make_render_kernel(features).module.options["fast_math"]
 
 
-def test_gpus_have_kernels_of_their_own() -> None:
-    assert make_gpu_render_kernel(PLAIN) is make_regenerating_kernel(replace(PLAIN, gpu=True))
-    layers = replace(PLAIN, aovs=True)
-    assert make_gpu_render_kernel(layers) is make_render_kernel(replace(layers, gpu=True))
+def test_values_of_all_models_are_read_in_one_loop_and_shadow_rays_may_meet_holes() -> None:
+    assert make_gpu_render_kernel(PLAIN) is make_regenerating_kernel(replace(PLAIN, slot_loop=True))
+    holes = replace(PLAIN, textured=True, opacity=True)
+    assert make_gpu_render_kernel(holes) is make_regenerating_kernel(replace(holes, slot_loop=True, shadows_meet=True))
+    fog = replace(holes, media="absorbing")
+    negative = "media would count a way of negative length"
+    assert make_gpu_render_kernel(fog) is make_regenerating_kernel(replace(fog, slot_loop=True)), negative
 
 
 def test_no_source_asks_for_the_architecture() -> None:

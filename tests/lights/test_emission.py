@@ -14,8 +14,8 @@ from support.media import render
 from support.statistics import image_z_test
 
 import wrt
+from wrt.linalg import weighted_sum
 from wrt.scene.scene import Shape
-from wrt.sums import weighted_sum
 from wrt.upload.lights.emission import mean_emissions
 from wrt.upload.lights.environment import LUMINANCE
 

@@ -96,7 +96,7 @@ def _client(address: str) -> Any:
     import atexit
     import logging
 
-    from wrt.distributed.clients import client_of
+    from wrt.distributed.dask_cluster import client_of
 
     client = client_of(address)
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of what Dask logs, wrt's own error names the cause

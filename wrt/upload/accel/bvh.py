@@ -242,7 +242,7 @@ def refit_bvh(built: BuiltBvh, points: Any, indices: Any, device: Device) -> Non
 
 
 def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> Any:
-    """Return the nodes of a tree over boxes, as `kernels/accel/instances.py` reads it: leaf n is −1 − n.
+    """Return the nodes of a tree over boxes, as `kernels/accel/intersect.py` reads it: leaf n is −1 − n.
 
     Args:
         lower: (N, 3) float32 lower corners, at least one.

@@ -1,4 +1,4 @@
-"""Build two-level trees on a device: the host side of `kernels/accel/instances.py`."""
+"""Build two-level trees on a device: the host side of `kernels/core/ray_tree.py`."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ OFFSET, LEAST = 0.5, 0.1
 
 @dataclass(frozen=True)
 class EnvironmentTables:
-    """The tables that kernels/lights/environment_sampling.py reads.
+    """The tables that kernels/lights/environment.py reads.
 
     Attributes:
         cells: (normals + 1, ROWS + ROWS COLUMNS) uint16 tile of cells for each normal; the last is for receivers

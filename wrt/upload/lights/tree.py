@@ -2,7 +2,7 @@
 
 A binary tree is split level by level, all open nodes at once, with a binned cost (Conty Estevez and Kulla, "Importance
 Sampling of Many Lights with Adaptive Tree Splitting", 2018). It is then collapsed to nodes of eight children, which
-`kernels/lights/tree.py` evaluates together.
+`kernels/lights/choice.py` evaluates together.
 """
 
 from __future__ import annotations
