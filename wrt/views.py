@@ -123,12 +123,10 @@ class _Views:
     """Renders views by a few renderers of one scene on one device, each in a thread of its own."""
 
     def __init__(self, renderer: Renderer, limits: dict[str, Any], denoise: bool) -> None:
-        from wrt.rendering.sharing import sharing
-
         self._device, self._limits, self._denoise = renderer.device, limits, denoise
         # Bodies around the camera belong to the built scene, which all share; a GPU has no threads that could idle.
         alone = renderer.built_features.bodies or not renderer.device.is_cpu
-        self._idle = [renderer, *(sharing(renderer) for _ in range(0 if alone else TOGETHER - 1))]
+        self._idle = [renderer, *(renderer.sharing() for _ in range(0 if alone else TOGETHER - 1))]
         self._count, self._seconds_of_view = 0, 0.0
         self._together = len(self._idle)
         self._setting = threading.Lock()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
-from wrt.scene.lights import FALLOFFS
+from wrt.scene.lights.punctual import FALLOFFS
 
 from .picture import Picture
 

@@ -19,7 +19,6 @@ from wrt.distributed.dask_cluster import DaskCluster, client_of
 from wrt.distributed.processes import devices_of
 from wrt.distributed.spread import Pass, windows_of_pass
 from wrt.parts import render
-from wrt.rendering.sharing import sharing
 
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
@@ -49,7 +48,7 @@ def client():
         distributed.Client(cluster) as client,
     ):
         yield client
-    gc.collect()  # Dask's tasks log when they are deleted, and in Python 3.11 no parser may run meanwhile
+    gc.collect()  # Dask's tasks log when they are deleted, and in Python 3.11 no parser may run at that time
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +58,7 @@ def one():
 
 @pytest.fixture
 def after_window(monkeypatch):
-    """Return a function that lets another be called with the number of windows, each time that the film gets one."""
+    """Return a function that installs a callback, which gets the number of windows whenever the film gets one."""
 
     def install(react):
         keep, numbers = Pass.keep, itertools.count(1)
@@ -82,11 +81,11 @@ def kill(processes):
 @pytest.mark.parametrize("workers", [0, 3, 1000])
 @pytest.mark.parametrize("seconds", [0.0, 1e-9, 1e-3, 10.0])
 def test_windows_cover_a_pass_once_and_shrink(workers, seconds):
-    seen, heights = np.zeros((100, 64), int), []
+    covered, heights = np.zeros((100, 64), int), []
     for x0, y0, x1, y1 in windows_of_pass((3, 5, 67, 105), lambda: workers, lambda: seconds):
-        seen[y0 - 5 : y1 - 5, x0 - 3 : x1 - 3] += 1
+        covered[y0 - 5 : y1 - 5, x0 - 3 : x1 - 3] += 1
         heights.append(y1 - y0)
-    assert (seen == 1).all()
+    assert (covered == 1).all()
     assert heights[-1] <= heights[0]
     if workers == 3 and seconds == 0.0:
         assert (heights[0], heights[-1]) == (100 // 6, 1)
@@ -97,11 +96,11 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
     film_of(renderer, 3)
     renderer.save_checkpoint(tmp_path / "a.ckpt")
     film_of(one, 9)
-    again = spread(client)
-    again.load_checkpoint(tmp_path / "a.ckpt")
+    resumed = spread(client)
+    resumed.load_checkpoint(tmp_path / "a.ckpt")
     single = wrt.Renderer.resume(tmp_path / "a.ckpt", block_scene())
-    for other in (renderer, again, single):
-        assert_same_arrays(film_of(other, 9), one.film.state())
+    for each in (renderer, resumed, single):
+        assert_same_arrays(film_of(each, 9), one.film.state())
     assert renderer.rays == one.rays
     assert renderer.noise() == one.noise()
 
@@ -109,7 +108,7 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
 @pytest.mark.slow
 @pytest.mark.parametrize("adaptive", [True, "unbiased"])
 def test_a_target_of_noise(client, adaptive, tmp_path):
-    """Samples at which it ends, and tiles that stop before, follow from the film, or from that of the pilot."""
+    """The samples at which it ends, and the tiles that stop before, follow from the film, or from the pilot's film."""
     limits = {"noise": 0.08, "adaptive": adaptive}
     single = finish(wrt.Renderer(block_scene(), **SIZE), **limits)
     picture = wrt.distributed.render(block_scene(), client=client, **SIZE, **limits)
@@ -118,16 +117,16 @@ def test_a_target_of_noise(client, adaptive, tmp_path):
     renderer = spread(client)
     next(iter(renderer.passes(**limits, pass_seconds=1e-3)))
     renderer.save_checkpoint(tmp_path / "a.ckpt")
-    again = spread(client)
-    again.load_checkpoint(tmp_path / "a.ckpt")
-    assert_same_arrays(film_of(again, **limits), single.film.state())
+    resumed = spread(client)
+    resumed.load_checkpoint(tmp_path / "a.ckpt")
+    assert_same_arrays(film_of(resumed, **limits), single.film.state())
     if adaptive == "unbiased":
-        assert_same_arrays(again._pilot.film.state(), single._pilot.film.state())
-        assert again._pilot.film.counts.any()
+        assert_same_arrays(resumed.pilot.film.state(), single.pilot.film.state())
+        assert resumed.pilot.film.counts.any()
 
 
 def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, monkeypatch):
-    """Every two seconds a client's own copy of what the scheduler knows is replaced by one without workers."""
+    """Every two seconds a client replaces its copy of the scheduler's state by one without workers."""
     sync = client.sync
 
     def sync_and_renew(*arguments, **options):
@@ -140,7 +139,7 @@ def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, mon
 
 
 def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
-    """It would make other bits; what it has made is rendered again."""
+    """It would make other bits; its windows are rendered again."""
     strange = sorted(client.scheduler_info()["workers"])[0]
     arithmetic_of = arithmetic.arithmetic_of
 
@@ -154,7 +153,7 @@ def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
     warning = rf"^worker {strange} renders nothing, these differ: processor \(z80"
     with pytest.warns(wrt.errors.InputWarning, match=warning):
         found = film_of(renderer, 9)
-    assert_same_arrays(found, film_of(sharing(one), 9))
+    assert_same_arrays(found, film_of(one.sharing(), 9))
     assert set(renderer.spread.crew.refused) == {strange}
     monkeypatch.setattr("wrt._version.__version__", "0.0.1")  # of both workers, since they are here
     with (
@@ -179,7 +178,7 @@ def test_errors_are_one_line(client, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_processes_of_several_devices_render_one_picture(one, monkeypatch, after_window):
-    """Two processes, each with a core here, the first of which is killed."""
+    """Two processes, each with a core here; the first is killed."""
     processes = wrt.distributed.Processes(["cpu", "cpu"])
     windows = []
 
@@ -192,7 +191,7 @@ def test_processes_of_several_devices_render_one_picture(one, monkeypatch, after
         renderer = spread(processes, threads=1)
         after_window(react)
         monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.0)
-        assert_same_arrays(film_of(renderer, 3, 9), film_of(sharing(one), 3, 9))
+        assert_same_arrays(film_of(renderer, 3, 9), film_of(one.sharing(), 3, 9))
         assert len(windows) > 9
         assert processes.addresses() == ["1:cpu"]
     finally:
@@ -235,7 +234,7 @@ def test_a_lost_scheduler_leaves_the_film(lost_scheduler, one, tmp_path):
     assert 0 < renderer.film.counts.max() < 64
     renderer.save_checkpoint(tmp_path / "a.ckpt")
     resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", block_scene())
-    assert_same_arrays(film_of(resumed, 64), film_of(sharing(one), 64))
+    assert_same_arrays(film_of(resumed, 64), film_of(one.sharing(), 64))
 
 
 def test_the_command_line_saves_what_there_is_when_the_scheduler_is_lost(lost_scheduler, tmp_path, monkeypatch, capsys):
@@ -292,12 +291,12 @@ def test_a_person_is_told_that_there_is_no_worker(monkeypatch):
 
 @pytest.mark.slow
 def test_workers_die_come_late_and_stop(monkeypatch, after_window):
-    """In processes of their own: one is killed, one is added, one is stopped by a signal and wakes up at the end."""
+    """Processes: one is killed, one is added, one is stopped by a signal and continues at the end."""
     size = {**SIZE, "width": 48, "height": 36}
     expected = film_of(wrt.Renderer(block_scene(), **size), 96)
     how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}
     with (
-        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs is there to the end
+        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs stays to the end
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, **how) as cluster,
         distributed.Client(cluster) as client,
     ):

@@ -35,7 +35,7 @@ SIZES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """A film: how its scene is made, and what the renderer is told."""
+    """A film: its scene, and the options of the renderer."""
 
     make: Callable[[], wrt.Scene]
     options: dict[str, Any] = field(default_factory=dict)
@@ -131,7 +131,7 @@ def rendered(case: Case) -> wrt.Renderer:
 
 
 def wide_film(case: Case, lanes: int) -> str | None:
-    """Render a case by the kernel of so many lanes, and return the film's digest; None where there is none."""
+    """Render a case by the wide kernel of some lanes, and return the film's digest; None if there is no such kernel."""
     renderer = case.renderer()
     if renderer.integrator not in ("path", "volpath"):
         return None

@@ -64,8 +64,8 @@ class Chosen(NamedTuple):
 
     def share(self, material: wrt.Material | None) -> float:
         """Return how often a material answers, by identity; None for how often nothing does."""
-        wanted = PASSED_THROUGH if material is None else [m is material for m in self.materials].index(True)
-        return float((self.numbers == wanted).mean())
+        number = PASSED_THROUGH if material is None else [m is material for m in self.materials].index(True)
+        return float((self.numbers == number).mean())
 
 
 class Hit:

@@ -12,7 +12,7 @@ from wrt.errors import InputError
 from wrt.io.gltf.reader import NO_ANIMATION
 from wrt.io.load_mesh import animation_of, load_file
 from wrt.io.safe_read import PathLike
-from wrt.studio.reach import Reach, reach_of
+from wrt.studio.subjects import Reach, reach_of
 
 TIMES = 12
 """Times, from the first keyframe to the last, at which it is looked where the shapes are."""

@@ -33,8 +33,7 @@ def schema(options: argparse.Namespace) -> int:
 
 def materials(options: argparse.Namespace) -> int:
     """List the materials or the names of optical constants, or describe a material."""
-    from wrt.describe.materials import explain_material, list_materials
-    from wrt.describe.presets import list_presets
+    from wrt.describe.materials import explain_material, list_materials, list_presets
     from wrt.errors import InputError
 
     if options.presets:

@@ -18,7 +18,7 @@ LARGE = 1 << 22
 NOT_NEEDED = ("scipy", "networkx")
 """Optional imports of trimesh that wrt does not use; they take 0.4 s and 40 MB."""
 
-RENDERING = ("wrt.rendering.renderer", "wrt.scene.large_mesh_normals")
+RENDERING = ("wrt.rendering.renderer",)
 """Modules for rendering a large mesh."""
 
 KERNELS = (
@@ -26,7 +26,6 @@ KERNELS = (
     "wrt.kernels.render",
     "wrt.kernels.accel.build.collapse",
     "wrt.kernels.accel.build.presplit",
-    "wrt.kernels.geometry.vertex_normals",
 )
 """Kernel modules for rendering a large mesh."""
 

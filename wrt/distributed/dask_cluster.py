@@ -95,6 +95,7 @@ class DaskCluster:
 
     def __init__(self, client: Any) -> None:
         """Use the workers of a client."""
+        self.devices: dict[str, str] = {}
         self._client = client
         self._addresses: list[str] = []
 
@@ -144,10 +145,6 @@ class DaskCluster:
         if futures:
             with contextlib.suppress(OSError), self._connected():  # without a scheduler they end, too
                 self._client.cancel(list(futures))
-
-    def device_of(self, address: str) -> str | None:
-        """Return None: all workers have the device that the renderer names."""
-        return None
 
     def dumps(self, value: object, buffer_callback: Callable[[Any], object]) -> bytes:
         """Pickle a value, with classes of the main program."""

@@ -29,7 +29,7 @@ _rendering = threading.Lock()
 
 @dataclass(frozen=True)
 class Job:
-    """What all windows of a picture need.
+    """The values that all windows of a picture share.
 
     Attributes:
         digest: a digest of the scene without its camera, and of the picture's options.
@@ -74,7 +74,7 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
     """Build a scene, unless it is built already; called on a worker.
 
     Args:
-        job: what all windows need.
+        job: the values that all windows share.
         packed: the scene by `wrt.distributed.cluster.pack`; None to ask whether it is built.
     """
     from wrt._version import __version__
@@ -96,7 +96,7 @@ def render_window(
     """Bring the pixels of a window to `spp` samples each; called on a worker, which renders one window at a time.
 
     Args:
-        job: what all windows need.
+        job: the values that all windows share.
         window: the window, in pixels of the whole picture.
         state: arrays of a film for its pixels, to go on from.
         spp: samples per pixel in the end.

@@ -25,7 +25,7 @@ RUNS_LONG = "wrt.coat.", "wrt.missing"
 
 
 class EmulatedBackend(Backend):
-    """The backend, with one GPU whose memory is that of the CPU; it counts `launches` by names of kernels."""
+    """The backend, with one GPU that shares the memory of the CPU; it counts `launches` by names of kernels."""
 
     def __init__(self, arch: int = ARCH, *, optimization: int = 1) -> None:
         """Make a GPU; modules compile in a third of the time without `optimization`."""

@@ -82,7 +82,7 @@ def _entry(
     functions: Mapping[str, Entry],
     unknown: list[str],
 ) -> Iterator[str]:
-    """Yield a function, or that of a thread of a kernel and the one that runs many; add to `unknown`."""
+    """Yield a function, or for a kernel the functions of one thread and of many; add to `unknown`."""
     name = name_of(entry.name)
     parameters = {name: f"(u64)P[{i}]" for i, name in enumerate(entry.parameters)}
     operands = Operands({**addresses, **parameters, **dict.fromkeys(entry.results, "(u64)R")})

@@ -1,20 +1,26 @@
-"""Triangles of the surface where a grid of signed distances, interpolated trilinearly, is zero."""
+"""Read the shape `sdfgrid`: triangles of the surface where a grid of signed distances, interpolated, is zero."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.io.mitsuba.plugin import Plugin
+from wrt.io.volume.read import read_volume
 from wrt.linalg import product
 from wrt.scene.mesh import Mesh
 
 Array = NDArray[np.float64]
 
 MOST_CELLS = 2_000_000
-"""Most parts of cells that are looked at."""
+"""Most parts of cells that are examined."""
+
+_PARTS = 4
+"""Parts of a cell along each axis; fewer for large grids."""
 
 _NEWTON = 3
 """Steps by which vertices are moved onto the surface."""
@@ -24,6 +30,28 @@ _LEAST_GRADIENT = 1e-12
 # The six tetrahedra of a cube around its diagonal from (0, 0, 0) to (1, 1, 1): Kuhn's subdivision, which meets that of
 # neighbouring cubes at the faces. Corner k is at bits 0, 1 and 2 of k along x, y and z.
 _TETRAHEDRA = np.array([[0, 1 << a, (1 << a) | (1 << b), 7] for a, b, _ in itertools.permutations(range(3))])
+
+# Corner k of a cell, by x, y and z.
+_CORNERS = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
+
+
+def read_sdfgrid(plugin: Plugin) -> Mesh:
+    """Return the surface of an `sdfgrid` in its unit cube.
+
+    Raises:
+        InputError: when its file cannot be read, or has no surface.
+    """
+    path = plugin.file()
+    smooth = plugin.choice("normals", "smooth", "smooth", "analytic") == "smooth"
+    plugin.ignore("watertight")
+    with plugin.locating():
+        values = read_volume(path).values
+        if values.ndim != 3:
+            raise InputError(f"{path.name}: has {values.shape[3]} channels, and distances have one")
+        # A surface crosses about as many cells as three sides of the cube have.
+        crossed = 6 * max(values.shape) ** 2
+        parts = max(1, min(_PARTS, int((MOST_CELLS / crossed) ** (1.0 / 3.0))))
+        return isosurface(values.astype(float), parts, smooth=smooth)
 
 
 def isosurface(values: Array, parts: int, *, smooth: bool) -> Mesh:
@@ -41,7 +69,8 @@ def isosurface(values: Array, parts: int, *, smooth: bool) -> Mesh:
     if min(values.shape) < 2:
         raise InputError("a grid of distances needs two values at least along each axis")
     cells = np.array(values.shape[::-1]) - 1
-    corners = _crossed_cells(values)
+    windows = np.lib.stride_tricks.sliding_window_view(values, (2, 2, 2)).reshape(*np.array(values.shape) - 1, 8)
+    corners = np.argwhere((windows.min(axis=-1) < 0.0) & (windows.max(axis=-1) >= 0.0))[:, ::-1]
     if not len(corners):
         raise InputError("the distances of a grid have one sign, so that there is no surface")
     if len(corners) * parts**3 > MOST_CELLS:
@@ -49,12 +78,12 @@ def isosurface(values: Array, parts: int, *, smooth: bool) -> Mesh:
     # Lattice points of the finer grid, as integers, so that neighbours share their vertices.
     offsets = np.stack(np.meshgrid(*[np.arange(parts)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     fine = (corners[:, None] * parts + offsets).reshape(-1, 3)
-    bits = np.stack([(np.arange(8) >> k) & 1 for k in range(3)], axis=-1)
-    lattice = fine[:, None] + bits
+    lattice = fine[:, None] + _CORNERS
     at = _interpolated(values, lattice.reshape(-1, 3) / parts).reshape(-1, 8)
     crossed = (at.min(axis=1) < 0.0) & (at.max(axis=1) >= 0.0)
-    keys = _keys(lattice[crossed], cells * parts + 1)
-    points, faces = _march(keys, at[crossed], lattice[crossed] / parts)
+    width, height, _ = cells * parts + 1
+    x, y, z = np.moveaxis(lattice[crossed], -1, 0)
+    points, faces = _march((z * height + y) * width + x, at[crossed], lattice[crossed] / parts)
     for _ in range(_NEWTON):
         gradient = _gradient(values, points)
         slope = np.maximum((gradient**2).sum(axis=1, keepdims=True), _LEAST_GRADIENT)
@@ -66,24 +95,6 @@ def isosurface(values: Array, parts: int, *, smooth: bool) -> Mesh:
         normals = _smooth_gradient(values, points) * cells
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _LEAST_GRADIENT)
     return Mesh(points / cells, faces, normals, name="sdfgrid")
-
-
-def _crossed_cells(values: Array) -> NDArray[np.int64]:
-    """Return (N, 3) the x, y and z of cells with corners of both signs."""
-    low, high = values, values
-    for axis in range(3):
-        size = values.shape[axis]
-        ends = [np.take(low, range(size - 1), axis), np.take(low, range(1, size), axis)]
-        low, high = (
-            np.minimum(*ends),
-            np.maximum(np.take(high, range(size - 1), axis), np.take(high, range(1, size), axis)),
-        )
-    return np.argwhere((low < 0.0) & (high >= 0.0))[:, ::-1]
-
-
-def _keys(lattice: NDArray[np.int64], size: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return one number for each lattice point."""
-    return np.asarray((lattice[..., 2] * size[1] + lattice[..., 1]) * size[0] + lattice[..., 0])
 
 
 def _march(keys: NDArray[np.int64], at: Array, places: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -106,9 +117,7 @@ def _march(keys: NDArray[np.int64], at: Array, places: Array) -> tuple[Array, ND
             chosen = np.flatnonzero(pattern == code)
             if not len(chosen):
                 continue
-            within = [k for k in range(4) if code >> k & 1]
-            without = [k for k in range(4) if not code >> k & 1]
-            cut = [(a, b) for a in within for b in without]
+            cut = [(a, b) for a in range(4) if code >> a & 1 for b in range(4) if not code >> b & 1]
             if len(cut) == 4:  # in the order around the quadrilateral
                 cut = [cut[0], cut[1], cut[3], cut[2]]
             for a, b in cut:
@@ -139,54 +148,47 @@ def _facing(points: Array, faces: NDArray[np.int64], gradient: Array) -> NDArray
 # --- Trilinear interpolation -----------------------------------------------------------------------
 
 
-def _cell_of(values: Array, points: Array) -> tuple[NDArray[np.int64], Array]:
-    cells = np.array(values.shape[::-1]) - 1
-    cell = np.clip(np.floor(points).astype(np.int64), 0, cells - 1)
-    return cell, points - cell
+def _cell_of(values: Array, points: Array) -> NDArray[np.int64]:
+    """Return the cells around points, (N, 3)."""
+    return np.clip(np.floor(points).astype(np.int64), 0, np.array(values.shape[::-1]) - 2)
 
 
-def _corner(values: Array, cell: NDArray[np.int64], k: int) -> Array:
-    x, y, z = (cell[:, axis] + (k >> axis & 1) for axis in range(3))
-    return np.asarray(values[z, y, x], np.float64)
+def _weighted_corners(values: Array, points: Array, cell: NDArray[np.int64]) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield for each corner of cells its bits (3,), its values (N,), and its weights along x, y and z at points."""
+    share = points - cell
+    for corner in _CORNERS:
+        x, y, z = (cell + corner).T
+        yield corner, np.asarray(values[z, y, x], np.float64), np.where(corner, share, 1.0 - share).T
 
 
 def _interpolated(values: Array, points: Array) -> Array:
     """Return values at points, whose unit is a cell."""
-    cell, share = _cell_of(values, points)
     total = np.zeros(len(points))
-    for k in range(8):
-        weights = [share[:, axis] if k >> axis & 1 else 1.0 - share[:, axis] for axis in range(3)]
-        total += _corner(values, cell, k) * weights[0] * weights[1] * weights[2]
+    for _, value, (x, y, z) in _weighted_corners(values, points, _cell_of(values, points)):
+        total += value * x * y * z
     return total
 
 
 def _gradient(values: Array, points: Array, cell: NDArray[np.int64] | None = None) -> Array:
-    """Return (N, 3) gradients per cell at points, of the cell around each or of another, continued."""
-    if cell is None:
-        cell, share = _cell_of(values, points)
-    else:
-        share = points - cell
+    """Return (N, 3) gradients per cell at points, of the cell around each or of another cell, continued."""
     result = np.zeros((len(points), 3))
-    for k in range(8):
-        corner = _corner(values, cell, k)
-        weights = [share[:, axis] if k >> axis & 1 else 1.0 - share[:, axis] for axis in range(3)]
-        for axis in range(3):
-            others = [weights[other] for other in range(3) if other != axis]
-            result[:, axis] += corner * (1.0 if k >> axis & 1 else -1.0) * others[0] * others[1]
+    for corner, value, (x, y, z) in _weighted_corners(
+        values, points, _cell_of(values, points) if cell is None else cell
+    ):
+        for axis, (first, second) in enumerate(((y, z), (x, z), (x, y))):
+            result[:, axis] += value * (1.0 if corner[axis] else -1.0) * first * second
     return result
 
 
 def _smooth_gradient(values: Array, points: Array) -> Array:
     """Return the gradients of the cells around the nearest corner of each point, interpolated between their centres."""
-    cells = np.array(values.shape[::-1]) - 1
     first = np.floor(points - 0.5).astype(np.int64)
     share = points - 0.5 - first
     result = np.zeros((len(points), 3))
-    for k in range(8):
-        corner = np.array([k >> axis & 1 for axis in range(3)])
-        cell = np.clip(first + corner, 0, cells - 1).astype(np.int64)
-        weights = [share[:, axis] if k >> axis & 1 else 1.0 - share[:, axis] for axis in range(3)]
+    for corner in _CORNERS:
+        cell = np.clip(first + corner, 0, np.array(values.shape[::-1]) - 2)
+        x, y, z = np.where(corner, share, 1.0 - share).T
         gradient = _gradient(values, points, cell)
         gradient /= np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), _LEAST_GRADIENT)
-        result += gradient * (weights[0] * weights[1] * weights[2])[:, None]
+        result += gradient * (x * y * z)[:, None]
     return result

@@ -1,16 +1,42 @@
-"""Metals, semiconductors and crystals by the names of Mitsuba's conductors.
+"""Refractive indices of dielectrics and conductors, by Mitsuba's names.
 
-The indices are those of Mitsuba's RGB variants, to four digits, so that its scenes look the same. They come from
-measured spectra (Palik, "Handbook of Optical Constants of Solids", and others) by converting η(λ) and k(λ) to RGB as if
-they were light, ∫ η r dλ / ∫ y dλ, which makes a constant spectrum a little red. `wrt.scene.materials.presets` has
-other spectra, weighted to give the right reflectance.
+They are Mitsuba's own values, so that its scenes look the same. `wrt.scene.materials.presets` has other spectra of
+metals, weighted to give the right reflectance.
 """
 
 from __future__ import annotations
 
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
+from wrt.io.mitsuba.plugin import Plugin
 from wrt.scene.materials.presets import metal_ior
 from wrt.values import Vec3
+
+INDICES = {
+    "vacuum": 1.0,
+    "helium": 1.000036,
+    "hydrogen": 1.000132,
+    "air": 1.000277,
+    "carbon dioxide": 1.00045,
+    "water": 1.3330,
+    "acetone": 1.36,
+    "ethanol": 1.361,
+    "carbon tetrachloride": 1.461,
+    "glycerol": 1.4729,
+    "benzene": 1.501,
+    "silicone oil": 1.52045,
+    "bromine": 1.661,
+    "water ice": 1.31,
+    "fused quartz": 1.458,
+    "pyrex": 1.470,
+    "acrylic glass": 1.49,
+    "polypropylene": 1.49,
+    "bk7": 1.5046,
+    "sodium chloride": 1.544,
+    "amber": 1.55,
+    "pet": 1.5750,
+    "diamond": 2.419,
+}
+"""At 589.3 nm, gases at 0 °C and 1 atm, liquids at 20 °C."""
 
 METALS: dict[str, tuple[Vec3, Vec3]] = {
     "ag": ((0.1553, 0.1167, 0.1384), (4.828, 3.122, 2.147)),
@@ -54,7 +80,25 @@ METALS: dict[str, tuple[Vec3, Vec3]] = {
     "a-c": ((2.944, 2.227, 1.968), (0.8875, 0.7993, 0.8153)),
     "d-c": ((2.709, 2.319, 2.229), (0.0, 0.0, 0.0)),
 }
-"""η and k per channel. AlSb is missing: both are 0 in red, so it has no reflectance there."""
+"""η and k per channel, those of Mitsuba's RGB variants to four digits.
+
+They come from measured spectra (Palik, "Handbook of Optical Constants of Solids", and others) by converting η(λ) and
+k(λ) to RGB as if they were light, ∫ η r dλ / ∫ y dλ, which makes a constant spectrum a little red. AlSb is missing:
+both are 0 in red, so it has no reflectance there.
+"""
+
+
+def refractive_index(plugin: Plugin, name: str, default: str) -> float:
+    """Return a refractive index, given as a number above 0 or as one of the names in INDICES."""
+    element = plugin.value(name, "float", "string")
+    if element is None:
+        return INDICES[default]
+    if element.tag == "float":
+        return plugin.number(name, 1.0, positive=True)
+    key = element.get("value").strip().lower()
+    if key not in INDICES:
+        raise element.error(f"{plugin.label}: {name}: {key!r} is not known{did_you_mean(key, INDICES)}")
+    return INDICES[key]
 
 
 def named_conductor(name: str) -> tuple[Vec3, Vec3] | None:
@@ -65,9 +109,9 @@ def named_conductor(name: str) -> tuple[Vec3, Vec3] | None:
     """
     key = name.strip().lower()
     symbol = key.partition("_")[0]
-    for known in (key, symbol, f"{symbol}_palik"):
-        if known in METALS:
-            return METALS[known]
+    for known_name in (key, symbol, f"{symbol}_palik"):
+        if known_name in METALS:
+            return METALS[known_name]
     try:
         return metal_ior(symbol)
     except InputError:

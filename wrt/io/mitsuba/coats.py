@@ -69,19 +69,22 @@ def diffuse_fresnel(eta: float) -> float:
     """Return the share of diffuse light that a smooth dielectric of a relative refractive index above 1 reflects."""
     node, weight = gauss_legendre(64)
     mu = 0.5 * (node + 1.0)
-    inside = np.sqrt(np.maximum(1.0 - (1.0 - mu**2) / eta**2, 0.0))
-    across, along = (mu - eta * inside) / (mu + eta * inside), (eta * mu - inside) / (eta * mu + inside)
-    return float(product(weight, 0.5 * (across**2 + along**2) * mu))
+    return float(product(weight, _fresnel(mu, eta)[0] * mu))
+
+
+def _fresnel(cosine: Array, eta: float) -> tuple[Array, Array]:
+    """Return the reflectance of a smooth dielectric for unpolarised light, and the cosine of the refracted ray."""
+    cos_t2 = 1.0 - (1.0 - cosine**2) / eta**2
+    cos_t = np.sqrt(np.maximum(cos_t2, 0.0))
+    across, along = (cosine - eta * cos_t) / (cosine + eta * cos_t), (eta * cosine - cos_t) / (eta * cosine + cos_t)
+    return np.where(cos_t2 > 0.0, 0.5 * (across**2 + along**2), 1.0), cos_t
 
 
 @functools.lru_cache(maxsize=256)
 def internal_reflectances(distribution: str, alpha: float, eta: float) -> tuple[float, float]:
-    """Return the internal diffuse reflectance of a coat, in wrt and in Mitsuba.
+    """Return the internal diffuse reflectance of a coat of relative refractive index `eta`, in wrt and in Mitsuba.
 
-    Args:
-        distribution: "ggx", with Smith's separable masking, or "beckmann", with Walter's fit of it.
-        alpha: roughness.
-        eta: refractive index of the coat relative to the outside.
+    The distributions are "ggx", with Smith's separable masking, and "beckmann", with Walter's fit of it.
     """
     nodes = np.maximum(np.linspace(0.0, 1.0, _NODES), 1e-6)
     theirs = 2.0 * float(np.mean(_shares(distribution, alpha, 1.0 / eta, nodes)[0] * nodes))
@@ -103,13 +106,10 @@ def _shares(distribution: str, alpha: float, eta: float, cosines: Array) -> tupl
     m_x = np.sqrt(tan2) * m_z * np.cos(phi)
     mu = cosines[:, None]
     cos_m = np.sqrt(1.0 - mu**2) * m_x + mu * m_z
-    seen = cos_m > 0.0
-    weight = np.where(seen, 2.0 * t * cos_m / (mu * m_z), 0.0) * _g1(distribution, alpha, mu)
-    cos_m = np.where(seen, cos_m, 1.0)
-    cos_t2 = 1.0 - (1.0 - cos_m**2) / eta**2
-    cos_t = np.sqrt(np.maximum(cos_t2, 0.0))
-    across, along = (cos_m - eta * cos_t) / (cos_m + eta * cos_t), (eta * cos_m - cos_t) / (eta * cos_m + cos_t)
-    fresnel = np.where(cos_t2 > 0.0, 0.5 * (across**2 + along**2), 1.0)
+    is_visible = cos_m > 0.0
+    weight = np.where(is_visible, 2.0 * t * cos_m / (mu * m_z), 0.0) * _g1(distribution, alpha, mu)
+    cos_m = np.where(is_visible, cos_m, 1.0)
+    fresnel, cos_t = _fresnel(cos_m, eta)
     mirrored = 2.0 * cos_m * m_z - mu
     bent = m_z * (cos_m / eta - cos_t) - mu / eta
     reflected = np.where(mirrored > 0.0, weight * fresnel * _g1(distribution, alpha, np.abs(mirrored)), 0.0)

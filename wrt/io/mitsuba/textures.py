@@ -1,4 +1,4 @@
-"""Read Mitsuba's textures: images, checkerboards and vertex colours.
+"""Read Mitsuba's textures: images, checkerboards, vertex colours, bump and normal maps.
 
 The first row of an image is at v = 0 in Mitsuba, at v = 1 in wrt. Images are flipped and texture coordinates kept, so
 that coordinate transforms and directions along v keep their meaning.
@@ -9,17 +9,18 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
 from wrt.io.images import read_image
+from wrt.io.measured.measurement import load_measurement
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.spectra import COLOR_TAGS, color_of
 from wrt.linalg import norm, weighted_sum
-from wrt.scene.medium import DensityGrid
-from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
+from wrt.scene.materials.measured import Measurement
+from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 from wrt.values import Vec3, sealed, vec3
 
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169]) / (0.212671 + 0.715160 + 0.072169)
@@ -28,20 +29,15 @@ height; their sum is 1."""
 
 
 class Textures:
-    """The textures of a scene; one element always gives the same object, and a file is read once.
-
-    Attributes:
-        densities: the densities of media, by the ids of their elements.
-    """
+    """The textures of a scene; one element always gives the same object, and a file is read once."""
 
     def __init__(self) -> None:
-        self.densities: dict[int, DensityGrid] = {}
-        self.continuations: dict[tuple[int, ...], DensityGrid] = {}
         self._pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
-        self._made: dict[tuple[int, str], ColorSource] = {}
+        self._measurements: dict[Path, Measurement] = {}
+        self._textures: dict[tuple[int, str], ColorSource] = {}
 
     def color(
-        self, plugin: Plugin, name: str, default: float | Vec3, *, shines: bool = False, most: float = 1.0
+        self, plugin: Plugin, name: str, default: float | Vec3, *, emits: bool = False, most: float = 1.0
     ) -> ColorSource:
         """Return a colour that may vary over the surface.
 
@@ -49,7 +45,7 @@ class Textures:
             plugin: the object with the parameter.
             name: name of the parameter.
             default: value if it is not given.
-            shines: whether it is emitted light.
+            emits: whether it is emitted light.
             most: larger constants are clipped to this, with a warning.
         """
         texture = plugin.named(name)
@@ -58,7 +54,7 @@ class Textures:
         element = plugin.value(name, *COLOR_TAGS)
         if element is None:
             return default
-        color = color_of(element, plugin.document, shines=shines)
+        color = color_of(element, plugin.document, emits=emits)
         if min(color) < 0.0:
             raise element.error(f"{plugin.label}: {name!r} must not be negative")
         if max(color) > most:
@@ -68,9 +64,9 @@ class Textures:
             return vec3(np.minimum(color, most))
         return color
 
-    def constant(self, plugin: Plugin, name: str, default: float | Vec3, *, shines: bool = False) -> Vec3:
+    def constant(self, plugin: Plugin, name: str, default: float | Vec3, *, emits: bool = False) -> Vec3:
         """Return a colour that cannot vary; a texture is replaced by its mean, with a warning."""
-        color = self.color(plugin, name, default, shines=shines, most=math.inf)
+        color = self.color(plugin, name, default, emits=emits, most=math.inf)
         if isinstance(color, (ImageTexture, VertexColor)):
             plugin.warn(f"{name!r} cannot vary here; its mean is used")
             mean = color.pixels.mean(axis=(0, 1)) * color.factor if isinstance(color, ImageTexture) else (0.5,) * 3
@@ -87,28 +83,60 @@ class Textures:
         element = plugin.value(name, *COLOR_TAGS)
         if element is None:
             return default
-        value = _luminance(color_of(element, plugin.document, shines=False))
+        value = _luminance(color_of(element, plugin.document, emits=False))
         if not least <= value <= most:
             plugin.document.warn(element, f"{plugin.label}: {name!r} is clipped to {least:g} up to {most:g}")
         return min(max(value, least), most)
 
-    def data(self, texture: Plugin) -> ImageTexture | None:
-        """Return an image of heights or normals, or None if the texture is not an image."""
-        made = self._texture(texture, "data")
-        return made if isinstance(made, ImageTexture) else None
+    def measurement(self, file: Path) -> Measurement:
+        """Return a measured reflectance."""
+        if file not in self._measurements:
+            self._measurements[file] = load_measurement(file)
+        return self._measurements[file]
+
+    def normals(self, plugin: Plugin) -> NormalMap | None:
+        """Return the map of a `normalmap` or `bumpmap`, or None if it cannot be used."""
+        texture = next(plugin.of_kind("texture"), None)
+        if texture is None:
+            raise plugin.error("has no texture")
+        image = self._texture(texture, "data")
+        if not isinstance(image, ImageTexture):
+            plugin.warn("only a bitmap can be a bump or normal map; left out")
+            return None
+        if not np.allclose(image.placement, np.eye(2, 3)):
+            plugin.warn("'to_uv' of a bump or normal map is left out")
+        flips, shadows = (plugin.boolean(name, True) for name in ("flip_invalid_normals", "use_shadowing_function"))
+        if flips != shadows:
+            plugin.warn("'flip_invalid_normals' and 'use_shadowing_function' must match; both are treated as true")
+        options: dict[str, Any] = {
+            "name": image.name,
+            "wrap": image.wrap,
+            "convention": "mitsuba" if flips or shadows else "right-handed",
+        }
+        if plugin.type == "normalmap":
+            pixels = np.clip(image.pixels, 0.0, 1.0)
+            below = pixels[..., 2:] < 0.5
+            if below.any():
+                plugin.warn("normals that point below the surface are clamped to it")
+                pixels = np.where(below, np.maximum(pixels, (0.0, 0.0, 0.5)), pixels).astype(np.float32)
+            return NormalMap(pixels, **options)
+        heights = weighted_sum(image.pixels, LUMINANCE)  # metres, times `scale`
+        most = max(float(heights.max()), 1.0)
+        pixels = np.repeat(np.minimum(heights / np.float32(most), np.float32(1.0))[..., None], 3, axis=2)
+        return NormalMap(pixels, plugin.number("scale", 1.0) * most, heights=True, **options)
 
     def _texture(self, texture: Plugin, use: str) -> ColorSource:
         """Return a texture as a "color", a "number" (its luminance), or "data" (its linear pixels)."""
         key = (id(texture.element), use)
-        if key not in self._made:
-            made = self._make(texture, use)
+        if key not in self._textures:
+            made = self._made(texture, use)
             if use == "number" and isinstance(made, ImageTexture):
                 grey = weighted_sum(made.pixels, LUMINANCE)
                 made = dataclasses.replace(made, pixels=np.repeat(grey[..., None], 3, axis=2))
-            self._made[key] = made
-        return self._made[key]
+            self._textures[key] = made
+        return self._textures[key]
 
-    def _make(self, texture: Plugin, use: str) -> ColorSource:
+    def _made(self, texture: Plugin, use: str) -> ColorSource:
         made: ColorSource
         if texture.type == "bitmap":
             made = self._bitmap(texture)
@@ -130,18 +158,15 @@ class Textures:
         raw = texture.boolean("raw", texture.number("gamma", 0.0) == 1.0)
         texture.ignore("format", "accel")
         if (file, raw) not in self._pixels:
-            try:
+            with texture.locating():
                 pixels = read_image(file, linear=raw)
-            except InputError as error:
-                raise texture.error(str(error)) from None
             if not np.isfinite(pixels).all() or (pixels < 0.0).any():
                 texture.warn(f"{file.name} has negative or non-finite values; they are set to 0")
                 pixels = np.maximum(np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
             self._pixels[file, raw] = sealed(np.ascontiguousarray(pixels[::-1]))
         wrap = texture.choice("wrap_mode", "repeat", "repeat", "mirror", "clamp")
-        kind = texture.choice(
-            "filter_type", "bilinear", "bilinear", "nearest", "trilinear", "ewa"
-        )  # two of version 0.6
+        # Two filters are of version 0.6.
+        kind = texture.choice("filter_type", "bilinear", "bilinear", "nearest", "trilinear", "ewa")
         kind = "trilinear" if kind == "ewa" else kind
         return _placed(texture, ImageTexture(self._pixels[file, raw], file.name, wrap=wrap, filter=kind))
 
@@ -158,7 +183,7 @@ class Textures:
 
 
 def _luminance(color: Vec3) -> float:
-    """Return the luminance of a colour; that of a grey is its value, without an error of rounding."""
+    """Return the luminance of a colour; a grey's is its value, without a rounding error."""
     red, green, blue = color
     if red == green == blue:
         return float(red)
