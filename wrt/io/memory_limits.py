@@ -77,7 +77,7 @@ PATIENCE_PER_BYTE = 64
 
 @dataclass
 class _Load:
-    """What a load has read so far.
+    """The files and the memory of a load so far.
 
     Attributes:
         sizes: bytes of each file; a file counts once, even under different paths.
