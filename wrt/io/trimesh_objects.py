@@ -31,7 +31,7 @@ _LINEAR_FILES = ("glb", "gltf")
 """File types whose vertex colours are linear."""
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
-"""Normals count as computed by trimesh if at least a share of _MOSTLY is within _COMPUTED of those that wrt computes.
+"""Normals count as computed by trimesh if a share of at least _MOSTLY is within _COMPUTED of the normals of faces.
 Normals from files differ by 1e-8 or more, as they are rounded to single precision or to decimal digits."""
 
 _IN_PBR = ("baseColorTexture", "metallicRoughnessTexture", "metallicFactor", "roughnessFactor")
@@ -161,9 +161,9 @@ class _Reader:
             for number in np.unique(numbers).tolist()
         ]
 
-    def _colors(self, given: Any) -> NDArray[Any]:
+    def _colors(self, colors: Any) -> NDArray[Any]:
         """Return decoded colours; without alpha if they come from glTF, where only a material can enable it."""
-        colors = decoded(np.asarray(given), linear=self._linear)
+        colors = decoded(np.asarray(colors), linear=self._linear)
         return colors[:, :3] if self._linear else colors
 
     def _with_material(self, part: Part, material: Any) -> Part:

@@ -62,7 +62,8 @@ def cube() -> Mesh:
     """Return the cube from −1 to 1; each side has the whole unit square of texture coordinates, as in Mitsuba."""
     x, y, z = np.eye(3)
     st = np.array([(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
-    corners, triangles = [], []
+    corners: list[Matrix] = []
+    triangles: list[NDArray[np.int64]] = []
     # The normal of each side, and the directions of growing u and v.
     for normal, u, v in ((-y, z, x), (y, -x, -z), (x, y, -z), (z, y, x), (-x, y, z), (-z, -y, x)):
         corners.append(normal + st[:, :1] * u + st[:, 1:] * v)
