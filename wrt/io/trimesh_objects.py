@@ -163,8 +163,8 @@ class _Reader:
 
     def _colors(self, colors: Any) -> NDArray[Any]:
         """Return decoded colours; without alpha if they come from glTF, where only a material can enable it."""
-        colors = decoded(np.asarray(colors), linear=self._linear)
-        return colors[:, :3] if self._linear else colors
+        values = decoded(np.asarray(colors), linear=self._linear)
+        return values[:, :3] if self._linear else values
 
     def _with_material(self, part: Part, material: Any) -> Part:
         """Return a part with its material, and with the texture coordinates and colours that the material needs."""
