@@ -212,7 +212,7 @@ def _load_path(
     from wrt.io.load_mesh import load_file
 
     if stage.time is not None:
-        from wrt.animation.file_animation import reach_of_file
+        from wrt.animation.timeline import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
     scene = load_file(path, time=stage.time, alone=stage.time is None)

@@ -71,7 +71,7 @@ def _render(options: argparse.Namespace, interrupts: Interrupts, said: set[str])
     started = time.monotonic()
     animation = _prepare(options)
     files = animation.files
-    label = animation.output.name if animation.video else files.place.stem
+    label = animation.output.name if animation.video else files.location.stem
     with (
         ProgressBar(label, time_limit=options.time, wanted=not options.quiet) as bar,
         short_warnings(say := once(bar.message, said)),
@@ -87,7 +87,7 @@ def _render(options: argparse.Namespace, interrupts: Interrupts, said: set[str])
             if not files.complete:
                 files.remove()
                 raise
-            done = f"{files.done} of {len(files.numbers)} frames complete, in {files.place}"
+            done = f"{files.count_complete} of {len(files.numbers)} frames complete, in {files.location}"
             say(f"wrt: stopped: {done}; the same command with --resume continues")
             return interrupts.exit_status
         interrupts.disarm()
@@ -131,7 +131,7 @@ def _render_missing(
         if begun and number in files.complete:
             continue
         bar.relabel(
-            f"{animation.output.name if animation.video else files.place.stem} {index + 1}/{len(files.numbers)}"
+            f"{animation.output.name if animation.video else files.location.stem} {index + 1}/{len(files.numbers)}"
         )
         if not begun:
             renderer = _renderer_of(options, animation, scene)
@@ -167,8 +167,7 @@ def _exposure(options: argparse.Namespace, renderer: Renderer) -> float:
 
 def _scenes(options: argparse.Namespace, animation: Animation) -> Iterator[Scene]:
     """Yield the scene of each frame."""
-    from wrt.animation.file_animation import is_animated
-    from wrt.animation.timeline import at_frame, moves
+    from wrt.animation.timeline import at_frame, is_animated, moves
     from wrt.animation.turntable import turntable
 
     if options.frames is not None and is_animated(options.input):
@@ -232,7 +231,7 @@ def _begin(options: argparse.Namespace, animation: Animation, bar: ProgressBar) 
     found = files.begin(_identity(options, animation.current), resume=options.resume)
     if options.resume and not options.quiet:
         if found:
-            bar.message(f"wrt: resuming: {files.done} of {len(files.numbers)} frames are complete")
+            bar.message(f"wrt: resuming: {files.count_complete} of {len(files.numbers)} frames are complete")
         else:
             bar.message(f"wrt: no frames of {animation.output} yet; starting from the beginning")
 
@@ -241,7 +240,7 @@ def _identity(options: argparse.Namespace, renderer: Renderer) -> dict[str, Any]
     """Return by name what the frames depend on."""
     import hashlib
 
-    from wrt.animation.file_animation import is_animated
+    from wrt.animation.timeline import is_animated
     from wrt.rendering.checkpoint import identity_of
     from wrt.rendering.fingerprint import scene_fingerprint
 
