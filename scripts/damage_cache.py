@@ -141,11 +141,7 @@ def play(place: Place, seed: int, number: int) -> tuple[str, str, str]:
 
 
 def run(
-    rounds: Sequence[int],
-    jobs: int,
-    seed: int,
-    tell: Callable[[str], None] = print,
-    start: Path | None = None,
+    rounds: Sequence[int], jobs: int, seed: int, tell: Callable[[str], None] = print, start: Path | None = None
 ) -> Counter[tuple[str, str]]:
     """Play rounds; return the number of rounds by kind and outcome.
 

@@ -75,7 +75,7 @@ def code(folder: Path, lanes: int) -> int:
     from support.feature_sets import FEATURES, declared_kernels
     from warp._src.context import ModuleBuilder
 
-    from wrt.backend.warp_backend import initialize_warp
+    from wrt.backend.warp_start import initialize_warp
     from wrt.kernels.render import make_render_kernel
     from wrt.spmd.ir import Unsupported
     from wrt.spmd.translate import wide_code

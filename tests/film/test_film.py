@@ -16,11 +16,11 @@ ALPHA = 0.01
 SKY = np.random.default_rng(1).random((4, 8, 3)).astype(np.float32)
 
 
-def wall(left):
-    """Every sample sees the same radiance from x = left on, and black before."""
+def wall(edge):
+    """Every sample sees the same radiance from x = edge on, and black before."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0)))
     scene.environment = wrt.ImageEnvironment(np.zeros((1, 1, 3)))
-    scene.add(wrt.quad((left, -99, 0), (198, 0, 0), (0, 198, 0)), material=wrt.Diffuse(0.0), emission=EMISSION)
+    scene.add(wrt.quad((edge, -99, 0), (198, 0, 0), (0, 198, 0)), material=wrt.Diffuse(0.0), emission=EMISSION)
     return scene
 
 

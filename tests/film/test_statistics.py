@@ -72,8 +72,8 @@ def test_a_right_sampler_passes_and_a_slightly_wrong_one_fails(report):
     assert result.passed, result.message
     wrong = right * [1.02, 1.0, 1.0]
     wrong /= np.linalg.norm(wrong, axis=1, keepdims=True)
-    for other in (wrong, right[:, [0, 2, 1]]):
-        assert not chi_square_test(sphere_histogram(other, resolution), expected).passed
+    for directions in (wrong, right[:, [0, 2, 1]]):
+        assert not chi_square_test(sphere_histogram(directions, resolution), expected).passed
     with pytest.raises(ValueError, match="unit length"):
         sphere_histogram([[0.0, 0.0, 1.1]])
 

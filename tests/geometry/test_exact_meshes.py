@@ -52,7 +52,7 @@ def test_scene_files_keep_exact_shapes(tmp_path: Path) -> None:
 
 
 def with_normal(normal: Any) -> dict[str, Any]:
-    """Return the arrays of two disks, the second of which has another normal."""
+    """Return the arrays of two disks, the second one with another normal."""
     arrays = [arrays_of_exact(mesh) for mesh in (wrt.disk((1, 2, 3), (1, 2, 2), 0.5), wrt.disk((0, 0, 1), (0, 0, 1)))]
     joined = {key: np.concatenate([each[key] for each in arrays]) for key in ("boxes", "axes")}
     joined["axes"][1, 2] = normal
@@ -85,11 +85,16 @@ def test_wrong_arrays_are_refused(kind: str, arrays: dict[str, Any], cause: str,
 BALL_ASIDE = wrt.sphere((5, 0, 1), 2.0, exact=True)
 
 
-@pytest.mark.parametrize("whole", [BALL_ASIDE, QUADRICS["disk"], ellipse(), QUADRICS["cylinder"]])
-def test_triangles_in_their_place_face_alike(whole: Any) -> None:
+@pytest.mark.parametrize("shape", [BALL_ASIDE, QUADRICS["disk"], ellipse(), QUADRICS["cylinder"]])
+def test_triangles_in_their_place_face_alike(shape: Any) -> None:
     """Corners lie on the shapes, and faces and normals turn to the front, also of mirrored and inverted ones."""
-    one = whole.transformed(np.diag([-1.0, 1.0, 1.0, 1.0]))
-    for mesh, side in ((whole, 1.0), (one, 1.0), (whole.turned_inside_out(), -1.0), (one.turned_inside_out(), -1.0)):
+    mirrored = shape.transformed(np.diag([-1.0, 1.0, 1.0, 1.0]))
+    for mesh, side in (
+        (shape, 1.0),
+        (mirrored, 1.0),
+        (shape.turned_inside_out(), -1.0),
+        (mirrored.turned_inside_out(), -1.0),
+    ):
         cut = mesh.tessellated(64)
         a, b, c = (cut.vertices[cut.faces[:, k]].astype(np.float64) for k in range(3))
         normal, out = np.cross(b - a, c - a), a - mesh.centers[0]
@@ -110,10 +115,10 @@ def test_triangles_in_their_place_face_alike(whole: Any) -> None:
 def test_the_front_of_a_mapped_disk_is_that_of_its_triangles() -> None:
     """Under any map, mirrored ones too."""
     rng = np.random.default_rng(11)
-    whole = wrt.disk((0.1, 0.2, 0.3), (1, 2, -1), 0.8)
+    disk = wrt.disk((0.1, 0.2, 0.3), (1, 2, -1), 0.8)
     for _ in range(20):
         matrix = np.vstack([rng.standard_normal((3, 4)), [0.0, 0.0, 0.0, 1.0]])
-        mapped, cut = whole.transformed(matrix), whole.tessellated(64).transformed(matrix)
+        mapped, cut = disk.transformed(matrix), disk.tessellated(64).transformed(matrix)
         a, b, c = (cut.vertices[cut.faces[:, k]].astype(np.float64) for k in range(3))
         normal = np.cross(b - a, c - a)
         assert (normal @ mapped.fronts[0] > (1.0 - 1e-4) * np.linalg.norm(normal, axis=1)).all()

@@ -49,10 +49,10 @@ def built_by(backend: EmulatedBackend, corners: NDArray[np.float32]) -> Tree:
 @pytest.mark.parametrize("name", TREES)
 def test_trees_are_the_same_in_any_order_of_threads(name: str) -> None:
     corners = TREES[name]()
-    tree, other = built_by(EmulatedBackend(optimization=0), corners), built_by(ShuffledBackend(), corners)
+    tree, shuffled = built_by(EmulatedBackend(optimization=0), corners), built_by(ShuffledBackend(), corners)
     check(tree, corners)
     for field in ("lower", "upper", "children", "numbers", "corners"):
-        np.testing.assert_array_equal(getattr(other, field), getattr(tree, field))
+        np.testing.assert_array_equal(getattr(shuffled, field), getattr(tree, field))
 
 
 @pytest.mark.slow

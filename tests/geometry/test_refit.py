@@ -52,9 +52,9 @@ def test_answers_are_those_of_a_fresh_tree(device: str, report: Report) -> None:
     tracer = wrt.Intersector(BALL, device=device)
     for number, (name, move) in enumerate(MOVES.items()):
         moved = wrt.Mesh(move(BALL.vertices), BALL.faces)
-        given = moved.vertices.copy()
-        tracer.refit(given.astype(np.float64).tolist() if number % 2 else given)
-        given[:] = 0.0
+        vertices = moved.vertices.copy()
+        tracer.refit(vertices.astype(np.float64).tolist() if number % 2 else vertices)
+        vertices[:] = 0.0
         hits = assert_answers(tracer, wrt.Intersector(moved, device=device), moved)
         report(f"{name}: rays that hit", hits)
         assert hits == 0 if name == "to one point" else hits > 500
@@ -91,9 +91,9 @@ def test_refitted_trees_are_whole_and_tight(name: str, device: str) -> None:
     check(read_back(tree.built), moved, pieces=False)
     # And back: not a bit is left of where they were.
     refit(corners)
-    again = read_back(tree.built)
+    refitted = read_back(tree.built)
     for field in ("lower", "upper", "corners", "children", "numbers"):
-        np.testing.assert_array_equal(getattr(again, field), getattr(tree, field))
+        np.testing.assert_array_equal(getattr(refitted, field), getattr(tree, field))
 
 
 def test_meshes_of_a_scene_one_after_the_other(device: str) -> None:
@@ -128,9 +128,9 @@ def test_what_is_refused_changes_nothing(placed: bool, kind: str, device: str) -
     rays = batches(BALL)["in turn"]
     before = tracer.closest_hit(*rays)
     for message, vertices in REFUSED.items():
-        given = upload(vertices, float if vertices.ndim == 1 else wp.vec3, device) if kind == "Warp" else vertices
+        array = upload(vertices, float if vertices.ndim == 1 else wp.vec3, device) if kind == "Warp" else vertices
         with pytest.raises(wrt.InputError, match=rf"^[^\n]*{message}[^\n]*$"):
-            tracer.refit(given)
+            tracer.refit(array)
     assert_same(tracer.closest_hit(*rays), before)
 
 

@@ -81,7 +81,7 @@ def deepest_tree(octant: int, device: str) -> tuple[Bvh, int]:
     """Return a tree of MAX_DEPTH levels in which a ray of an octant leaves seven children waiting on each.
 
     A node's first child for such rays is the next node, its others are leaves of one triangle. All boxes
-    hold the ray's origin, so none is left out; leaf after leaf, as they are come to, is nearer.
+    hold the ray's origin, so no box is left out; each leaf is nearer than the one before it.
     """
     nodes, order = np.zeros((sizes.MAX_DEPTH, sizes.NODE_FLOATS), np.float32), octant ^ np.arange(sizes.WIDTH)
     children, below = nodes.view(np.int32)[:, 48:], np.arange(sizes.MAX_DEPTH)[::-1]
@@ -163,7 +163,7 @@ def test_rays_along_the_side_of_a_box_meet_what_it_holds(
 def test_of_flat_things_in_one_place_the_lowest_is_hit(kind: str, axis: int, distance: float, device: str) -> None:
     """Their boxes have no depth, and begin where the triangles are: rounding must not hide the lowest behind others.
 
-    But for a ray in ten thousand, if it is moved to the mesh of an instance.
+    One ray in ten thousand may hit another if it is moved to the mesh of an instance.
     """
     square = wrt.quad((-0.5, -0.5, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     linear = np.roll(np.eye(3), axis, axis=0) @ np.diag([2.98, 0.115, 0.17])

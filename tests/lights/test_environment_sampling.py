@@ -12,7 +12,7 @@ from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
 import wrt
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.geometry.rays import RECEIVES_ANYWHERE, RECEIVES_FRONT, Receiver
 from wrt.kernels.lights.environment import point_direction, point_towards, radiance_at
 from wrt.kernels.lights.environment_sampling import image_pdf, sample_image

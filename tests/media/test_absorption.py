@@ -12,7 +12,8 @@ import pytest
 from conftest import Report
 from numpy.testing import assert_allclose
 from support.covering_kernels import rendering_with
-from support.media import KERNELS, fresnel, mean_and_error, render, stage
+from support.fresnel import cook_torrance as fresnel
+from support.media import KERNELS, mean_and_error, render, stage
 
 import wrt
 

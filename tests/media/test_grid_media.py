@@ -19,7 +19,7 @@ from support.statistics import chi_square_test
 
 import wrt
 from wrt.backend.device import Device
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.geometry.rays import Ray
 from wrt.kernels.media.grids import make_fly_in_grid
 from wrt.kernels.sampling.sampler import hash_4d, stream_4d

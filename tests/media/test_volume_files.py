@@ -12,7 +12,7 @@ import warp as wp
 from support.mitsuba_files import write_vol
 
 import wrt
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.warp_start import initialize_warp
 from wrt.rendering.fingerprint import scene_fingerprint
 
 VALUES = np.random.default_rng(3).random((3, 4, 5)).astype(np.float32)

@@ -49,7 +49,7 @@ def client():
         distributed.Client(cluster) as client,
     ):
         yield client
-    gc.collect()  # Dask's tasks log when they are deleted, and in Python 3.11 no parser may run meanwhile
+    gc.collect()  # Dask's tasks log when they are deleted, and in Python 3.11 no parser may run at that time
 
 
 @pytest.fixture(scope="module")
@@ -82,11 +82,11 @@ def kill(processes):
 @pytest.mark.parametrize("workers", [0, 3, 1000])
 @pytest.mark.parametrize("seconds", [0.0, 1e-9, 1e-3, 10.0])
 def test_windows_cover_a_pass_once_and_shrink(workers, seconds):
-    seen, heights = np.zeros((100, 64), int), []
+    covered, heights = np.zeros((100, 64), int), []
     for x0, y0, x1, y1 in windows_of_pass((3, 5, 67, 105), lambda: workers, lambda: seconds):
-        seen[y0 - 5 : y1 - 5, x0 - 3 : x1 - 3] += 1
+        covered[y0 - 5 : y1 - 5, x0 - 3 : x1 - 3] += 1
         heights.append(y1 - y0)
-    assert (seen == 1).all()
+    assert (covered == 1).all()
     assert heights[-1] <= heights[0]
     if workers == 3 and seconds == 0.0:
         assert (heights[0], heights[-1]) == (100 // 6, 1)
@@ -97,11 +97,11 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
     film_of(renderer, 3)
     renderer.save_checkpoint(tmp_path / "a.ckpt")
     film_of(one, 9)
-    again = spread(client)
-    again.load_checkpoint(tmp_path / "a.ckpt")
+    resumed = spread(client)
+    resumed.load_checkpoint(tmp_path / "a.ckpt")
     single = wrt.Renderer.resume(tmp_path / "a.ckpt", block_scene())
-    for other in (renderer, again, single):
-        assert_same_arrays(film_of(other, 9), one.film.state())
+    for each in (renderer, resumed, single):
+        assert_same_arrays(film_of(each, 9), one.film.state())
     assert renderer.rays == one.rays
     assert renderer.noise() == one.noise()
 
@@ -109,7 +109,7 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
 @pytest.mark.slow
 @pytest.mark.parametrize("adaptive", [True, "unbiased"])
 def test_a_target_of_noise(client, adaptive, tmp_path):
-    """Samples at which it ends, and tiles that stop before, follow from the film, or from that of the pilot."""
+    """The samples at which it ends, and the tiles that stop before, follow from the film, or from the pilot's film."""
     limits = {"noise": 0.08, "adaptive": adaptive}
     single = finish(wrt.Renderer(block_scene(), **SIZE), **limits)
     picture = wrt.distributed.render(block_scene(), client=client, **SIZE, **limits)
@@ -118,12 +118,12 @@ def test_a_target_of_noise(client, adaptive, tmp_path):
     renderer = spread(client)
     next(iter(renderer.passes(**limits, pass_seconds=1e-3)))
     renderer.save_checkpoint(tmp_path / "a.ckpt")
-    again = spread(client)
-    again.load_checkpoint(tmp_path / "a.ckpt")
-    assert_same_arrays(film_of(again, **limits), single.film.state())
+    resumed = spread(client)
+    resumed.load_checkpoint(tmp_path / "a.ckpt")
+    assert_same_arrays(film_of(resumed, **limits), single.film.state())
     if adaptive == "unbiased":
-        assert_same_arrays(again._pilot.film.state(), single._pilot.film.state())
-        assert again._pilot.film.counts.any()
+        assert_same_arrays(resumed._pilot.film.state(), single._pilot.film.state())
+        assert resumed._pilot.film.counts.any()
 
 
 def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, monkeypatch):
@@ -179,7 +179,7 @@ def test_errors_are_one_line(client, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_processes_of_several_devices_render_one_picture(one, monkeypatch, after_window):
-    """Two processes, each with a core here, the first of which is killed."""
+    """Two processes, each with a core here; the first is killed."""
     processes = wrt.distributed.Processes(["cpu", "cpu"])
     windows = []
 
@@ -200,12 +200,12 @@ def test_processes_of_several_devices_render_one_picture(one, monkeypatch, after
 
 
 def test_names_of_several_devices(monkeypatch, capsys):
-    monkeypatch.setattr("wrt.backend.warp_backend.WarpBackend.gpus", lambda _: 0)
+    monkeypatch.setattr("wrt.backend.backend.Backend.gpus", lambda _: 0)
     assert main(["render", "cornell-box", "--device", "cuda:0,1", "--quiet"]) == 2
     error = capsys.readouterr().err  # no driver, or no GPU
     assert error.startswith("wrt: error: device 'cuda:0,1': no ")
     assert error.endswith(" was found; use cpu\n")
-    monkeypatch.setattr("wrt.backend.warp_backend.WarpBackend.gpus", lambda _: 3)
+    monkeypatch.setattr("wrt.backend.backend.Backend.gpus", lambda _: 3)
     assert devices_of("cuda:all") == ["cuda:0", "cuda:1", "cuda:2"]
     assert devices_of("cuda:2,0") == ["cuda:2", "cuda:0"]
     assert [devices_of(name) for name in ("cpu", "cuda", "cuda:1", "cuda:0,", "cuda:0-2")] == [None] * 5
@@ -297,7 +297,7 @@ def test_workers_die_come_late_and_stop(monkeypatch, after_window):
     expected = film_of(wrt.Renderer(block_scene(), **size), 96)
     how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}
     with (
-        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs is there to the end
+        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs stays to the end
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, **how) as cluster,
         distributed.Client(cluster) as client,
     ):

@@ -11,7 +11,7 @@ from pathlib import Path
 import kill_and_resume
 import numpy as np
 import pytest
-from kill_and_resume import Kills, RoundError, leftovers, play_round, references, require_whole
+from kill_and_resume import ENDED_BEFORE, RoundError, play_round, references, require_intact, temporary_files
 from support.caches import CORNELL_BOX, copy_of_warm_cache
 from support.commands import ENVIRONMENT, run, start
 
@@ -24,12 +24,12 @@ def test_a_killed_render_is_resumed_to_the_byte(tmp_path: Path, monkeypatch: pyt
     scene = ("cornell-box", "--size", "64x48", "--spp", "256")
     monkeypatch.setattr(kill_and_resume, "SCENES", (scene,))
     monkeypatch.setattr(kill_and_resume, "AIMS", {"write": 0.7, "time": 0.3})
-    whole, kills = references(tmp_path), Kills(Counter(), Counter())
+    expected, hits = references(tmp_path), Counter[str]()
     for number in range(2):
         folder = tmp_path / f"round-{number}"
         folder.mkdir()
-        play_round(whole, folder, random.Random(number), kills)
-    assert kills.met["ended before"] < kills.met.total()
+        hits += play_round(expected, folder, random.Random(number))
+    assert hits[ENDED_BEFORE] < hits.total()
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
@@ -37,15 +37,15 @@ def test_the_script_notices_what_a_kill_would_damage(tmp_path: Path) -> None:
     renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
     renderer.save_checkpoint(tmp_path / "a.ckpt")
     wrt.save_image(tmp_path / "out.npy", np.ones((8, 8, 3), np.float32))
-    require_whole(tmp_path)
+    require_intact(tmp_path)
     whole = (tmp_path / "a.ckpt").read_bytes()
     for damaged in (whole[: len(whole) // 2], b"", whole[:600] + bytes([whole[600] ^ 1]) + whole[601:]):
         (tmp_path / "a.ckpt").write_bytes(damaged)
         with pytest.raises(RoundError, match="a damaged file"):
-            require_whole(tmp_path)
+            require_intact(tmp_path)
     (tmp_path / "a.ckpt").unlink()
     (tmp_path / ".wrt-01234567-89abcdef.part.npy").write_bytes(np.zeros(3).tobytes())
-    assert leftovers(tmp_path) == [".wrt-01234567-89abcdef.part.npy"]
+    assert temporary_files(tmp_path) == {".wrt-01234567-89abcdef.part.npy"}
 
 
 @pytest.mark.machinery

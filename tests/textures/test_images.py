@@ -20,6 +20,7 @@ from support.kernels import upload
 from support.small_scenes import finish
 
 import wrt
+from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.kernels.scene.scene_data import SceneData
 from wrt.kernels.textures.textures import filtered_color, make_slot_color
@@ -68,8 +69,8 @@ def looked_up(texture: wrt.ImageTexture, uvs: Pixels, device: str, footprints: P
     return out[0 if footprints is None else 1].numpy()
 
 
-def uploaded(*materials: wrt.Material, device: str = "cpu") -> SceneData:
-    data = SceneData()
+def uploaded(*materials: wrt.Material, device: str = "cpu") -> Any:
+    data = current_backend().kernels("wrt.kernels.scene.scene_data").SceneData()
     describe_materials(list(materials)).upload(data, Device(device))
     return data
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.media import fresnel
+from support.fresnel import cook_torrance as fresnel
 from support.small_scenes import finish
 
 import wrt

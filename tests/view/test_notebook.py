@@ -89,10 +89,10 @@ async def drive(renderer):
     viewer, sent = widget.viewer, []
     widget.send = lambda message, buffers=None: sent.append((message, buffers))
 
-    async def until(wanted):
+    async def until(matches):
         for _ in range(600):
             for message, buffers in sent:
-                if (found := wanted(message, buffers)) is not None:
+                if (found := matches(message, buffers)) is not None:
                     return found
             await asyncio.sleep(0.05)
         raise AssertionError("nothing came")
@@ -109,11 +109,11 @@ async def drive(renderer):
     try:
         viewer.receive({"type": "open"})
         await until(resting)
-        kept = pixels(base64.b64decode(widget.snapshot))
+        snapshot = pixels(base64.b64decode(widget.snapshot))
         viewer.receive({"type": "camera", "camera": {"origin": [0.4, 0.4, -0.8]}, "serial": "a"})
         await until(lambda message, buffers: resting(message, buffers, "a"))
         turned = pixels(base64.b64decode(widget.snapshot))
-        assert np.abs(turned - kept).mean() > 5.0
+        assert np.abs(turned - snapshot).mean() > 5.0
         bundle = widget._repr_mimebundle_()[0]
         assert (pixels(base64.b64decode(bundle["image/png"])) == turned).all()
         viewer.receive({"type": "save", "suffix": ".png"})

@@ -47,8 +47,8 @@ def test_the_error_of_a_render_ends_with_the_change_that_mends_it(
             raise error
         return get(self, settings)
 
-    def wait_for(wanted: Callable[[Any], bool]) -> None:
-        while not wanted(messages.get(timeout=60)):
+    def wait_for(matches: Callable[[Any], bool]) -> None:
+        while not matches(messages.get(timeout=60)):
             pass
 
     def is_state(text: str) -> Callable[[Any], bool]:
@@ -132,10 +132,10 @@ def test_the_token_is_not_in_the_command_line_of_the_browser(tmp_path: Path) -> 
         assert f"url={address}" in page.read_text()
         assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, error = process.communicate(timeout=60)
     finally:
         process.kill()
         process.communicate()
     assert process.returncode == 130
-    assert said == "wrt: stopped: the view has ended\n"
+    assert error == "wrt: stopped: the view has ended\n"
     assert not page.exists()

@@ -172,7 +172,7 @@ def compile(options: argparse.Namespace) -> int:
     Raises:
         InputError: if nothing is to be compiled.
     """
-    from wrt import backend
+    from wrt.backend import current_backend
     from wrt.cli.exit_status import outcome
     from wrt.cli.signals import Interrupts
     from wrt.progress.bar import short_warnings
@@ -184,8 +184,6 @@ def compile(options: argparse.Namespace) -> int:
     worst, nothing = 0, "before everything was compiled"
     ending = (lambda status: give_up(status, nothing)) if options.own_process else None
     with Interrupts(ending) as interrupts, short_warnings(warn):
-        if options.own_process and options.device == "cpu":
-            backend.prefer_compiled()
         try:
             for source in options.inputs:
                 options.input = source
@@ -196,29 +194,26 @@ def compile(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             complain("stopped", nothing)
             worst = interrupts.exit_status
-        backend.finish()
+        current_backend().finish()
     return worst
 
 
 def _compile_general(options: argparse.Namespace) -> int:
     """Compile the general kernels, and say what was compiled."""
-    from wrt import backend
-    from wrt.precompiling import compile_general
+    from wrt.compiling.precompile import compile_general
 
-    backend.leave_compiled()
     _say(f"general kernels: {compile_general(options.sampler)}")
     return 0
 
 
 def _compile(options: argparse.Namespace) -> int:
     """Compile what a render of the input needs, and say what was compiled."""
-    from wrt import backend
     from wrt.backend.kernel_cache import compiled_modules
     from wrt.cli.load import load_input, make_renderer
-    from wrt.precompiling import precompiled
+    from wrt.compiling.precompile import precompiled
 
     with compiled_modules() as modules:
-        scene = backend.prepare(lambda: load_input(options))
-        renderer = backend.prepare(lambda: make_renderer(options, scene))
+        scene = load_input(options)
+        renderer = make_renderer(options, scene)
     _say(f"{options.input}: {precompiled(renderer, tuple(sorted(modules)))}")
     return 0

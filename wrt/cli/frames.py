@@ -188,10 +188,9 @@ def _loaded(options: argparse.Namespace, *, time: float | None = None) -> Scene:
     """Return the scene of the input, with the size of the pictures in its settings."""
     import dataclasses
 
-    from wrt import backend
     from wrt.cli.load import load_input
 
-    scene = backend.prepare(lambda: load_input(options, time=time))
+    scene = load_input(options, time=time)
     if options.size is not None:
         width, height = options.size
         scene.settings = dataclasses.replace(scene.settings, width=width, height=height)
@@ -200,7 +199,6 @@ def _loaded(options: argparse.Namespace, *, time: float | None = None) -> Scene:
 
 def _renderer_of(options: argparse.Namespace, animation: Animation, scene: Scene) -> Renderer:
     """Return a renderer for a frame: the one before, if only the camera is another."""
-    from wrt import backend
     from wrt.cli.load import make_renderer
     from wrt.rendering.picture import check_contents
 
@@ -210,7 +208,7 @@ def _renderer_of(options: argparse.Namespace, animation: Animation, scene: Scene
         renderer.set_camera(scene.camera)
     else:
         animation.current = renderer = None  # free its memory first
-        renderer = backend.prepare(lambda: make_renderer(options, scene))
+        renderer = make_renderer(options, scene)
         check_contents(animation.files.path(0), renderer)
     animation.scene, animation.current = scene, renderer
     return renderer

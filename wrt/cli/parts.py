@@ -49,7 +49,7 @@ def _interruptible(
 
 
 def _render(options: argparse.Namespace, interrupts: Interrupts) -> int:
-    from wrt import backend
+    from wrt.backend import current_backend
     from wrt.cli.load import load_input, make_renderer
     from wrt.io.images import OUTPUT_SUFFIXES
     from wrt.io.safe_write import require_writable
@@ -70,14 +70,12 @@ def _render(options: argparse.Namespace, interrupts: Interrupts) -> int:
             f"{output}: a part is no picture yet; give it a name that ends in .wrt, and then use wrt merge"
         )
     require_writable(output, PART)
-    if options.own_process and options.device == "cpu":
-        backend.prefer_compiled()
     with (
         ProgressBar(output.stem, wanted=not options.quiet) as bar,
         short_warnings(once(bar.message, set())),
     ):
-        scene = backend.prepare(lambda: load_input(options))
-        renderer: Renderer = backend.prepare(lambda: make_renderer(options, scene))
+        scene = load_input(options)
+        renderer: Renderer = make_renderer(options, scene)
         require_writable(output, PART)  # again, now that the files the scene reads are known
         begun = Part.load(output) if options.resume and os.path.lexists(output) else None
 
@@ -90,7 +88,7 @@ def _render(options: argparse.Namespace, interrupts: Interrupts) -> int:
             part = render(renderer, number, of, spp=options.spp, begun=begun, watch=watch)
         interrupts.hold(lambda: part.save(output))
         interrupts.disarm()
-    backend.finish()
+    current_backend().finish()
     _report(options, renderer, part, output, time.monotonic() - started)
     return 0
 

@@ -18,7 +18,7 @@ LARGE = 1 << 22
 NOT_NEEDED = ("scipy", "networkx")
 """Optional imports of trimesh that wrt does not use; they take 0.4 s and 40 MB."""
 
-RENDERING = ("wrt.rendering.renderer", "wrt.scene.large_mesh_normals")
+RENDERING = ("wrt.rendering.renderer",)
 """Modules for rendering a large mesh."""
 
 KERNELS = (
@@ -26,7 +26,6 @@ KERNELS = (
     "wrt.kernels.render",
     "wrt.kernels.accel.build.collapse",
     "wrt.kernels.accel.build.presplit",
-    "wrt.kernels.geometry.vertex_normals",
 )
 """Kernel modules for rendering a large mesh."""
 
@@ -73,7 +72,8 @@ def importing(names: Sequence[str], kernels: Sequence[str] = ()) -> Iterator[Non
             from wrt.backend import current_backend  # not at the top: --help must import little
 
             for name in kernels:
-                current_backend().kernels(name)
+                if current_backend().artefacts.get("modules", name) is None:
+                    importlib.import_module(name)
 
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_SECONDS)

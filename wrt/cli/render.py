@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wrt import backend
+from wrt.backend import current_backend
 from wrt.cli.exit_status import Failed, cause_of, complain, failing_in_one_line, give_up, outcome, warn
 from wrt.cli.load import load_input, make_renderer
 from wrt.cli.output_paths import check_paths, default_output, default_outputs, folder_for
@@ -45,8 +45,6 @@ def render(options: argparse.Namespace) -> int:
     said: set[str] = set()
 
     with short_warnings(once(warn, said)):  # until there is a progress bar
-        if options.own_process and options.device == "cpu":
-            backend.prefer_compiled()
         while jobs:
             status, interrupted = _render_job(jobs.pop(0), said, clock)
             if interrupted:
@@ -56,7 +54,7 @@ def render(options: argparse.Namespace) -> int:
                 break
             worst = max(worst, status)
             said.clear()
-        backend.finish()
+        current_backend().finish()
     return worst
 
 
@@ -218,7 +216,7 @@ def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[
         from wrt.rendering.picture import check_contents
 
         with importing_renderer(options.input):
-            scene = backend.prepare(lambda: load_input(options))
+            scene = load_input(options)
         asked, integrator = scene.settings.layers, options.integrator or scene.settings.integrator
         if options.layers is None and len(asked) > (integrator == "aov"):  # the scene's layers do not fit into a PNG
             options.default = str(Path(options.default).with_suffix(".exr"))
@@ -227,7 +225,7 @@ def _start(options: argparse.Namespace, checkpoint: Path | None, say: Callable[[
             say(f"wrt: {options.default} must not be overwritten; the picture will be {output}")
         if output.suffix.lower() in DEVELOPED_SUFFIXES:
             require_tone(scene.settings.tone)
-        renderer = backend.prepare(lambda: _make_renderer(options, scene, checkpoint, say))
+        renderer = _make_renderer(options, scene, checkpoint, say)
         check_contents(output, renderer)
     return renderer, output
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wrt import backend
+from wrt.backend import current_backend
 from wrt.cli.exit_status import complain, warn
 from wrt.cli.signals import SIGNALS
 from wrt.threads import start_if_possible
@@ -34,8 +34,6 @@ def view(options: argparse.Namespace) -> int:
     if not options.watch:
         _require_readable(options)
     bound = bound_socket(options.port)
-    if options.own_process and options.device == "cpu":
-        backend.prefer_compiled()
     said: set[str] = set()
     with contextlib.closing(bound), short_warnings(once(warn, said)):
         session = Session(lambda: _open(options), name=Path(options.source).stem, spp=options.spp)
@@ -69,7 +67,7 @@ def view(options: argparse.Namespace) -> int:
             signals.append(signal.SIGINT)
         finally:
             session.close()
-            backend.finish()
+            current_backend().finish()
         complain("stopped", "the view has ended")
     return 128 + signals[0]
 
@@ -86,17 +84,13 @@ def _require_readable(options: argparse.Namespace) -> None:
 
 def _open(options: argparse.Namespace) -> Renderer:
     from wrt.api import load
+    from wrt.rendering.renderer import Renderer
 
-    def make() -> Renderer:
-        from wrt.rendering.renderer import Renderer
-
-        width, height = options.size or (None, None)
-        scene = load(options.source, up=options.up, confined=options.confined)
-        return Renderer(
-            scene, width=width, height=height, device=options.device, seed=options.seed, threads=options.threads
-        )
-
-    return backend.prepare(make)
+    width, height = options.size or (None, None)
+    scene = load(options.source, up=options.up, confined=options.confined)
+    return Renderer(
+        scene, width=width, height=height, device=options.device, seed=options.seed, threads=options.threads
+    )
 
 
 def _browse(address: str) -> None:

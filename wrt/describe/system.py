@@ -35,7 +35,6 @@ def system_text() -> str:
 def gpu_rows() -> dict[str, str]:
     """Return the versions of CUDA, and each GPU by its name for `--device`."""
     backend = current_backend()
-    backend.start()
     versions = backend.cuda_versions()
     driver = "no driver" if versions.driver is None else f"the driver supports {dotted(versions.driver)}"
     gpus = {f"cuda:{number}": backend.gpu(f"cuda:{number}").description for number in range(backend.gpus())}

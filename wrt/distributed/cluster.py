@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,6 +26,10 @@ class Future(Protocol):
 class Cluster(Protocol):
     """Workers that call functions. No method waits for a worker, except `result`, for ANSWER_SECONDS at most."""
 
+    @property
+    def devices(self) -> Mapping[str, str]:
+        """The devices of workers by address; a worker without one has the device that the renderer names."""
+
     def addresses(self) -> list[str]:
         """Return the addresses of the present workers; raise OSError if there can be none any more."""
 
@@ -45,9 +49,6 @@ class Cluster(Protocol):
 
     def cancel(self, futures: Sequence[Any]) -> None:
         """Cancel calls that have not begun; running ones end by themselves."""
-
-    def device_of(self, address: str) -> str | None:
-        """Return the device of a worker, None for the device that the renderer names."""
 
     def dumps(self, value: object, buffer_callback: Callable[[Any], object]) -> bytes:
         """Pickle a value for the workers; see `pickle.dumps`."""

@@ -130,7 +130,7 @@ class Crew:
         if member.preparing is None:
             if member.silent_until > time.monotonic():
                 return
-            member.preparing = self.call(member, f"wrt-{job.digest[:8]}-hello", prepare, self.job_of(member, job), None)
+            member.preparing = self.call(member, "hello", prepare, job, None)
         if not member.preparing.done():
             return
         future, member.preparing = member.preparing, None
@@ -158,25 +158,22 @@ class Crew:
             return
         if self._packed is None:
             self._packed = pack(self._cluster, self._scene)
-        name = f"wrt-{job.digest[:8]}-scene"
-        member.preparing = self.call(member, name, prepare, self.job_of(member, job), self._packed)
+        member.preparing = self.call(member, "scene", prepare, job, self._packed)
 
-    def _refuse(self, member: Member, why: str) -> None:
-        warnings.warn(f"worker {member.address} renders nothing, {why}", InputWarning, stacklevel=2)
-        self.refused[member.address] = why
+    def _refuse(self, member: Member, reason: str) -> None:
+        warnings.warn(f"worker {member.address} renders nothing, {reason}", InputWarning, stacklevel=2)
+        self.refused[member.address] = reason
         del self.members[member.address]
         if not self.members:
-            raise InputError(f"no worker can render this picture: {member.address}, {why}")
+            raise InputError(f"no worker can render this picture: {member.address}, {reason}")
 
-    def job_of(self, member: Member, job: Job) -> Job:
-        """Return a job for the device of a worker."""
-        device = self._cluster.device_of(member.address)
-        return job if device is None else replace(job, options={**job.options, "device": device})
-
-    def call(self, member: Member, name: str, function: Any, *arguments: Any) -> Any:
-        """Call a function on a worker."""
+    def call(self, member: Member, name: str, function: Any, job: Job, *arguments: Any) -> Any:
+        """Call a function on a worker, with a job for its device."""
         self._calls += 1
-        return self._cluster.submit(member.address, self._ended, f"{name}-{self._calls}", function, *arguments)
+        key = f"wrt-{job.digest[:8]}-{name}-{self._calls}"
+        if device := self._cluster.devices.get(member.address):
+            job = replace(job, options={**job.options, "device": device})
+        return self._cluster.submit(member.address, self._ended, key, function, job, *arguments)
 
     def free(self, job: Job) -> list[Member]:
         """Return the workers that can take a window, those with the fewest first."""

@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from wrt.backend import prefer_compiled
 from wrt.backend.slices import available_threads
 from wrt.distributed.cluster import ANSWER_SECONDS, NoAnswer
 from wrt.errors import InputError, one_line
@@ -57,15 +56,13 @@ def client_of(where: Any) -> Any:
         local = _LOCAL.fullmatch(str(where))
         if local:
             with _without_interrupts(), dask.config.set(QUIET):
-                client = distributed.Client(
+                return distributed.Client(
                     n_workers=int(local[1] or available_threads()),
                     threads_per_worker=1,
                     processes=True,
                     dashboard_address=":0",  # None takes the usual port, with a warning if it is in use
                     silence_logs=logging.CRITICAL,
                 )
-            client.run(prefer_compiled)  # in processes of wrt's own, without waiting for Warp
-            return client
         client = distributed.Client(str(where), timeout=CONNECT_SECONDS)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"{where}: there is no scheduler of Dask ({one_line(str(error))})") from None
@@ -98,6 +95,7 @@ class DaskCluster:
 
     def __init__(self, client: Any) -> None:
         """Use the workers of a client."""
+        self.devices: dict[str, str] = {}
         self._client = client
         self._addresses: list[str] = []
 
@@ -147,10 +145,6 @@ class DaskCluster:
         if futures:
             with contextlib.suppress(OSError), self._connected():  # without a scheduler they end, too
                 self._client.cancel(list(futures))
-
-    def device_of(self, address: str) -> str | None:
-        """Return None: all workers have the device that the renderer names."""
-        return None
 
     def dumps(self, value: object, buffer_callback: Callable[[Any], object]) -> bytes:
         """Pickle a value, with classes of the main program."""

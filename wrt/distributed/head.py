@@ -44,18 +44,15 @@ class DistributedRenderer(Renderer):
 
     Passes, limits, noise, checkpoints and pictures are those of a Renderer. The scene goes to each worker once; windows
     of the film go to and fro. Nothing is built on the head node, which needs memory for the film.
+
+    Attributes:
+        spread: spreads passes over the workers.
     """
 
     longest_pass = LONGEST_CLUSTER_PASS
 
     def __init__(
-        self,
-        scene: Scene,
-        *,
-        client: Any,
-        device: str = "cpu",
-        threads: int | None = None,
-        **options: Any,
+        self, scene: Scene, *, client: Any, device: str = "cpu", threads: int | None = None, **options: Any
     ) -> None:
         """Prepare to render a scene.
 
@@ -70,7 +67,7 @@ class DistributedRenderer(Renderer):
         Raises:
             InputError: on unusable values, an empty scene, or without workers.
         """
-        self._client = client if isinstance(client, Processes) else client_of(client)
+        self._cluster = client if isinstance(client, Processes) else DaskCluster(client_of(client))
         self._device_of_workers, self._threads_of_workers = device, threads
         self._local: Renderer | None = None
         super().__init__(scene, **options)
@@ -79,8 +76,7 @@ class DistributedRenderer(Renderer):
         film = current_backend().kernels("wrt.kernels.film.film")
         with self.device.compiling() as compile:
             compile(film.film_noise)
-        cluster = self._client if isinstance(self._client, Processes) else DaskCluster(self._client)
-        self._spread = Spread(cluster, self.scene)
+        self.spread = Spread(self._cluster, self.scene)
         self._kernel = _Remote(self)  # type: ignore[assignment]
         options = {name: getattr(self.settings, name) for name in SETTINGS_OF_PICTURE}
         self._options = {**options, "seed": self.seed, "strategy": self.strategy, "light_choice": self.light_choice}
@@ -97,15 +93,10 @@ class DistributedRenderer(Renderer):
 
     @property
     def job(self) -> Job:
-        """What workers need to know besides the scene."""
+        """The values that all windows of a pass share."""
         assert self.scene.camera is not None
         options = {**self._options, "device": self._device_of_workers}
         return Job(self._digest, options, self.scene.camera, self._threads_of_workers)
-
-    @property
-    def spread(self) -> Spread:
-        """What renders on the workers."""
-        return self._spread
 
     def set_camera(self, camera: Camera) -> None:
         """Look at the scene through another camera and restart the picture; see `wrt.Renderer.set_camera`."""
@@ -143,7 +134,7 @@ class DistributedRenderer(Renderer):
     def _bring(self, film: Film, job: Job, spp: int, seconds_left: float) -> None:
         samples = max(spp - int(film.counts.min()), 1)
         try:
-            self._spread.run(Pass(film, self.crop, job, spp, seconds_left, samples))
+            self.spread.run(Pass(film, self.crop, job, spp, seconds_left, samples))
         except Exception as error:  # of wrt, of Dask, or of a worker
             if isinstance(error, InputError) and not self.film.counts.any():
                 raise
@@ -182,12 +173,12 @@ def render(
 
     Args:
         source: as for `wrt.load`.
-        client: a `distributed.Client`, the address of a scheduler, such as "tcp://head:8786", or `Processes`.
-        spp: as for `wrt.Renderer.passes`.
-        time: likewise.
-        noise: likewise.
-        adaptive: likewise.
-        options: as for `DistributedRenderer`.
+        client: as for `DistributedRenderer`, like `options`.
+        spp: as for `wrt.Renderer.passes`, like `time`, `noise` and `adaptive`.
+        time: seconds of rendering.
+        noise: relative noise of the picture.
+        adaptive: whether tiles stop once they are good enough.
+        options: see `client`.
 
     Raises:
         InputError: if an argument cannot be used, or no worker can render the scene.

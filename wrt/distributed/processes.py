@@ -31,11 +31,10 @@ def devices_of(name: str) -> list[str] | None:
     found = _SEVERAL.fullmatch(name)
     if not found:
         return None
+    from wrt.backend import current_backend
     from wrt.backend.cuda.gpus import require_gpus
-    from wrt.backend.warp_backend import WarpBackend
 
-    backend = WarpBackend()
-    backend.start()
+    backend = current_backend()
     count = backend.gpus()
     numbers = list(range(count)) if found[1] == "all" else [int(number) for number in found[1].split(",")]
     require_gpus(backend, name, numbers)
@@ -53,10 +52,10 @@ class Processes:
     def __init__(self, devices: Sequence[str]) -> None:
         """Start a process for each device; several may have the same."""
         context = multiprocessing.get_context("spawn")  # a fork could use neither CUDA nor running threads
-        self._devices = {f"{number}:{device}": device for number, device in enumerate(devices)}
+        self.devices = {f"{number}:{device}": device for number, device in enumerate(devices)}
         with child.safe_path():
             self._pools = {
-                address: ProcessPoolExecutor(1, mp_context=context, initializer=_begin) for address in self._devices
+                address: ProcessPoolExecutor(1, mp_context=context, initializer=_begin) for address in self.devices
             }
         atexit.register(self.close)
 
@@ -104,10 +103,6 @@ class Processes:
         """Cancel calls that have not begun."""
         for future in futures:
             future.cancel()
-
-    def device_of(self, address: str) -> str | None:
-        """Return the device of a process."""
-        return self._devices[address]
 
     def dumps(self, value: object, buffer_callback: Callable[[Any], object]) -> bytes:
         """Pickle a value."""

@@ -76,7 +76,7 @@ class Pass:
     Attributes:
         film: the film of the picture, which gets the samples.
         crop: the window of the whole picture that the film shows.
-        job: what all windows need.
+        job: the values that all windows share.
         spp: samples per pixel at the end.
         seconds_left: estimated time until the picture is finished, including this pass.
         samples: the most samples that a pixel still needs.
@@ -192,10 +192,9 @@ class Spread:
             self._give(a_pass, running[-1], free[0])
 
     def _give(self, a_pass: Pass, each: _Window, member: Member) -> None:
-        x0, y0, x1, y1 = each.window
-        name = f"wrt-{a_pass.job.digest[:8]}-{x0},{y0},{x1},{y1}-to-{a_pass.spp}"
-        job, state = self.crew.job_of(member, a_pass.job), a_pass.state(each.window)
-        future = self.crew.call(member, name, render_window, job, each.window, state, a_pass.spp, a_pass.seconds_left)
+        name, state = f"{','.join(map(str, each.window))}-to-{a_pass.spp}", a_pass.state(each.window)
+        arguments = each.window, state, a_pass.spp, a_pass.seconds_left
+        future = self.crew.call(member, name, render_window, a_pass.job, *arguments)
         paths = pixels_of((each.window,)) * a_pass.samples
         each.attempts.append(Attempt(member, future, time.monotonic(), paths, a_pass.seed))
         member.attempts.append(each.attempts[-1])

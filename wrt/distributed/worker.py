@@ -29,7 +29,7 @@ _rendering = threading.Lock()
 
 @dataclass(frozen=True)
 class Job:
-    """What all windows of a picture need.
+    """The values that all windows of a picture share.
 
     Attributes:
         digest: a digest of the scene without its camera, and of the picture's options.
@@ -74,27 +74,19 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
     """Build a scene, unless it is built already; called on a worker.
 
     Args:
-        job: what all windows need.
+        job: the values that all windows share.
         packed: the scene by `wrt.distributed.cluster.pack`; None to ask whether it is built.
     """
     from wrt._version import __version__
-    from wrt.backend import current_backend
     from wrt.backend.arithmetic import arithmetic_of
-    from wrt.backend.builds import NotCompiled
     from wrt.backend.device import Device
 
-    if job.options["device"] != "cpu" and current_backend().builds is not None:
-        _go_over_to_warp()
     device = Device(job.options["device"])
     kind = {"wrt": __version__, "warp": device.backend.version, **arithmetic_of(device)}
     if packed is not None:
         with _rendering:
             if job.digest not in _renderers:
-                try:
-                    _build(job, unpack(packed))
-                except NotCompiled:
-                    _go_over_to_warp()
-                    _build(job, unpack(packed))
+                _build(job, unpack(packed))
     return Ready(kind, job.digest if job.digest in _renderers else "")
 
 
@@ -104,7 +96,7 @@ def render_window(
     """Bring the pixels of a window to `spp` samples each; called on a worker, which renders one window at a time.
 
     Args:
-        job: what all windows need.
+        job: the values that all windows share.
         window: the window, in pixels of the whole picture.
         state: arrays of a film for its pixels, to go on from.
         spp: samples per pixel in the end.
@@ -113,7 +105,6 @@ def render_window(
     Returns:
         The window, or None if the worker has not built the scene.
     """
-    from wrt.backend.builds import NotCompiled
     from wrt.parts.render import render_windows
 
     with _rendering:
@@ -121,26 +112,14 @@ def render_window(
         if renderer is None:
             return None
         _renderers.move_to_end(job.digest)
-        try:
-            renderer.seed = job.options["seed"]
-            if renderer.scene.camera != job.camera:
-                renderer.set_camera(job.camera)
-            began = time.process_time()
-            arrays, seconds, rays = render_windows(renderer, (window,), spp, state=state, seconds_left=seconds_left)
-            if renderer.device.is_cpu:
-                seconds = (time.process_time() - began) / renderer.threads
-        except NotCompiled:
-            _go_over_to_warp()
-            return None
+        renderer.seed = job.options["seed"]
+        if renderer.scene.camera != job.camera:
+            renderer.set_camera(job.camera)
+        began = time.process_time()
+        arrays, seconds, rays = render_windows(renderer, (window,), spp, state=state, seconds_left=seconds_left)
+        if renderer.device.is_cpu:
+            seconds = (time.process_time() - began) / renderer.threads
     return Rendered(arrays, rays, seconds)
-
-
-def _go_over_to_warp() -> None:
-    """Leave the backend of compiled kernels, with what it has built."""
-    from wrt.backend import leave_compiled
-
-    _renderers.clear()
-    leave_compiled()
 
 
 def _build(job: Job, scene: Scene) -> None:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.backend import compiled_first, using
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
 from wrt.errors import InputError, warn
@@ -20,7 +19,6 @@ from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, Resumable
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
-from wrt.rendering.on_device import OnDevice
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, run_passes
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
@@ -43,7 +41,7 @@ STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
 
 
-class Renderer(Picture, Resumable, OnDevice):
+class Renderer(Picture, Resumable):
     """Renders a scene pass after pass; the picture improves with each and is available at any time.
 
     The picture depends only on scene, size, seed, sample count, device and version. It is the same bit for bit for any
@@ -124,11 +122,6 @@ class Renderer(Picture, Resumable, OnDevice):
         if self.integrator not in WITHOUT_LIGHT and not has_light(self.scene):
             warn("the scene has no light: the picture will be black", UserWarning)
         self.seconds_render, self.paths, self._updated = 0.0, 0, False
-        start = partial(self._start, device, threads)
-        compiled_first(start) if device == "cpu" else start()
-
-    def _start(self, device: str, threads: int | None) -> None:
-        """Open the device, build the scene there and compile all kernels."""
         self.device = Device(device, threads=threads)
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
@@ -136,11 +129,8 @@ class Renderer(Picture, Resumable, OnDevice):
         self._estimate_noise(None)
         self.film.require_memory()  # check again, now that the scene has taken its memory
         self._inputs = self._prepare()
-        self._guides = self._guides_at_start()
-
-    def _guides_at_start(self) -> Guides | None:
-        """Return the guides of a picture that will be denoised, whose kernel is compiled with the others."""
-        return Guides(self) if self.settings.denoise and self.renders_light else None
+        self._guides = Guides(self) if self.settings.denoise and self.renders_light else None
+        self.device.backend.artefacts.save()
 
     def _build(self) -> None:
         """Build the scene on the device, and compile its kernel meanwhile."""
@@ -287,7 +277,7 @@ class Renderer(Picture, Resumable, OnDevice):
         before = self.film.tally().samples
         started = time.perf_counter()
         try:
-            with using(self.device.backend), self.film.leaving_out(self._noise_estimate.stopped_pixels(), target):
+            with self.film.leaving_out(self._noise_estimate.stopped_pixels(), target):
                 self._kernel.launch([target, *self._inputs], seconds_left)
             if self._pilot is not None:
                 self._pilot.trace(self, target)
@@ -301,8 +291,7 @@ class Renderer(Picture, Resumable, OnDevice):
     def trace_film(self, film: Film, target: int, seed: int) -> None:
         """Bring every pixel of another film of this picture's size to `target` samples, with another seed."""
         _, *inputs = self.arguments_for(film, self._kernel)
-        with using(self.device.backend):
-            self._kernel.launch([target, seed, *inputs], 0.0)
+        self._kernel.launch([target, seed, *inputs], 0.0)
 
     def _needs_short_passes(self) -> bool:
         return not self.device.is_cpu or self._kernel.is_being_compiled
@@ -342,9 +331,6 @@ class Renderer(Picture, Resumable, OnDevice):
         """
         if not self.renders_light:
             raise InputError(f"integrator {self.integrator} renders only layers, which are not denoised")
-        return self.with_backend(self._guide_layers)
-
-    def _guide_layers(self) -> dict[str, NDArray[np.float32]]:
         if self._guides is None:
             self._guides = Guides(self)
         return self._guides.layers()
@@ -360,10 +346,6 @@ class Renderer(Picture, Resumable, OnDevice):
             InputError: if the kernel or the trees do not fit this camera.
         """
         require_camera(camera)
-        self.with_backend(partial(self._set_camera, camera))
-        self._clear()
-
-    def _set_camera(self, camera: Camera) -> None:
         old = self.camera
         if outside_cameras(camera) != outside_cameras(old):
             names = f"from {type(old).__name__} to {type(camera).__name__}"
@@ -375,13 +357,13 @@ class Renderer(Picture, Resumable, OnDevice):
         seed, _, *others = self._shared_inputs
         self._shared_inputs = [seed, self._device_camera(), *others]
         self._inputs = self.arguments_for(self.film, self._kernel)
+        self._clear()
 
     def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
         """Move a shape's vertices and restart the picture, for the next frame of a simulation.
 
         The ray tree is refitted, which takes a fraction of the time of a build; tracing is fastest near the positions
-        of the build. Nothing else in the scene changes. The first call builds the scene again unless Warp was imported
-        before the renderer was made.
+        of the build. Nothing else in the scene changes.
 
         Args:
             shape: one of the scene's shapes, or its number; it must not emit, and the scene must not have instances or
@@ -395,7 +377,6 @@ class Renderer(Picture, Resumable, OnDevice):
                 beyond 10^12.
         """
         number = shape_number(self.scene, shape)
-        self._go_over_to_warp()
         self._built.world.update(number, self.scene.shapes[number], vertices, normals)
         self._updated = True
         self._clear()
@@ -405,6 +386,27 @@ class Renderer(Picture, Resumable, OnDevice):
         self._estimate_noise(None)
         if self._guides is not None:
             self._guides.clear()
+
+    def device_image(self) -> Any:
+        """Return `image` as a (H, W) wp.array of vec3 on the renderer's device.
+
+        Other frameworks share it without a copy, as (H, W, 3): by DLPack, `torch.from_dlpack(image)` or
+        `jax.dlpack.from_dlpack(image)`, and by `__cuda_array_interface__`, or `__array_interface__` on the CPU. On a
+        GPU it is made on Warp's current stream.
+        """
+        return self.film.device_mean()
+
+    def device_film(self) -> dict[str, Any]:
+        """Return the film itself as (H, W) Warp arrays on the renderer's device, without a copy; only read them.
+
+        They change with each pass, and hold the next picture after `update_vertices` or `set_camera`. Other frameworks
+        share them as `device_image`; dividing `total` by `count` gives the picture, in double precision.
+
+        Returns:
+            "total" and "total_of_squares", vec3d sums of samples and of their squares; "count", int32 samples, and
+            "rejected", int32 of these that were not finite and count as black; "rays", int64 rays traced.
+        """
+        return self.film.on_device()
 
     def variance(self) -> NDArray[np.float64]:
         """Return (H, W, 3) float64 variance of the estimate; NaN below two samples.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 from typing import Any
 
 from wrt.rendering.film import Film
@@ -24,10 +23,6 @@ def sharing(renderer: Renderer, **changes: Any) -> Renderer:
     Raises:
         InputError: on unusable settings, or when memory does not suffice for the film.
     """
-    return renderer.with_backend(partial(_share, renderer, changes))
-
-
-def _share(renderer: Renderer, changes: dict[str, Any]) -> Renderer:
     other: Renderer = object.__new__(Renderer)
     other.__dict__.update(renderer.__dict__)
     other.settings = dataclasses.replace(renderer.settings, **changes)

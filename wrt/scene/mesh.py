@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wrt import _notebook
 from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
 from wrt.values import array, number, owned, refuse_codes, sealed, vector
@@ -78,7 +78,7 @@ class Mesh:
         return f"<wrt.Mesh {self.name}: {len(self.faces)} triangles, {len(self.vertices)} vertices{parts}>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = import_module("wrt.view.notebook").picture_of_mesh(self)  # for notebooks
+        picture: bytes | None = _notebook.viewer().picture_of_mesh(self)
         return picture
 
     def __post_init__(self) -> None:

@@ -47,9 +47,7 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
         return replace(mesh, normals=sealed(_made_unit(mesh)))
     positions = same_positions(mesh.vertices)
     if len(mesh.faces) > CREASE_LIMIT:
-        from wrt.scene.large_mesh_normals import smooth_normals
-
-        normals = smooth_normals(mesh.vertices, mesh.faces, positions, _size(mesh))
+        normals = _group_normals(mesh, positions).astype(np.float32).T.take(positions, axis=0)
         if _any(normals).all():
             return replace(mesh, normals=sealed(normals))
     faces = mesh.faces.astype(np.intp)
@@ -291,10 +289,11 @@ def _corner_normals(groups: NDArray[np.intp], face_normals: _Float, angles: _Flo
 
 
 def _mean(sums: _Float, total: _Float) -> _Float:
-    """Return (3, G) unit normals of angle-weighted sums, whose angles add up to `total`; zero where normals cancel."""
+    """Make (3, G) angle-weighted sums unit normals, zero where they cancel; `total` is the sum of the angles."""
     length = _length(sums)
     length[length <= 1e-6 * total] = np.inf  # opposite faces leave only rounding errors
-    return sums / length
+    sums /= length
+    return sums
 
 
 def _any(rows: NDArray[Any]) -> NDArray[np.bool_]:
@@ -314,6 +313,6 @@ def _smooth(mesh: Mesh, groups: _Int) -> _Float:
         for part, normals, _ in _faces_in_chunks(mesh):
             solid = _any(normals.T)
             for index in mesh.faces[part][solid].T:
-                here = blank[index]
-                result[index[here]] = normals.T[solid][here]
+                mended = blank[index]
+                result[index[mended]] = normals.T[solid][mended]
     return result

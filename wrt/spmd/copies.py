@@ -206,7 +206,7 @@ def _without_unused(function: ir.Function) -> ir.Function:
 
 
 def _live(body: list[ir.Statement], read: set[ir.Variable]) -> list[ir.Statement]:
-    """Return the statements that have an effect or set variables that are `read`, and add those that they read."""
+    """Return the statements with an effect or that set `read` variables, and add the variables that these read."""
     out = []
     for s in reversed(body):
         if isinstance(s, ir.If | ir.Loop):

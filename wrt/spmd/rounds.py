@@ -66,7 +66,7 @@ def check_path_function(function: ir.Function, shared: list[ir.Variable], module
     """Check the requirements of `@path_function`; `shared` are the arguments that are the same for all paths.
 
     Raises:
-        Unsupported: The function violates one; the message tells how to change it.
+        Unsupported: The function violates one; the message names the change to make.
     """
     loop = the_loop(function)
     returns = [s for s in ir.walk(function.body) if isinstance(s, ir.Return)]

@@ -32,7 +32,7 @@ def has_array(t: Any) -> bool:
 
 
 def structs_of(functions: list[Any]) -> tuple[list[Any], set[str]]:
-    """Return the structs of functions that Warp has built, and the names of those that arrays hold.
+    """Return the structs of functions that Warp has built, and the names of array elements among them.
 
     Each struct comes after those of its members.
     """

@@ -24,8 +24,8 @@ class Settings:
     """The settings of the render, besides the camera.
 
     Attributes:
-        integrator: one of INTEGRATORS, or None for that of the scene.
-        max_depth: path segments, or None for those of the scene.
+        integrator: one of INTEGRATORS, or None for the scene's.
+        max_depth: path segments, or None for the scene's.
         layer: one of SHOWN_LAYERS.
     """
 

@@ -7,6 +7,7 @@ import math
 import tempfile
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class Pictures:
         self._settings = Settings()
         self._layer: tuple[str, Renderer] | None = None
         self._previews: dict[tuple[str, int], Renderer] = {}
-        self._aims = {id(base): self.home}
+        self._aims = WeakKeyDictionary({base: self.home})
         self._rate = FIRST_RATE
 
     def shown(self, settings: Settings) -> Renderer | None:
@@ -58,12 +59,12 @@ class Pictures:
         """Return the renderer for the settings."""
         overrides = settings.overrides()
         if overrides != self._settings.overrides():
-            self.main = self._sharing(**overrides) if overrides else self.base
+            self.main = sharing(self.base, **overrides) if overrides else self.base
             self._settings = settings
             self._previews.clear()
         renderer = self.shown(settings)
         if renderer is None:
-            renderer = self._sharing(integrator="aov", layers=(settings.layer,))
+            renderer = sharing(self.base, integrator="aov", layers=(settings.layer,))
             self._layer = settings.layer, renderer
         return renderer
 
@@ -76,8 +77,7 @@ class Pictures:
         layer = "" if full is self.main else settings.layer
         if (layer, divisor) not in self._previews:
             size = {"width": -(-full.width // divisor), "height": -(-full.height // divisor), "crop": None}
-            self._previews[layer, divisor] = preview = sharing(full, **size)
-            self._aims.pop(id(preview), None)
+            self._previews[layer, divisor] = sharing(full, **size)
         return self._previews[layer, divisor]
 
     def timed(self, paths_per_second: float) -> None:
@@ -86,14 +86,14 @@ class Pictures:
 
     def is_aimed(self, renderer: Renderer, camera: Camera) -> bool:
         """Return whether a renderer's picture is of this camera."""
-        return self._aims.get(id(renderer)) == camera
+        return self._aims.get(renderer) == camera
 
     def aim(self, renderer: Renderer, camera: Camera) -> Renderer:
         """Look through a camera; the picture restarts if it is another one."""
         if not self.is_aimed(renderer, camera):
             renderer.set_camera(camera)
             renderer.seconds_render, renderer.paths = 0.0, 0
-            self._aims[id(renderer)] = camera
+            self._aims[renderer] = camera
         elif renderer.scene.camera != camera:  # another renderer has moved the camera of the shared scene
             renderer.scene.camera = camera
             renderer._built.look_from(camera)
@@ -104,7 +104,7 @@ class Pictures:
         column = min(max(int(x * self.base.width), 0), self.base.width - 1)
         row = min(max(int(y * self.base.height), 0), self.base.height - 1)
         crop = (column, row, column + 1, row + 1)
-        pixel = self._sharing(integrator="aov", layers=("position", "object"), crop=crop)
+        pixel = sharing(self.base, integrator="aov", layers=("position", "object"), crop=crop)
         pixel.set_camera(camera)
         for _ in pixel.passes(spp=1):
             pass
@@ -121,11 +121,6 @@ class Pictures:
             "name": shape.name,
             "bounds": shape.bounds.tolist(),
         }
-
-    def _sharing(self, **changes: Any) -> Renderer:
-        renderer = sharing(self.base, **changes)
-        self._aims.pop(id(renderer), None)  # of a deleted renderer
-        return renderer
 
 
 def file_of(renderer: Renderer, suffix: str, look: Look) -> bytes:

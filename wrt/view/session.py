@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import Any
 
-from wrt.backend import leave_compiled
-from wrt.backend.builds import NotCompiled
 from wrt.errors import InputError, one_line
 from wrt.rendering.passes import Progress
 from wrt.rendering.renderer import Renderer
@@ -243,19 +241,11 @@ class Session:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     step()
-            except NotCompiled:
-                self._leave_compiled()
             except Exception as error:  # noqa: BLE001  # the page shows it; the thread must live on to answer
                 if isinstance(error, RuntimeError) and _SHUTDOWN in str(error):
                     return
                 self.error = _text_of(error)
                 self._tell(self.state())
-
-    def _leave_compiled(self) -> None:
-        """Open the scene again with Warp, which compiles the kernel that a new layer, integrator or denoising needs."""
-        self._passes = self._pictures = None
-        leave_compiled()
-        self._reload = True
 
     def _next_step(self) -> Callable[[], None] | None:
         """Return what the thread does next, None to wait for a change."""
@@ -305,13 +295,11 @@ class Session:
         with self._changed:
             if not self._requests:  # they were cancelled
                 return
-            request = answer, future = self._requests[0]  # it stays in the list if its kernel is not compiled yet
+            request = answer, future = self._requests[0]  # listed until it is answered, so that it can be cancelled
         result: Any = None
         error: Exception | None = None
         try:
             result = answer()
-        except NotCompiled:
-            raise
         except Exception as caught:  # noqa: BLE001  # it goes to the caller
             error = caught if isinstance(caught, (InputError, OSError, MemoryError)) else OSError(_text_of(caught))
         with self._changed:

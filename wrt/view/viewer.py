@@ -71,7 +71,7 @@ class Viewer:
         return frame
 
     def receive(self, message: Any) -> None:
-        """Handle a message from the page; the page is told what is wrong with it."""
+        """Handle a message from the page, and send it the error of an unusable one."""
         try:
             self._handle(message)
         except (InputError, OSError, MemoryError) as error:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.scene.materials.measured import Measured, Measurement
 
 Schema = dict[str, Any]
 
@@ -133,6 +134,8 @@ class Limits:
 
 def _example(hint: Any, index: int) -> Any:
     """Return an example of a type; consecutive vectors are orthogonal."""
+    if hint is Measurement:
+        return Measured.example().measurement
     if typing.get_origin(hint) is tuple:
         return [1.0, 1.0 - 2.0 * (index % 2), 0.0]
     if "numpy" in str(hint):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.scene.description import Checks
 from wrt.scene.lights.light import Light, LightExtent, unit_vector
 from wrt.values import ColorLike, Vec3, number
 
@@ -35,30 +37,27 @@ class DirectionalLight(Light):
     angle_degrees: float = 0.0
 
     type_name: ClassVar[str] = "directional"
+    checks: ClassVar[Checks] = {"direction": unit_vector, "angle_degrees": partial(number, minimum=0.0, maximum=180.0)}
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.irradiance is None and self.color is None:
             self._set(irradiance=1.0)
-        angle = number(self.angle_degrees, "angle_degrees", minimum=0.0, maximum=180.0)
-        if 0.0 < angle < 1e-3:
-            raise InputError(f"angle_degrees must be 0 or at least 0.001, not {angle:g}")
-        self._set(direction=unit_vector(self.direction, "direction"), angle_degrees=angle)
+        if 0.0 < self.angle_degrees < 1e-3:
+            raise InputError(f"angle_degrees must be 0 or at least 0.001, not {self.angle_degrees:g}")
         self._set_amount({"irradiance": 1.0, "color": math.pi})
 
     @property
     def model(self) -> str:
-        """Name of the model in kernels."""
         return "sun" if self.angle_degrees > 0.0 else "directional"
 
     def record(self) -> dict[str, Any]:
-        """Return fields of the LightRecord."""
         if self.angle_degrees == 0.0:
             return {"place": np.negative(self.direction), "value": self.irradiance}
         sine = math.sin(math.radians(0.5 * self.angle_degrees))
         return {"place": np.negative(self.direction), "value": np.asarray(self.irradiance) / (math.pi * sine * sine)}
 
     def shape(self) -> dict[str, Any] | None:
-        """Return fields of the LightShape; None for parallel light."""
         if self.angle_degrees == 0.0:
             return None
         half = math.radians(0.5 * self.angle_degrees)
@@ -66,5 +65,4 @@ class DirectionalLight(Light):
         return {"normal": np.negative(self.direction), "size": size}
 
     def extent(self) -> LightExtent:
-        """Return the direction and irradiance."""
         return LightExtent(None, self.direction, self.irradiance)

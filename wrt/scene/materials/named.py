@@ -9,11 +9,11 @@ from typing import Any
 from wrt.errors import InputError, did_you_mean
 from wrt.scene.materials import MATERIALS
 from wrt.scene.materials.dielectrics import Dielectric, RoughDielectric
-from wrt.scene.materials.diffuse import OrenNayar
 from wrt.scene.materials.material import Material
 from wrt.scene.materials.metals import RoughConductor
 from wrt.scene.materials.plastics import RoughPlastic
 from wrt.scene.materials.presets import ALIASES, METAL_F0, METAL_IOR, SEMICONDUCTOR_F0
+from wrt.scene.materials.simple import OrenNayar
 
 LOOKS: dict[str, tuple[type[Material], dict[str, Any]]] = {
     "plaster": (OrenNayar, {"reflectance": 0.75}),
