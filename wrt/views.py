@@ -96,12 +96,10 @@ class _Views:
 
     def __init__(self, renderer: Renderer, limits: Mapping[str, Any], count: int) -> None:
         """Share a built scene between renderers; `count` is the number of views, or 0 if it is not known."""
-        from wrt.rendering.sharing import sharing
-
         self._device, self._limits, self._count = renderer.device, limits, count
         # Bodies around the camera belong to the built scene, which all share; a GPU has no threads that could idle.
         is_alone = renderer.built_features.bodies or not renderer.device.is_cpu
-        self._idle = [renderer, *(sharing(renderer) for _ in range(0 if is_alone else TOGETHER - 1))]
+        self._idle = [renderer, *(renderer.sharing() for _ in range(0 if is_alone else TOGETHER - 1))]
         self._together = len(self._idle)
         self._seconds_of_view = 0.0
         self._camera_lock = threading.Lock()

@@ -1,4 +1,4 @@
-"""Samplers: uniform, independent where they must be, and as even as they promise."""
+"""Samplers: uniform, independent across pixels, blocks and seeds, and stratified as documented."""
 
 import itertools
 
@@ -35,7 +35,7 @@ def elementary(m):
 
 
 def test_sobols_dimensions_are_the_published_ones(device):
-    """Against SciPy's, which come in the order of the Gray code."""
+    """Against SciPy's, which are in Gray-code order."""
     n = 2**12
     expected = qmc.Sobol(5, scramble=False, bits=32).random(n)
     index = np.arange(n, dtype=np.uint32)
@@ -49,7 +49,7 @@ def test_sobols_dimensions_are_the_published_ones(device):
 
 @pytest.mark.parametrize("block", [LIGHT, BSDF])
 def test_sobol_pairs_have_one_point_in_every_elementary_interval(block, device):
-    """Of a prefix of 2^m, and of every later run of as many that starts at a multiple of it."""
+    """For the first 2^m points, and for each later run of 2^m that starts at a multiple of 2^m."""
     u = samples("sobol", block, np.arange(40), 2**10, device)
     for m in range(1, 11):
         runs = u.reshape(40, -1, 2**m, 4)[:, :8]
@@ -87,7 +87,7 @@ def square_p(a, b):
 @pytest.mark.parametrize("sampler", SAMPLERS)
 @pytest.mark.parametrize("axis", ["pixel", pytest.param("seed", marks=pytest.mark.slow)])
 def test_numbers_and_pairs_are_uniform_over_pixels_and_seeds(sampler, axis, device, report):
-    """For samples early and late; of the camera, where no index is shuffled, and of a vertex."""
+    """For early and late samples, of the camera, whose index is not shuffled, and of a vertex."""
     n, p = 2**18, {}
     for block, index in itertools.product((CAMERA, LIGHT), (0, 5, 1_000_003)):
         names = {"seed": 3, "pixel": 77, axis: np.arange(n)}
@@ -103,7 +103,7 @@ def test_numbers_and_pairs_are_uniform_over_pixels_and_seeds(sampler, axis, devi
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_numbers_of_several_blocks_fill_the_square_together(sampler, device, report):
-    """Over the samples of one pixel: numbers that are even by themselves must not move in step."""
+    """Over the samples of one pixel: dimensions that are stratified by themselves must not be correlated."""
     blocks = [samples(sampler, block, 4321, 2**18, device)[0] for block in (CAMERA, LIGHT, BSDF, 10)]
     rows = [u[:, i] for u in blocks for i in range(4)]
     p = {(i, j): square_p(rows[i], rows[j]) for i, j in itertools.combinations(range(len(rows)), 2)}
@@ -163,7 +163,7 @@ def test_the_variance_over_seeds_falls_as_fast_as_it_should(sampler, device, rep
 
 
 def test_film_and_lens_are_even_together(device, report):
-    """An edge out of focus is a step across both: the camera's four numbers are one point, and not two pairs."""
+    """An edge out of focus is a step in film and lens: the camera's four numbers are one 4D point, not two pairs."""
     for normal, limit in (((1.0, 0.0, 0.8, 0.0), 0.5), ((0.0, 1.0, 0.0, 0.8), 0.5), ((1.0, 0.6, 0.8, 0.5), 1.0)):
         one, two = (
             (samples("sobol", block, np.arange(2000), 256, device) @ normal < 0.55 * sum(normal)).mean(axis=1).var()

@@ -26,7 +26,7 @@ def gpu():
 
 @pytest.fixture
 def fetched(gpu, monkeypatch):
-    """Return of every array whose numbers the host reads, as they are read: its bytes, and whether `fetch` reads it."""
+    """Return a list that gets the size of each array that the host reads, and whether `fetch` reads it."""
     reads, numpy, fetch, inside = [], wp.array.numpy, type(gpu).fetch, []
 
     def by_fetch(self, array, **how):
@@ -42,7 +42,7 @@ def fetched(gpu, monkeypatch):
 
 
 def renderer_of(width=WIDTH, height=HEIGHT):
-    """Return a renderer of a floor under a lamp: most of the picture is dark, and a little of it is noisy."""
+    """Return a renderer of a floor under a lamp: most of the picture is dark, and little of it is noisy."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 2, 5), (0, 0, 0)))
     scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)))
     scene.add(wrt.sphere((0, 1, 0), 0.5, subdivisions=2))
@@ -73,7 +73,7 @@ def test_passes_fetch_no_film_and_wait_for_no_other_stream(fetched):
 
 @pytest.mark.machinery
 def test_later_passes_take_no_memory_of_a_gpu(gpu):
-    """Nor release any, for which a GPU ends all work of all streams first."""
+    """They release none either: a GPU would finish all work of all streams first."""
     renderer = renderer_of(24, 16)
     passes = renderer.passes(spp=40, pass_seconds=1e-9)
     for _ in range(3):

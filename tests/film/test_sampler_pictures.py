@@ -1,4 +1,4 @@
-"""Pictures by every sampler: one expectation, and errors that fall as they should."""
+"""Pictures by every sampler: the same expectation, and the expected rate of convergence."""
 
 import functools
 
@@ -16,7 +16,7 @@ SKY = np.random.default_rng(1).random((4, 8, 3)).astype(np.float32)
 
 
 def scene():
-    """A block and a moving, blurring camera under a lamp and a mottled sky: every block of dimensions is in use."""
+    """Return a block under a lamp and a sky, and a moving camera with a lens: all blocks of dimensions are in use."""
     motion = wrt.Motion.translation((0.2, 0.0, 0.0))
     lens = {"aperture_radius": 0.05, "shutter_close": 1.0, "motion": motion}
     result = wrt.Scene(camera=wrt.PerspectiveCamera((1.0, 1.5, 2.5), (0.0, 0.3, 0.0), **lens))

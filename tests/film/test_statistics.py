@@ -1,4 +1,4 @@
-"""The helpers that decide over all other statistical tests hold their level and have power."""
+"""The helpers of all statistical tests hold their significance level and have power."""
 
 import numpy as np
 import pytest
@@ -94,7 +94,7 @@ def test_means_are_told_apart():
 
 
 def noisy_picture(rng, truth, samples, skewed=True):
-    """Mean and variance of the mean of `samples` samples: normal, or skewed as radiance is."""
+    """Return the mean of samples and its variance: normal, or skewed as radiance is."""
     shape = (*truth.shape, samples)
     relative = rng.gamma(0.5, 2.0, shape) if skewed else rng.normal(1.0, 1.0, shape)
     x = truth[..., None] * relative

@@ -1,4 +1,4 @@
-"""No path leaves a closed room, however near an edge it meets a wall: lit from outside alone, a room is black."""
+"""No path leaves a closed room, however near an edge it hits a wall: lit only from outside, a room is black."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def wedge() -> wrt.Scene:
 
 
 def crossing_walls() -> wrt.Scene:
-    """Six walls that go through one another; none ends where another begins."""
+    """Six walls that intersect one another, beyond their common edges."""
     walls = []
     for axis in range(3):
         for side in (-1.0, 1.0):
@@ -97,14 +97,14 @@ SLOW = pytest.mark.slow
     ],
 )
 def test_a_closed_room_is_black(build: Callable[[], wrt.Scene], spp: int, settings: dict, device: str) -> None:
-    """Of 260,000 paths a dozen left when hits beside an edge were dropped as within their error."""
+    """A dozen of 260,000 paths escaped when hits beside an edge were dropped as within their error."""
     renderer = wrt.Renderer(build(), width=64, height=64, device=device, **settings)
     assert image_of(renderer, spp).max() == 0.0
 
 
 @pytest.mark.parametrize("scale", [1e-11, 1e11])
 def test_a_white_body_of_any_size_is_invisible_in_a_white_sky(scale: float, device: str) -> None:
-    """The products of its edges are beyond float32."""
+    """The products of its edges overflow or vanish in float32."""
     ball = wrt.sphere(subdivisions=3)
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     scene.camera = wrt.PerspectiveCamera((0, 0, 5 * scale), (0, 0, 0), fov_degrees=30)
@@ -115,7 +115,7 @@ def test_a_white_body_of_any_size_is_invisible_in_a_white_sky(scale: float, devi
 
 @pytest.mark.slow
 def test_clear_glass_loses_nothing_to_roulette(device: str) -> None:
-    """Twenty shells of glass in a white sky: each path that has lost nothing goes on to the sky."""
+    """Twenty shells of glass in a white sky: each path that has lost no energy reaches the sky."""
     ball, n = wrt.sphere(subdivisions=3), 20
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     scene.camera = wrt.PerspectiveCamera((0, 0, 5), (0, 0, 0), fov_degrees=2)

@@ -47,7 +47,7 @@ def draw(
     wi_out: wp.array(dtype=wp.vec3),
     numbers_out: wp.array(dtype=wp.vec3),
 ):
-    """Write texture coordinates and directions of samples; their distances, densities, and those of the same hits."""
+    """Write texture coordinates, directions, distances and densities of samples, and the density of the same hit."""
     i = wp.tid()
     sample = sample_mesh_quadric(light, quadric, receiver, u[i])
     place_out[i] = wp.vec2(sample.point.u, sample.point.v)
@@ -72,7 +72,7 @@ def drawn(at: NDArray, side: float, two_sided: int, u: NDArray, device: str) -> 
     "name", [name if name == "beside" else pytest.param(name, marks=pytest.mark.slow) for name in PLACES]
 )
 def test_samples_have_their_density(name: str, emits: str, device: str, report: Report) -> None:
-    """Over samples in a cell of the wall 1 / density by area sums to its area; nothing is sampled that is not seen."""
+    """In each cell of the wall 1 / density by area sums to its area; invisible cells get no samples."""
     (side, two_sided), place = SIDES[emits], np.array(PLACES[name])
     found, wi, numbers = drawn(CENTER + place @ AXES, side, two_sided, uniforms(N, 2, seed=5), device)
     distance, pdf, pdf_of_hit = numbers.T

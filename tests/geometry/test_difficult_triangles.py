@@ -1,4 +1,4 @@
-"""Triangles, sizes and rays that break ray tracers: each is hit rightly, or by nothing; no hit is made up."""
+"""Triangles, sizes and rays that break ray tracers: hits are right, or missed, and never invented."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_points_and_segments_are_never_hit_and_change_nothing_among_others(devic
 
 @pytest.mark.parametrize("copies", [2, 40])
 def test_of_duplicates_the_lowest_number_is_hit_however_rays_are_traced(copies: int, device: str) -> None:
-    """However the copies are strewn among the others, and so over the leaves; t, u and v are those without copies."""
+    """Wherever the copies are among the other triangles, and so in the leaves; t, u and v are those without copies."""
     sound = soup_mesh(10, 300)
     which = np.tile(np.arange(300), copies)
     np.random.default_rng(11).shuffle(which)
@@ -84,7 +84,7 @@ def test_of_duplicates_the_lowest_number_is_hit_however_rays_are_traced(copies: 
 
 @pytest.mark.parametrize("aspect", [10.0, 1e3, 1e5])
 def test_a_ray_that_leaves_a_needle_does_not_hit_it(aspect: float, device: str) -> None:
-    """Rays from points of needles, each to the side of the plane on which rounding put its origin."""
+    """Rays from points of needles, each to the side of the plane on which its rounded origin is."""
     mesh = mesh_of(slivers(300, 1.0, 1.0 / aspect))
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     rng = np.random.default_rng(23)
@@ -105,7 +105,7 @@ def test_a_ray_that_leaves_a_needle_does_not_hit_it(aspect: float, device: str) 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0)], ids=["front", "back"])
 @pytest.mark.parametrize("side", [24, 81], ids=["few", "many"])
 def test_one_triangle_with_its_edges_and_corners(order: tuple[int, ...], side: int, device: str) -> None:
-    """Where all arithmetic is exact, so are the hits: the border belongs to the triangle."""
+    """All arithmetic is exact here: the border belongs to the triangle."""
     mesh = wrt.Mesh(np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([order]))
     tracer = wrt.Intersector(mesh, device=device)
     y, x = (a.ravel() / 16.0 for a in np.mgrid[-2 : side - 2, -2 : side - 2])
@@ -128,7 +128,7 @@ def test_one_triangle_with_its_edges_and_corners(order: tuple[int, ...], side: i
 
 @pytest.mark.parametrize(("size", "length"), [(-36, 0), (40, 0), (0, -50), (0, 100)])
 def test_hits_do_not_depend_on_the_unit_of_length(size: int, length: int, device: str) -> None:
-    """A mesh and its rays 10^-11 to 10^12 as large, directions 10^-15 to 10^30 long: bit for bit the same hits."""
+    """Scaled by 10^-11 to 10^12, with directions of length 10^-15 to 10^30: the same hits to the bit."""
     mesh, scale, along = soup_mesh(15, 300), np.float32(2.0**size), np.float32(2.0**length)
     tracer = wrt.Intersector(mesh, device=device)
     scaled = wrt.Intersector(wrt.Mesh(mesh.vertices * scale, mesh.faces), device=device)
@@ -140,7 +140,7 @@ def test_hits_do_not_depend_on_the_unit_of_length(size: int, length: int, device
 
 @pytest.mark.parametrize("exponent", [-126, -50, -44, 46, 122])
 def test_sizes_beyond_float32_arithmetic_give_no_made_up_hits(exponent: int, device: str) -> None:
-    """From 10^-38 to 10^37: products of three coordinates vanish or overflow, and what is lost is a miss."""
+    """From 10^-38 to 10^37: products of three coordinates vanish or overflow, and turn hits into misses only."""
     mesh = soup_mesh(17, 300)
     # At 2^-44 products of three coordinates are denormal: digits are lost, but not yet all.
     most = 1e-3 if exponent == -44 else 1e-6

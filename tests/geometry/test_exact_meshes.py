@@ -1,4 +1,4 @@
-"""Exact shapes as meshes: their files, their triangles, what is refused, and what they become where they are moved."""
+"""Exact shapes as meshes: their files, their triangles, refused values, and shapes after transforms."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from support.exact_shapes import QUADRICS, ellipse, local
 
 import wrt
 from wrt.backend.device import Device
-from wrt.io.arrays import arrays_of_exact
+from wrt.io.npy import arrays_of_exact
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
 from wrt.upload.scene_data import build_scene
 
 
 def test_scene_files_keep_exact_shapes(tmp_path: Path) -> None:
-    """To the bit, turned and inverted ones too; and their own types of shape make them."""
+    """To the bit, turned and inverted ones too; types of shape for them make the same."""
     rng = np.random.default_rng(2)
     grains = wrt.spheres(rng.random((5, 3)), rng.uniform(0.1, 0.2, 5), colors=rng.random((5, 4)))
     ball, tube = wrt.sphere((1, 2, 3), 0.5, exact=True).rotated((1, 2, 3), 40.0), QUADRICS["cylinder"]
@@ -75,7 +75,7 @@ BALL = arrays_of_exact(wrt.sphere(exact=True))
     ],
 )
 def test_wrong_arrays_are_refused(kind: str, arrays: dict[str, Any], cause: str, tmp_path: Path) -> None:
-    """By their file, the key in the scene, the array and what is wrong with it."""
+    """The message names the file, the key in the scene, the array and the fault."""
     np.savez(tmp_path / "bad.npz", **arrays)
     (tmp_path / "bad.toml").write_text(f'[[shapes]]\ntype = "{kind}"\nfile = "bad.npz"\n')
     with pytest.raises(wrt.InputError, match=rf"bad\.toml: shapes\[0\]\.file: .*bad\.npz: {cause}"):
@@ -113,7 +113,6 @@ def test_triangles_in_their_place_face_alike(shape: Any) -> None:
 
 
 def test_the_front_of_a_mapped_disk_is_that_of_its_triangles() -> None:
-    """Under any map, mirrored ones too."""
     rng = np.random.default_rng(11)
     disk = wrt.disk((0.1, 0.2, 0.3), (1, 2, -1), 0.8)
     for _ in range(20):
@@ -145,7 +144,7 @@ def test_mistakes(make: Callable[[], wrt.Mesh], message: str) -> None:
 
 @pytest.mark.parametrize("make", [wrt.disk, wrt.cylinder])
 def test_what_float32_does_not_resolve_where_it_is_moved_is_triangles(make: Any) -> None:
-    """In meshes and in scenes; one that emits has a light for each triangle."""
+    """In meshes and in scenes; an emitting one has a light for each triangle."""
     far = np.eye(4)
     far[0, 3] = 3e5
     mesh = make(radius=0.1)
@@ -159,7 +158,7 @@ def test_what_float32_does_not_resolve_where_it_is_moved_is_triangles(make: Any)
 
 
 def test_a_motion_keeps_all_that_its_keys_keep() -> None:
-    """A shear that one key bears and a motion does not would make lights of other shapes' triangles."""
+    """A shear that is allowed in one key but not in a motion would shift the numbers of lights."""
     sheared = np.eye(4)
     sheared[0, 1] = 0.8e-5
     mesh = wrt.cylinder(radius=0.5)

@@ -79,7 +79,7 @@ def tube() -> tuple[wrt.Mesh, Any, Any, Any]:
 
 
 def lamp_of(kind: str, radius: float) -> tuple[wrt.Mesh, Any, Any, Any]:
-    """Return a lamp, its radiance, the irradiance that it sheds on the floor, and where it hides that."""
+    """Return a lamp, its radiance, its irradiance on the floor, and the place, height and radius of what it hides."""
     place, shadow = (ABOVE[0], HEIGHT, ABOVE[1]), (ABOVE, HEIGHT, radius)
     if kind == "sphere":
         return wrt.sphere(place, radius, exact=True), 2.0 / radius**2, of_sphere, shadow
@@ -219,5 +219,5 @@ def from_afar(distance: float) -> wrt.Scene:
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [1e4, 1e5, 1e6])
 def test_both_kernels_see_the_same_from_afar(distance: float) -> None:
-    """A hit that is rounded out of the box around its shape counts in neither."""
+    """Neither counts a hit that is rounded out of the box around its shape."""
     assert differences(from_afar(distance)) == []

@@ -19,7 +19,7 @@ EPS = 2.0**-24
 
 
 class Place(NamedTuple):
-    """A sphere, disk or cylinder: where it is, and the rows to which the vectors of the unit shape map."""
+    """A sphere, disk or cylinder: its centre, and the images of the unit vectors as rows."""
 
     kind: str
     center: NDArray
@@ -74,14 +74,14 @@ class Place(NamedTuple):
         return np.abs(moved - expected).max(axis=0), certain
 
     def point(self, turn: NDArray, second: NDArray) -> NDArray:
-        """Return the points, from the centre, of texture coordinates: turns, and the others."""
+        """Return the points, from the centre, of texture coordinates, the first in turns."""
         r = {"sphere": np.sin(np.pi * second), "disk": second, "cylinder": np.ones_like(second)}[self.kind]
         z = {"sphere": np.cos(np.pi * second), "disk": np.zeros_like(second), "cylinder": second - 0.5}[self.kind]
         angle = 2.0 * np.pi * turn
         return np.asarray(np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1) @ self.axes)
 
     def rays(self, n: int, distance: float) -> tuple[NDArray, NDArray]:
-        """Return rays from all around to places in and near the shape, half of them to its outline or its ends."""
+        """Return rays from all around to points in and near the shape, half of them near its outline or ends."""
         rng = np.random.default_rng(7)
         out = unit(rng.standard_normal((n, 3)))
         origins = (self.center + distance * self.reach * out).astype(np.float32)
@@ -196,7 +196,7 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
 
 
 def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
-    """Among triangles, spheres, disks and cylinders the nearest that a ray meets is found, and the next after it."""
+    """Rays find the nearest and the second nearest of triangles, spheres, disks and cylinders."""
     rng = np.random.default_rng(3)
     n = 300
     places, axes = rng.uniform(-1, 1, (2 * n, 3)), rng.standard_normal((2 * n, 3))
@@ -236,7 +236,7 @@ def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
 
 
 def test_no_triangle_is_taken_for_a_sphere(device: str) -> None:
-    """One whose third corner is its first is never hit, beside spheres as without."""
+    """A triangle whose third corner is its first is never hit, also beside spheres."""
     needle = wrt.Mesh([(-1, -1, 0), (1, 1, 0.5), (-1, -1, 0)], [[0, 1, 2]])
     ball = wrt.sphere((0, 0, -5), 0.1, exact=True)
     origins, down = np.array([(0, 0.1, 3), (0, 0, 3)], np.float32), np.tile(np.float32([0, 0, -1]), (2, 1))

@@ -1,4 +1,4 @@
-"""Meshes that stand in many places answer as the one mesh that they make up, and take memory once."""
+"""Instances answer as the one mesh that they make up."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def linear_part(kind: str, rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def scene_of(kind: str, count: int, seed: int = 1) -> Placed:
-    """Return instances of a ball, a box and a smaller ball in a cube of half two cube roots of their number."""
+    """Return instances of a ball, a box and a smaller ball, about one in a unit of volume."""
     rng = np.random.default_rng(seed)
     side = 2.0 * count ** (1.0 / 3.0)
     transforms = [affine(linear_part(kind, rng), rng.uniform(-side, side, 3)) for _ in range(count)]
@@ -84,7 +84,7 @@ def test_instances_answer_as_one_mesh(
 
 @pytest.mark.parametrize(("kind", "scale"), [("turned", 1.0), ("mirrored", 1e3), ("scaled", 1e-3), ("sheared", 1.0)])
 def test_nothing_escapes_a_closed_mesh(kind: str, scale: float, device: str) -> None:
-    """A hundred thousand rays from inside a ball that is turned, flattened and moved, at faces, edges and corners."""
+    """A hundred thousand rays from inside a transformed ball, at faces, edges and corners."""
     ball = wrt.sphere(subdivisions=4)
     rng = np.random.default_rng(11)
     linear, offset = scale * linear_part(kind, rng), scale * np.array([3.0, -2.0, 5.0])
@@ -134,7 +134,7 @@ def changed(row: int, column: int, value: float) -> NDArray[np.float64]:
     ],
 )
 def test_transforms_that_are_refused(transforms: object, message: str) -> None:
-    """By the constructor and by `move`, which then leaves everything where it was."""
+    """By the constructor and by `move`, which then changes nothing."""
     tracer, rays = wrt.Intersector.of_instances(MESHES, [0, 1], EYES), random_rays(2.0 * MESHES[0].bounds, 500, seed=19)
     before = tracer.closest_hit(*rays)
     for refuse in (tracer.move, lambda places: wrt.Intersector.of_instances(MESHES, [0, 1], places)):

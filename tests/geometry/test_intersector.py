@@ -73,7 +73,7 @@ def test_packets_and_sorted_rays_find_what_single_rays_find(
 
 
 def tracer_of(kind: str, mesh: wrt.Mesh, device: str) -> wrt.Intersector:
-    """Return an intersector of a mesh, or of the same as two instances of a scaled one, one beside all rays."""
+    """Return an intersector of a mesh, or of two instances of it scaled down, one of them out of reach."""
     if kind != "instances":
         return wrt.Intersector(mesh, device=device)
     places = np.stack([np.diag([2.0, 2.0, 2.0, 1.0])] * 2)
@@ -141,7 +141,7 @@ def test_trimesh_objects(mesh: wrt.Mesh) -> None:
 
 @pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-3, 0.0), (1e6, 0.0), (1.0, 1e4)])
 def test_nothing_escapes_a_closed_mesh(scale: float, offset: float, device: str) -> None:
-    """A quarter of a million rays from inside, at faces, edges and corners, however large or far away the mesh is."""
+    """A quarter of a million rays from inside, at faces, edges and corners, at any scale and distance."""
     ball = wrt.sphere(subdivisions=6)
     p = ball.vertices.astype(np.float64)
     p *= 1.0 + 0.15 * (np.sin(9.0 * p[:, :1]) * np.sin(11.0 * p[:, 1:2]) * np.sin(7.0 * p[:, 2:]))

@@ -1,4 +1,4 @@
-"""wrt's own linear algebra: as exact as NumPy's, for hard matrices too, and with the same bits on every processor."""
+"""wrt's linear algebra: as accurate as NumPy's, also for hard matrices, and the same bits on every processor."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ for array in (motion.at(np.linspace(0.0, 8.0, 333)), camera.frame()):
 
 @pytest.mark.slow
 def test_scenes_are_built_the_same_by_the_code_of_another_processor() -> None:
-    """In processes whose OpenBLAS has the code of one processor and of another."""
+    """In processes whose OpenBLAS uses the code of different processors."""
     printed = []
     for core in CORES:
         environment = {**os.environ, "OPENBLAS_CORETYPE": core, "PYTHONPATH": str(ROOT)}

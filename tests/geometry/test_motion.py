@@ -1,4 +1,4 @@
-"""Keyframed motion is where closed forms say, on the host and on the device."""
+"""Keyframed motion agrees with closed forms, on the host and on the device."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def test_what_is_no_motion(times: list[float], transforms: object, message: str)
 
 
 def test_boxes_hold_what_moves(report: Report) -> None:
-    """Throughout each slice, and they are not much larger than they must be."""
+    """Throughout each slice, and they are nearly tight."""
     rng = np.random.default_rng(5)
     slack = []
     for case in range(24):
@@ -182,7 +182,6 @@ def test_boxes_hold_what_moves(report: Report) -> None:
 
 
 def test_boxes_of_balls_are_those_of_balls() -> None:
-    """However they turn; stretched ones are held by the ball around them."""
     motion = wrt.Motion.rotation((1, 2, 3), 300.0, center=(1.0, 2.0, 3.0))
     box = np.array([[[0.5, 1.5, 2.5], [1.5, 2.5, 3.5]]])
     found = swept_boxes(motion, np.zeros(1), box, 0.5, (0.0, 1.0), 4)

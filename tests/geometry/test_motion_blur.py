@@ -1,4 +1,4 @@
-"""What moves while the shutter is open: times, cameras, and streaks as closed forms and many still pictures say."""
+"""Motion blur: shutter times, moving cameras, and streaks, against closed forms and the mean of still pictures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OPEN, CLOSE = 0.5, 2.5
 
 
 def trapezoid_quantile(u: FloatArray, ramp: float) -> FloatArray:
-    """Return where u of the area lies under a density that rises over ramp / 2 of [0, 1], and falls over the last."""
+    """Return the quantile u of a density on [0, 1] that rises over the first ramp / 2 and falls over the last."""
     area = 1.0 - ramp / 2.0
     rise, fall = np.sqrt(u * area * ramp), 1.0 - np.sqrt((1.0 - u) * area * ramp)
     return np.where(u * area < ramp / 4.0, rise, np.where((1.0 - u) * area < ramp / 4.0, fall, u * area + ramp / 4.0))
@@ -107,7 +107,7 @@ def crossing(offset: float, start: float = -2.0) -> FloatArray:
 
 @pytest.mark.parametrize("what", ["shape", pytest.param("camera", marks=pytest.mark.slow)])
 def test_a_streak(what: str, device: str, report: Report) -> None:
-    """Its length, and the light along it: of four seconds a thing, or the camera, moves in one, and stands in three."""
+    """Its length, and the light along it: the shape, or the camera, moves for one of four seconds."""
     offset = 2.0 if what == "shape" else -2.0
     moving = wrt.Motion.translation((offset, 0.0, 0.0), times=(1.0, 2.0))
     shape, camera = ({"transform": moving}, {}) if what == "shape" else ({}, {"motion": moving})
@@ -167,7 +167,7 @@ RAMP = 0.8
 
 
 def moving_scene(shutter: tuple[float, float], ramp: float = RAMP) -> wrt.Scene:
-    """A box that tumbles, a ball that changes its shape, a lamp that moves, things that stand; a camera that turns."""
+    """Return a tumbling box, a deforming ball, a moving lamp, shapes at rest, and a turning camera."""
     times = dict(zip(("shutter_open", "shutter_close"), shutter, strict=True))
     turn = wrt.Motion.rotation((0, 1, 0.5), 12.0, center=(0.5, 0.0, 3.0), offset=(0.2, 0.1, -0.3))
     camera = wrt.PerspectiveCamera((0.0, 2.0, 5.0), (0.0, 0.6, 0.0), fov_degrees=40.0, shutter_ramp=ramp, **times)

@@ -1,4 +1,4 @@
-"""Meshes that stand in many places make the same picture as copies of them, for the memory of one."""
+"""Instances make the same picture as copies of a mesh, with the memory of one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from wrt.upload.scene_data import build_scene
 
 
 def materials() -> list[wrt.Material]:
-    """Matt, brushed along the texture, with a normal map, transparent in part, and glass."""
+    """Return matt, brushed, normal-mapped and partly transparent materials, and glass."""
     pattern = wrt.ImageTexture(np.random.default_rng(1).random((4, 4, 3)).astype(np.float32))
     bumps = np.full((8, 8, 3), (0.5, 0.5, 1.0), np.float32)
     bumps[::2, ::3, :2] = 0.7, 0.4
@@ -34,7 +34,7 @@ def materials() -> list[wrt.Material]:
 
 
 def many(instanced: bool, mirrored: bool = True) -> wrt.Scene:
-    """Smooth balls with textures and emitting boxes, turned, stretched, mirrored, by transform or as copies."""
+    """Return smooth balls with textures and emitting boxes, turned, stretched and mirrored, as instances or copies."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.6, 5.0), (0.0, 0.7, 0.0), fov_degrees=42.0))
     scene.environment = wrt.ConstantEnvironment(0.3)
     scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse(0.6))

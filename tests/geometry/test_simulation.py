@@ -1,4 +1,4 @@
-"""Frames of a simulation: vertices that move between pictures, on the device they are on."""
+"""Frames of a simulation: vertices on the device that move between pictures."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_frame_is_the_picture_of_a_new_scene(smooth: bool, kind: str, device: 
 
 
 def test_given_normals_are_taken(device: str) -> None:
-    """By a flat mesh, too."""
+    """Also for a flat mesh."""
     smooth, up = hilly(0.2, smooth=True), np.tile(np.float32([0, 1, 0]), (400, 1))
     renderer = renderer_of(hilly(0.2), device)
     flat = rendered(renderer)
@@ -138,7 +138,7 @@ def test_others_share_film_and_image_without_a_copy(library: str) -> None:
 
 
 def test_launches_wait_for_the_current_stream_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A simulation on another stream goes on; what is launched on this one before comes first."""
+    """A simulation on another stream goes on; earlier launches on this stream come first."""
     backend, calls = current_backend(), []
     monkeypatch.setattr(wp, "launch", lambda kernel, dim, inputs, device: calls.append(("launch", device)))
     monkeypatch.setattr(wp, "synchronize_stream", lambda device: calls.append(("wait for the stream of", device)))

@@ -1,4 +1,4 @@
-"""Rectangles, disks and spheres are sampled by the densities that are stated, wherever they are seen from."""
+"""Rectangles, disks and spheres are sampled with the stated densities, from any viewpoint."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ QUICK = {"rectangle above the middle", "rectangle, grazing", "disk behind and as
     "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in FLAT]
 )
 def test_flat_lights(name: str, device: str, report: Report) -> None:
-    """Over samples in a cell 1 / density sums to its solid angle; cells lie between quantiles of x and of y."""
+    """In each cell, between quantiles of x and of y, 1 / density sums to its solid angle."""
     p = np.array(FLAT[name])
     h, is_disk = abs(p[2]), "disk" in name
     size = (RADIUS, 0.0) if is_disk else (WIDTH, HEIGHT)
@@ -222,7 +222,7 @@ def test_spheres_and_cones(name: str, device: str, report: Report) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [int(RECTANGLE), int(DISK), int(SPHERE)])
 def test_nothing_is_infinite_or_no_number(kind: int, device: str) -> None:
-    """In the light's plane, on it, inside the sphere, nearly so, and at all distances: finite, or no density at all."""
+    """In or near the light's plane, on it, inside the sphere, at all distances: finite, or without a density."""
     rng = np.random.default_rng(4)
     corner = 1.0 - 2.0**-24
     u = np.float32([(a, b) for a in (0.0, 0.25, 0.5, corner) for b in (0.0, 0.5, corner)])

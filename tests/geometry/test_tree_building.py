@@ -1,4 +1,4 @@
-"""The ray tree's builder: trees are whole, tight and shallow for any triangles, cut ones and moved nodes included."""
+"""The builder of ray trees: trees are complete, tight and shallow, also with cut triangles and moved nodes."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_trees_are_whole_tight_and_shallow(name: str, device: str) -> None:
 
 
 def test_shared_vertices_and_equal_boxes(device: str) -> None:
-    """No plane parts equal boxes: the chunks of a node are halved by number."""
+    """No plane separates equal boxes: the chunks of a node are halved by number."""
     corners = grid(20, 1)
     points, inverse = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     check(build_indexed(points, inverse.reshape(-1), device), corners)
@@ -80,7 +80,7 @@ def test_trees_do_not_depend_on_threads(count: int | str) -> None:
 
 @pytest.mark.parametrize("count", slow_but({700}, [700, 40_000]))
 def test_nodes_are_moved_to_where_boxes_are_smaller(count: int, device: str) -> None:
-    """Large triangles above many small ones: no plane parts them, but subtrees can be inserted elsewhere."""
+    """Large triangles above many small ones: no plane separates them, but subtrees can be inserted elsewhere."""
     corners, areas = scattered(count), []
     check(build(corners, device), corners)
     for reinserts in (True, False):
@@ -132,7 +132,7 @@ def forced(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_pieces_cover_their_triangles_and_change_no_hit(
     name: str, device: str, forced: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Bit for bit, by each of the ways to trace rays: packets, too, meet what follows two pieces of one triangle."""
+    """To the bit, for single rays, interleaved rays and packets."""
     corners = CUT[name]()
     tree = build(corners, device)
     assert len(corners) < tree.built.references <= 6 * len(corners)

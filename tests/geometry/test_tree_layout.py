@@ -1,4 +1,4 @@
-"""How rays go through the tree: one answer where many are right, children in any order, the stack, sides of boxes."""
+"""Traversal: one answer among equal ones, children in any order, the stack, and sides of boxes."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def cast_sorted(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["soup", "large triangles", "coincident pairs", "coplanar", "needles"])
 def test_the_order_of_children_changes_no_hit(name: str) -> None:
-    """Not a bit: the order in which a ray comes to boxes decides how fast it is, not what it hits."""
+    """To the bit: the order of boxes decides the speed, not the hit."""
     mesh = mesh_of(HARD[name]())
     tracer = wrt.Intersector(mesh, device="cpu")
     origins, directions = random_rays(mesh.bounds, 50_000, seed=14)
@@ -118,7 +118,7 @@ KERNELS = {
 @pytest.mark.parametrize("octant", [0, 3])
 @pytest.mark.parametrize("kind", KERNELS)
 def test_all_kernels_follow_the_deepest_tree(kind: str, octant: int, device: str) -> None:
-    """Of a node's children all but the one entered wait, on every level; eight are written beyond the top."""
+    """On every level all children but the entered one wait; eight are written beyond the top."""
     assert sizes.STACK_SIZE >= (sizes.WIDTH - 1) * sizes.MAX_DEPTH + 1
     assert re.findall(r"\b(begins|waiting)\[STACK_SIZE \+ 8\]", text_of("traversal.h")) == ["begins", "waiting"]
     tree, count = deepest_tree(octant, device)
@@ -147,7 +147,7 @@ def test_all_kernels_follow_the_deepest_tree(kind: str, octant: int, device: str
 def test_rays_along_the_side_of_a_box_meet_what_it_holds(
     place: float, side: float, axis: int, count: int, device: str
 ) -> None:
-    """A border belongs to its triangle, whichever side of a plane that is parallel to the ray that lies on."""
+    """A border belongs to its triangle, on either side of a plane parallel to the ray."""
     corners = np.array([[place, -1.0, 0.0], [place, 1.0, 0.0], [place + side, 0.0, 0.0]], np.float32)
     mesh = wrt.Mesh(np.roll(corners, axis, axis=1), np.array([[0, 1, 2]]))
     origin, direction = np.roll([place, 0.25, 1.0], axis), np.roll([0.0, 0.0, -1.0], axis)

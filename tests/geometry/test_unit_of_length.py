@@ -1,4 +1,4 @@
-"""A picture does not depend on the unit of length, nor on how far from the origin a thing is: nothing shades itself."""
+"""A picture depends neither on the unit of length nor on the distance from the origin: no surface shades itself."""
 
 from __future__ import annotations
 

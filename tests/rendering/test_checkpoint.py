@@ -1,4 +1,4 @@
-"""Checkpoints: whole or not there, and only for the scene and the settings they belong to."""
+"""Checkpoints: complete or absent, and only for their own scene and settings."""
 
 import gc
 import json
@@ -120,7 +120,7 @@ def test_foreign_files_are_refused(name, path):
 
 @pytest.mark.parametrize("flip", [0xFF, pytest.param(0x01, marks=pytest.mark.slow)])
 def test_damaged_and_truncated_files(flip, path, recwarn):
-    """With any one byte changed, a checkpoint is refused, or read right where the byte does not count."""
+    """A checkpoint with any one byte changed is refused, or read right if the byte does not matter."""
     write_checkpoint(path, HEADER, ARRAYS)
     data = path.read_bytes()
     for length in [*range(0, len(data), 13), len(data) - 1]:
@@ -146,7 +146,7 @@ def test_damaged_and_truncated_files(flip, path, recwarn):
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_a_scene_that_differs_is_refused_by_its_parts(film, path):
-    """Which changes show in which part is in tests/files/test_fingerprint.py."""
+    """tests/files/test_fingerprint.py has the parts that each change shows in."""
     film.save_checkpoint(path)
     changed = block_scene(lights=[], camera=wrt.PerspectiveCamera((0.0, 1.0, 4.5), (0.0, 0.0, 0.0)))
     text = refusal(wrt.Renderer.resume, path, changed)
@@ -205,7 +205,7 @@ def test_wrong_arrays_are_refused(film, path):
     ],
 )
 def test_impossible_numbers_are_refused(name, value, reason, film, path):
-    """Like an edited archive: its checksums are right, its numbers are wrong."""
+    """As in an edited archive, whose checksums are right and whose numbers are wrong."""
     film.save_checkpoint(path)
     before = film.film.state()
     header, arrays = read_checkpoint(path)

@@ -1,4 +1,4 @@
-"""The memory that a picture takes on a device is known before it is taken, and what does not fit is refused."""
+"""The memory of a picture on a device is predicted, and a picture that does not fit is refused."""
 
 import contextlib
 import dataclasses
@@ -195,7 +195,7 @@ def place(request):
 
 
 def measured(scene, place):
-    """Return the bytes of arrays of a renderer once it is built, and the most there were."""
+    """Return the bytes of arrays of a built renderer, and their peak while it was built."""
     wrt.Renderer(scene, device=place)  # tables that are made once
     with allocations() as counted:
         renderer = wrt.Renderer(scene, device=place)

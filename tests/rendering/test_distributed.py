@@ -19,7 +19,6 @@ from wrt.distributed.dask_cluster import DaskCluster, client_of
 from wrt.distributed.processes import devices_of
 from wrt.distributed.spread import Pass, windows_of_pass
 from wrt.parts import render
-from wrt.rendering.sharing import sharing
 
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
@@ -59,7 +58,7 @@ def one():
 
 @pytest.fixture
 def after_window(monkeypatch):
-    """Return a function that lets another be called with the number of windows, each time that the film gets one."""
+    """Return a function that installs a callback, which gets the number of windows whenever the film gets one."""
 
     def install(react):
         keep, numbers = Pass.keep, itertools.count(1)
@@ -122,12 +121,12 @@ def test_a_target_of_noise(client, adaptive, tmp_path):
     resumed.load_checkpoint(tmp_path / "a.ckpt")
     assert_same_arrays(film_of(resumed, **limits), single.film.state())
     if adaptive == "unbiased":
-        assert_same_arrays(resumed._pilot.film.state(), single._pilot.film.state())
-        assert resumed._pilot.film.counts.any()
+        assert_same_arrays(resumed.pilot.film.state(), single.pilot.film.state())
+        assert resumed.pilot.film.counts.any()
 
 
 def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, monkeypatch):
-    """Every two seconds a client's own copy of what the scheduler knows is replaced by one without workers."""
+    """Every two seconds a client replaces its copy of the scheduler's state by one without workers."""
     sync = client.sync
 
     def sync_and_renew(*arguments, **options):
@@ -140,7 +139,7 @@ def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, mon
 
 
 def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
-    """It would make other bits; what it has made is rendered again."""
+    """It would make other bits; its windows are rendered again."""
     strange = sorted(client.scheduler_info()["workers"])[0]
     arithmetic_of = arithmetic.arithmetic_of
 
@@ -154,7 +153,7 @@ def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
     warning = rf"^worker {strange} renders nothing, these differ: processor \(z80"
     with pytest.warns(wrt.errors.InputWarning, match=warning):
         found = film_of(renderer, 9)
-    assert_same_arrays(found, film_of(sharing(one), 9))
+    assert_same_arrays(found, film_of(one.sharing(), 9))
     assert set(renderer.spread.crew.refused) == {strange}
     monkeypatch.setattr("wrt._version.__version__", "0.0.1")  # of both workers, since they are here
     with (
@@ -192,7 +191,7 @@ def test_processes_of_several_devices_render_one_picture(one, monkeypatch, after
         renderer = spread(processes, threads=1)
         after_window(react)
         monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.0)
-        assert_same_arrays(film_of(renderer, 3, 9), film_of(sharing(one), 3, 9))
+        assert_same_arrays(film_of(renderer, 3, 9), film_of(one.sharing(), 3, 9))
         assert len(windows) > 9
         assert processes.addresses() == ["1:cpu"]
     finally:
@@ -235,7 +234,7 @@ def test_a_lost_scheduler_leaves_the_film(lost_scheduler, one, tmp_path):
     assert 0 < renderer.film.counts.max() < 64
     renderer.save_checkpoint(tmp_path / "a.ckpt")
     resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", block_scene())
-    assert_same_arrays(film_of(resumed, 64), film_of(sharing(one), 64))
+    assert_same_arrays(film_of(resumed, 64), film_of(one.sharing(), 64))
 
 
 def test_the_command_line_saves_what_there_is_when_the_scheduler_is_lost(lost_scheduler, tmp_path, monkeypatch, capsys):
@@ -292,7 +291,7 @@ def test_a_person_is_told_that_there_is_no_worker(monkeypatch):
 
 @pytest.mark.slow
 def test_workers_die_come_late_and_stop(monkeypatch, after_window):
-    """In processes of their own: one is killed, one is added, one is stopped by a signal and wakes up at the end."""
+    """Processes: one is killed, one is added, one is stopped by a signal and continues at the end."""
     size = {**SIZE, "width": 48, "height": 36}
     expected = film_of(wrt.Renderer(block_scene(), **size), 96)
     how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}

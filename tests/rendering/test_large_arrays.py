@@ -185,7 +185,7 @@ ROOM = wrt.Scene([wrt.Shape(wrt.box())], environment=wrt.ConstantEnvironment(1.0
     ],
 )
 def test_larger_arrays_are_refused(make, message):
-    """By shapes alone: the arrays have no elements of their own, or one."""
+    """By their shapes alone: the arrays hold one element, or none."""
     require_countable(MOST_ELEMENTS, "things")
     with pytest.raises(wrt.InputError, match=message):
         make()

@@ -1,4 +1,4 @@
-"""A render ends at its target of noise, at the same samples however it is cut into passes, killed or resumed."""
+"""A render ends at its noise target, with the same samples whatever the passes, kills and resumes."""
 
 import numpy as np
 import pytest
@@ -126,10 +126,10 @@ def test_a_black_picture_ends():
 
 def test_damaged_states_are_refused():
     renderer = finish(box(), noise=0.3)
-    good = renderer._noise_estimate.state()
+    good = renderer.noise_estimate.state()
     estimate = NoiseEstimate(renderer.film)
     estimate.restore(good)
-    assert estimate.noise(20) == renderer._noise_estimate.noise(20)
+    assert estimate.noise(20) == renderer.noise_estimate.noise(20)
     for change in (
         {"noise_mean": good["noise_mean"][1:]},
         {"noise_mean": good["noise_mean"] * np.nan},
@@ -151,7 +151,7 @@ def test_with_a_pilot_the_picture_decides_nothing(adaptive):
     assert np.array_equal(changed.film.counts, clean.film.counts) == (adaptive == "unbiased")
     assert clean.film.counts.min() < clean.film.counts.max()
     if adaptive == "unbiased":  # a pilot takes a quarter more samples of its own
-        pilot, film = clean._pilot.film, clean.film
+        pilot, film = clean.pilot.film, clean.film
         measured = pilot.counts > 0
         assert measured.mean() == 0.25
         np.testing.assert_array_equal(pilot.counts[measured], film.counts[measured])

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.not_emulated
 
 
 def passes(target, sample, *, limit=math.inf, **how):
-    """Return the samples of each pass, and its seconds, of a render whose samples each take as long."""
+    """Return the samples and the seconds of each pass, for samples that take `sample` seconds each."""
     counts, seconds, step = [], 0.0, 1
     while sum(counts) < target and seconds < limit:
         counts.append(step)

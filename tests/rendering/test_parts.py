@@ -1,4 +1,4 @@
-"""Parts of a render merge to the picture of one machine, bit for bit; what does not fit together is refused by name."""
+"""Parts of a render merge to the picture of one machine, to the bit; parts that do not fit are refused by name."""
 
 import dataclasses
 import os
@@ -11,7 +11,6 @@ import wrt
 from wrt.cli import main
 from wrt.parts.cut import pixels_of, put, take, windows_of_part
 from wrt.parts.render import render_part
-from wrt.rendering.sharing import sharing
 
 SIZE = {"width": 24, "height": 37, "max_depth": 3}
 LAYERS = ("albedo", "depth", "object", "material")
@@ -24,7 +23,7 @@ def renderer():
 
 @pytest.fixture(scope="module")
 def single(renderer):
-    return finish(sharing(renderer), 5)
+    return finish(renderer.sharing(), 5)
 
 
 @pytest.mark.parametrize("crop", [(0, 0, 24, 37), (3, 5, 20, 6), (0, 0, 1, 100)])
@@ -46,13 +45,13 @@ def test_windows_cover_a_picture_once_and_evenly(crop):
 
 @pytest.mark.parametrize("of", [1, 3, 50])
 def test_merged_parts_are_the_film_of_one_machine(renderer, single, of):
-    """In any order, and of a crop window; 50 parts of 37 rows are pieces of rows."""
+    """In any order, also of a crop window; 50 parts of 37 rows are pieces of rows."""
     merged = wrt.merge(reversed([renderer.part(number, of, spp=5) for number in range(1, of + 1)]))
     assert_same_arrays(merged.film.arrays(), single.film.arrays())
     np.testing.assert_array_equal(merged.image(), single.image())
     np.testing.assert_array_equal(merged.alpha(), single.alpha())
     assert_same_arrays(merged.layers(), single.layers())
-    window = sharing(renderer, crop=(2, 3, 20, 31))
+    window = renderer.sharing(crop=(2, 3, 20, 31))
     merged = wrt.merge([window.part(number, of, spp=5) for number in range(1, of + 1)])
     np.testing.assert_array_equal(merged.image(), single.image()[3:31, 2:20])
 
@@ -102,7 +101,7 @@ def test_missing_repeated_and_foreign_parts_are_refused(renderer, tmp_path):
     first = renderer.part(1, 9, spp=1)
     path, checkpoint = tmp_path / "a.wrt", tmp_path / "b.wrt"
     first.save(path)
-    sharing(renderer).save_checkpoint(checkpoint)
+    renderer.sharing().save_checkpoint(checkpoint)
     damaged = tmp_path / "c.wrt"
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1

@@ -33,7 +33,7 @@ def test_views_are_the_pictures_of_single_renders(monkeypatch):
 
 @pytest.mark.slow
 def test_views_in_media_begin_in_their_own_bodies():
-    """The bodies around the camera belong to the built scene; where it is set anew, they are found again."""
+    """The bodies around the camera are found again for each camera."""
     absorption = (0.5, 1.0, 2.0)
     outside = wrt.PerspectiveCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0))
     fog = wrt.Scene(camera=outside, environment=wrt.ConstantEnvironment(1.0))

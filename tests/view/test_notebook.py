@@ -1,4 +1,4 @@
-"""Scenes, meshes and renderers show themselves in notebooks, and `view` is a widget that converges and orbits."""
+"""Notebooks show pictures of scenes, meshes and renderers, and `view` is a widget that converges and orbits."""
 
 import asyncio
 import base64

@@ -1,4 +1,4 @@
-"""Errors of the live view end with the change that mends them, Ctrl-C ends the view, and its token stays in private."""
+"""Errors of the live view end with the change that fixes them, Ctrl-C ends the view, and its token stays private."""
 
 from __future__ import annotations
 

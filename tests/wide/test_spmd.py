@@ -1,4 +1,4 @@
-"""The SPMD translator: the example of docs/spmd.md, and what it demands. Films of scenes are in test_wide_films.py."""
+"""The SPMD translator: the example of docs/spmd.md, and its requirements. Films are in test_wide_films.py."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The wide kernel leaves the same bits as the one of a single thread, whatever a scene uses."""
+"""Films of the wide kernel have the bits of the scalar kernel, for all features of scenes."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_sizes_and_settings(options: dict[str, Any]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("target", [5, 29])
 def test_pixels_that_have_samples_already(target: int) -> None:
-    """Some have none, some a few, and some all or more than are asked for."""
+    """Some pixels have no samples, some a few, and some all of them or more."""
     counts = np.random.default_rng(1).integers(0, target + 2, 45 * 31).astype(np.int32)
     counts[:16] = target + 4
     renderer = wrt.Renderer(shared_scene(), width=45, height=31, threads=1)

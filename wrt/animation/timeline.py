@@ -15,7 +15,7 @@ from wrt.io.load_mesh import animation_of, load_file
 from wrt.io.safe_read import PathLike
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene
-from wrt.studio.reach import Reach, reach_of
+from wrt.studio.subjects import Reach, reach_of
 
 TIMES = 12
 """Times between the first keyframe and the last at which shapes are located."""

@@ -34,8 +34,7 @@ def schema(**_: object) -> int:
 
 def materials(*, name: str | None, presets: bool, **_: object) -> int:
     """List the materials or the names of optical constants, or describe a material."""
-    from wrt.describe.materials import explain_material, list_materials
-    from wrt.describe.presets import list_presets
+    from wrt.describe.materials import explain_material, list_materials, list_presets
     from wrt.errors import InputError
 
     if not presets:

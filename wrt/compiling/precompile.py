@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -42,7 +41,7 @@ class Precompiled:
         return said if self.lanes > 1 else f"{said}; there is only the scalar kernel"
 
 
-def precompile(source: Any, *, denoise: bool | None = None, **options: Any) -> Precompiled:
+def precompile(source: Any, **options: Any) -> Precompiled:
     """Compile all kernels that renders of a scene need on a device, and keep them in the cache for other processes.
 
     They depend on what the scene contains, such as kinds of materials and lights, and on some settings, never on
@@ -50,24 +49,21 @@ def precompile(source: Any, *, denoise: bool | None = None, **options: Any) -> P
 
     Args:
         source: as for `wrt.load`, or a scene.
-        denoise: whether pictures will be denoised; by default the scene's own setting.
-        options: as for `wrt.Renderer`, such as device, integrator, sampler and layers.
+        options: as for `wrt.Renderer`, such as device, integrator, sampler, layers and denoise.
 
     Raises:
         InputError: see `wrt.load` and `wrt.Renderer`.
     """
     scene = source if isinstance(source, Scene) else load(source)
-    if denoise is not None:
-        scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, denoise=denoise))
     with kernel_cache.compiled_modules() as modules:
         renderer = Renderer(scene, **options)
     return precompiled(renderer, tuple(sorted(modules)))
 
 
 def compile_general(sampler: str | None = None) -> str:
-    """Compile the general kernels, which render most scenes whose own kernels are not compiled; say what was done.
+    """Compile the general kernels, which render most scenes whose own kernels are not compiled, and report it.
 
-    Processes whose own code has not imported Warp use them, on CPUs with a wide kernel.
+    CPUs with a wide kernel use them.
 
     Args:
         sampler: the sampler of later renders; by default that of scenes which name none.

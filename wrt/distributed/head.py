@@ -84,12 +84,7 @@ class DistributedRenderer(Renderer):
         identity["scene"].pop("camera")
         text = json.dumps([identity, self._device_of_workers, self._threads_of_workers])
         self._digest = hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
-
-    def _prepare(self) -> list[Any]:
-        return []
-
-    def _guides_at_start(self) -> None:
-        return None
+        self._inputs, self._guides = [], None
 
     @property
     def job(self) -> Job:

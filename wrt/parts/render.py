@@ -14,7 +14,6 @@ from wrt.parts.part import Part, header_of
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.passes import LONGEST_PASS, Progress
 from wrt.rendering.renderer import Renderer
-from wrt.rendering.sharing import sharing
 from wrt.scene.scene import MAX_SPP
 from wrt.upload.camera import CropWindow
 from wrt.values import integer
@@ -94,7 +93,7 @@ def render_windows(
     films: list[dict[str, NDArray[Any]]] = []
     seconds, rays, first = 0.0, 0, 0
     for index, window in enumerate(windows):
-        one = sharing(renderer, crop=window)
+        one = renderer.sharing(crop=window)
         if state is not None:
             one.film.restore({name: array[first : first + one.film.pixels] for name, array in state.items()})
         first += one.film.pixels

@@ -303,16 +303,15 @@ class Scene:
             )
         if wrong := _wrong_item(self.lights, tuple(LIGHTS.values())):
             raise InputError(f"lights must be a list of wrt's lights, not {wrong}")
-        if self.environment is not None and not isinstance(self.environment, Environment):
-            raise InputError(
-                f"the scene's environment must be one of wrt's environments, not {type(self.environment).__name__}"
-            )
         if self.camera is not None:
             require_camera(self.camera)
-        if not isinstance(self.settings, RenderSettings):
-            raise InputError(f"the scene's settings must be wrt.RenderSettings, not {type(self.settings).__name__}")
-        if self.medium is not None and not isinstance(self.medium, Medium):
-            raise InputError(f"the scene's medium must be a wrt.Medium, not {type(self.medium).__name__}")
+        for value, kinds, rule in (
+            (self.environment, Environment | None, "environment must be one of wrt's environments"),
+            (self.settings, RenderSettings, "settings must be wrt.RenderSettings"),
+            (self.medium, Medium | None, "medium must be a wrt.Medium"),
+        ):
+            if not isinstance(value, kinds):
+                raise InputError(f"the scene's {rule}, not {type(value).__name__}")
 
     def add(
         self,

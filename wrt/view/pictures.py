@@ -13,7 +13,6 @@ import numpy as np
 
 from wrt.linalg import dot
 from wrt.rendering.renderer import Renderer
-from wrt.rendering.sharing import sharing
 from wrt.scene.camera import Camera
 from wrt.view.controls import Settings
 from wrt.view.picture import Look
@@ -59,12 +58,12 @@ class Pictures:
         """Return the renderer for the settings."""
         overrides = settings.overrides()
         if overrides != self._settings.overrides():
-            self.main = sharing(self.base, **overrides) if overrides else self.base
+            self.main = self.base.sharing(**overrides) if overrides else self.base
             self._settings = settings
             self._previews.clear()
         renderer = self.shown(settings)
         if renderer is None:
-            renderer = sharing(self.base, integrator="aov", layers=(settings.layer,))
+            renderer = self.base.sharing(integrator="aov", layers=(settings.layer,))
             self._layer = settings.layer, renderer
         return renderer
 
@@ -77,7 +76,7 @@ class Pictures:
         layer = "" if full is self.main else settings.layer
         if (layer, divisor) not in self._previews:
             size = {"width": -(-full.width // divisor), "height": -(-full.height // divisor), "crop": None}
-            self._previews[layer, divisor] = sharing(full, **size)
+            self._previews[layer, divisor] = full.sharing(**size)
         return self._previews[layer, divisor]
 
     def timed(self, paths_per_second: float) -> None:
@@ -104,7 +103,7 @@ class Pictures:
         column = min(max(int(x * self.base.width), 0), self.base.width - 1)
         row = min(max(int(y * self.base.height), 0), self.base.height - 1)
         crop = (column, row, column + 1, row + 1)
-        pixel = sharing(self.base, integrator="aov", layers=("position", "object"), crop=crop)
+        pixel = self.base.sharing(integrator="aov", layers=("position", "object"), crop=crop)
         pixel.set_camera(camera)
         for _ in pixel.passes(spp=1):
             pass

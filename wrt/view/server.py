@@ -46,11 +46,17 @@ FILES = {
 
 DOWNLOADS = {"/picture.png": "image/png", "/picture.exr": "image/x-exr"}
 
-POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
-    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
-)
-"""What the page may load: nothing from elsewhere."""
+HEADERS = {
+    # The page may load nothing from elsewhere.
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    ),
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+    "Connection": "close",
+}
 
 
 class _Tab(Viewer):
@@ -146,14 +152,7 @@ class _Page:
 
 
 def _response(status: http.HTTPStatus, kind: str, content: bytes) -> Response:
-    headers = Headers()
-    headers["Content-Type"] = kind
-    headers["Content-Length"] = str(len(content))
-    headers["Content-Security-Policy"] = POLICY
-    headers["Referrer-Policy"] = "no-referrer"
-    headers["X-Content-Type-Options"] = "nosniff"
-    headers["Cache-Control"] = "no-store"
-    headers["Connection"] = "close"
+    headers = Headers({"Content-Type": kind, "Content-Length": str(len(content)), **HEADERS})
     return Response(status.value, status.phrase, headers, content)
 
 

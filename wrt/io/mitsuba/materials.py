@@ -124,7 +124,9 @@ class Materials:
             return self._compound(plugin)
         model = _MODELS.get(plugin.type)
         if model is None:
-            plugin.warn_of_all("this kind of bsdf is not known; grey stands in for it")
+            is_polarized = plugin.type == "measured_polarized"
+            reason = "tables of Mueller matrices are not read" if is_polarized else "this kind of bsdf is not known"
+            plugin.warn_of_all(f"{reason}; grey stands in for it")
             return UNKNOWN
         if model.is_polarized:
             plugin.warn("polarisation is not simulated: as for unpolarised light")
@@ -143,8 +145,8 @@ class Materials:
         parts = [self.surface(part) for part in plugin.of_kind("bsdf")]
         counts = {"twosided": (1, 2), "blendbsdf": (2,)}.get(plugin.type, (1,))
         if len(parts) not in counts:
-            wanted = {(1,): "one bsdf", (1, 2): "one bsdf or two", (2,): "two bsdfs"}[counts]
-            raise plugin.error(f"takes {wanted}, not {len(parts)}")
+            number = {(1,): "one bsdf", (1, 2): "one bsdf or two", (2,): "two bsdfs"}[counts]
+            raise plugin.error(f"takes {number}, not {len(parts)}")
         first, second = parts[0], parts[-1]
         if plugin.type == "twosided":
             same = first.material == second.material

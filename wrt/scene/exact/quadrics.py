@@ -106,10 +106,10 @@ class Quadrics(Analytic):
         if len(matrices) > 1 and len(cylinders) and not all(keeps_spheres(matrix) for matrix in matrices):
             return False
         # Between the keys of a motion shapes may be a little less straight than there.
-        within = _SQUARE if len(matrices) == 1 else 0.5 * _SQUARE
+        tolerance = _SQUARE if len(matrices) == 1 else 0.5 * _SQUARE
         with np.errstate(all="ignore"):
             return all(
-                _are_straight(product(cylinders, matrix[:3, :3].T), within).all()
+                _are_straight(product(cylinders, matrix[:3, :3].T), tolerance).all()
                 and not len(_unresolved(disks, *self._moved(matrix)))
                 for matrix in matrices
             )
@@ -201,7 +201,7 @@ def cylinder(start: Vec3 = (0.0, 0.0, 0.0), end: Vec3 = (0.0, 1.0, 0.0), radius:
 
 
 def basis(z: FloatArray) -> FloatArray:
-    """Return three orthonormal rows, the last of which is z (Duff et al. 2017, "Building an Orthonormal Basis")."""
+    """Return three orthonormal rows ending with z (Duff et al. 2017, "Building an Orthonormal Basis")."""
     sign = math.copysign(1.0, z[2])
     a = -1.0 / (sign + z[2])
     b = z[0] * z[1] * a
@@ -237,12 +237,12 @@ def _unresolved(disks: NDArray[np.bool_], centers: FloatArray, axes: FloatArray)
     return np.flatnonzero(~(least > _LEAST_SIZE * ends.max(axis=1)))
 
 
-def _are_straight(axes: FloatArray, within: float = _SQUARE) -> NDArray[np.bool_]:
+def _are_straight(axes: FloatArray, tolerance: float = _SQUARE) -> NDArray[np.bool_]:
     """Return which cylinders have perpendicular vectors and equal radii."""
     length = np.linalg.norm(axes, axis=2)
     unit = axes / np.maximum(length, 1e-300)[..., None]
     cosines = np.abs(np.einsum("njk,nik->nji", unit, unit) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    return np.asarray((cosines < within) & (np.abs(length[:, 0] - length[:, 1]) < within * length[:, 0]))
+    return np.asarray((cosines < tolerance) & (np.abs(length[:, 0] - length[:, 1]) < tolerance * length[:, 0]))
 
 
 def _reach(disks: NDArray[np.bool_], centers: FloatArray, axes: FloatArray) -> FloatArray:

@@ -116,10 +116,10 @@ def spheres(centers: ArrayLike, radii: ArrayLike, *, colors: ArrayLike | None = 
         raise InputError(f"{name}: there are no centers")
     if middle.ndim != 2 or middle.shape[1] != 3:
         raise InputError(f"{name}: centers must be (N, 3), not {middle.shape}")
-    given = np.asarray(array(radii, f"{name}: radii", np.float64))
-    if given.shape not in ((), (len(middle),)):
-        raise InputError(f"{name}: radii must be one number or {len(middle)}, as many as centers, not {given.shape}")
-    size = np.broadcast_to(given, (len(middle),))
+    size = np.asarray(array(radii, f"{name}: radii", np.float64))
+    if size.shape not in ((), (len(middle),)):
+        raise InputError(f"{name}: radii must be one number or {len(middle)}, as many as centers, not {size.shape}")
+    size = np.broadcast_to(size, (len(middle),))
     good = np.isfinite(middle).all(axis=1) & np.isfinite(size) & (size > 0.0)
     if not good.all():
         bad = int(np.flatnonzero(~good)[0])

@@ -15,7 +15,7 @@ from wrt.scene.lights.light import Light as Light
 from wrt.scene.lights.punctual import PointLight as PointLight
 from wrt.scene.lights.punctual import SpotLight as SpotLight
 from wrt.scene.lights.punctual import ProjectorLight as ProjectorLight
-from wrt.scene.lights.directional import DirectionalLight as DirectionalLight
+from wrt.scene.lights.punctual import DirectionalLight as DirectionalLight
 from wrt.scene.lights.area import RectangleLight as RectangleLight
 from wrt.scene.lights.area import DiskLight as DiskLight
 from wrt.scene.lights.area import SphereLight as SphereLight

@@ -17,12 +17,7 @@ from wrt.values import Vec3, integer
 
 @dataclass(frozen=True)
 class Body(Material):
-    """Base of the materials of bodies that light enters; not used by itself.
-
-    Attributes:
-        interior: medium inside the body; without one it is clear.
-        priority: where bodies overlap, only the one of the highest priority exists.
-    """
+    """Base of the materials of bodies that light enters."""
 
     interior: Medium | None = field(default=None, kw_only=True)
     priority: int = field(default=0, kw_only=True)
@@ -49,7 +44,7 @@ class Body(Material):
 
 
 class Entered(Body):
-    """Base of the materials that light enters by their `transmission`, unless they are thin; not used by itself."""
+    """Base of the materials that light enters by their `transmission`, unless they are thin."""
 
     transmission: ColorSource
     thin_walled: bool

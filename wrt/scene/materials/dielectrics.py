@@ -53,14 +53,7 @@ def _transmittance(cos_i: NDArray[np.float64], eta: float) -> NDArray[np.float64
 
 @dataclass(frozen=True)
 class _Boundary(Material):
-    """Base of the boundaries of transparent media.
-
-    Attributes:
-        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
-        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
-        specular_reflectance: multiplies reflected light; 1 in nature.
-        specular_transmittance: multiplies refracted light; 1 in nature.
-    """
+    """Base of the boundaries of transparent media."""
 
     ior: float | str = 1.5
     exterior_ior: float | str = 1.0
@@ -83,11 +76,7 @@ class _Boundary(Material):
 
 @dataclass(frozen=True)
 class _BodyBoundary(_Boundary, Dispersive):
-    """The boundary of a body, not of a pane.
-
-    Attributes:
-        dispersion: 20 over the Abbe number of the inside, or a name such as "diamond" (`wrt materials --presets`).
-    """
+    """Base of the boundaries of bodies, which may be dispersive."""
 
     dispersion: float | str = field(default=0.0, kw_only=True)
 

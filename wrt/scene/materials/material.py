@@ -102,12 +102,7 @@ class Material(Kind):
 
 @dataclass(frozen=True)
 class Filmed(Material):
-    """Base of materials that may have a thin film, whose colours come from interference; not used by itself.
-
-    Attributes:
-        film_thickness: thickness of the film, nm; 0 is no film.
-        film_ior: its refractive index, from 1.
-    """
+    """Base of materials that may have a thin film, whose colours come from interference."""
 
     film_thickness: ColorSource = field(default=0.0, kw_only=True)
     film_ior: float = field(default=1.3, kw_only=True)
