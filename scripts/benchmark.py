@@ -10,7 +10,7 @@
     python scripts/benchmark.py found [--scenes NAME ...] [--spp N ...] [--folder FOLDER] [--llvm FOLDER]
 
 Each command prints its results, and writes them as JSON with --json FILE. With --docs, results go to docs/measured, and
-tables, plots and pictures to docs/performance.md and docs/notes. Everything is warmed up first. Competitors are
+tables and pictures to docs/performance.md and docs/notes. Everything is warmed up first. Competitors are
 measured alternately, A B A B, and reported as medians and their ratio; on noisy machines, ratios are more reliable than
 times. docs/performance.md explains the figures.
 """
@@ -46,7 +46,8 @@ def command_line() -> argparse.ArgumentParser:
         command = commands.add_parser(name)
         module.add_arguments(command)
         command.add_argument("--json", type=Path, metavar="FILE")
-        command.add_argument("--docs", action="store_true", help="write docs/measured and the tables of docs/")
+        if all(section.page for section in report.SECTIONS[name]):
+            command.add_argument("--docs", action="store_true", help="write docs/measured and the tables of docs/")
     return parser
 
 
@@ -58,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.json:
         options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     print("", *report.texts(result), sep="\n")
-    if options.docs:
+    if getattr(options, "docs", False):
         report.write_documents(result, pictures)
     return 0
 

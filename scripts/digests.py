@@ -30,10 +30,10 @@ def record() -> int:
     recorded = _recorded()
     before = recorded.pop(arithmetic(), {})
     stale = {name for name, digest in before.items() if films.get(name) != digest}
-    kept = {
+    unchanged = {
         kind: {name: digest for name, digest in each.items() if name not in stale} for kind, each in recorded.items()
     }
-    sections = {**kept, arithmetic(): dict(sorted(films.items()))}
+    sections = {**unchanged, arithmetic(): dict(sorted(films.items()))}
     RECORDED.write_text(json.dumps(dict(sorted(sections.items())), indent=2) + "\n", encoding="utf-8")
     return 0
 

@@ -3,8 +3,8 @@
     python scripts/gallery.py                       list them
     python scripts/gallery.py NAME ... [--spp N] [--size PIXELS] [--out FOLDER] [--device NAME] [--threads N]
 
-A name is that of a group (`media`), of a picture (`media-fog`), of a tile (`materials/gold`, which becomes
-materials-gold.jpg) or `all`.
+A name is a group (`media`), a picture (`media-fog`), a tile (`materials/gold`, which becomes materials-gold.jpg) or
+`all`.
 """
 
 from __future__ import annotations

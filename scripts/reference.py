@@ -143,11 +143,11 @@ def results_of(thing: Any) -> dict[str, str]:
 
 def members_of(cls: type[Any]) -> list[list[str]]:
     """Return a row for each public method and property of a class that is no field."""
-    own = {field.name for field in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
+    fields = {field.name for field in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
     rows = []
     for name, member in inspect.getmembers(cls):
         is_data = isinstance(member, (property, functools.cached_property))
-        if name.startswith("_") or name in own | INTERNAL_MEMBERS or not (is_data or inspect.isroutine(member)):
+        if name.startswith("_") or name in fields | INTERNAL_MEMBERS or not (is_data or inspect.isroutine(member)):
             continue
         meanings = {} if is_data else meanings_of(member)
         summary = re.sub("^Return (.)", lambda found: found[1].upper(), summary_of(member))
@@ -238,7 +238,7 @@ def keys_text(name: str) -> str:
         if shown:
             parts.append(table_of_keys(shown))
         if likewise:
-            listed = "; ".join(f"for `{other}`: {', '.join(names)}" for other, names in likewise.items())
+            listed = "; ".join(f"for `{type_name}`: {', '.join(names)}" for type_name, names in likewise.items())
             parts.append(f"As {listed}.\n")
     return "\n".join(parts)
 
@@ -269,24 +269,24 @@ def meaning_of(value: dict[str, Any]) -> str:
     return (text[:1].upper() + text[1:]).replace("|", "\\|")
 
 
-def values_in_words(value: dict[str, Any], *, many: bool = False) -> str:
+def values_in_words(value: dict[str, Any], *, plural: bool = False) -> str:
     """Return the type of a key: numbers with their limits, words, arrays, references to other tables.
 
     Args:
         value: the schema of the key.
-        many: whether to use the plural.
+        plural: whether to use the plural.
     """
     options = value.get("anyOf", value.get("allOf"))
     if options:
         references = {option["$ref"].rpartition("/")[2] for option in options if "$ref" in option}
         if "texture" in references and len(options) > 1:
-            rest = [o for o in options if "const" not in o and "$ref" not in o]
-            return ", ".join([*([values_in_words({"anyOf": rest})] if rest else []), "varies"])
+            literal = [o for o in options if "const" not in o and "$ref" not in o]
+            return ", ".join([*([values_in_words({"anyOf": literal})] if literal else []), "varies"])
         if [option.get("type") for option in options[:2]] == ["number", "array"] and options[1].get("minItems") == 3:
             return " or ".join(["colour" + limits_in_words(options[0]), *map(values_in_words, options[2:])])
         if "enum" in options[0].get("items", {}):
             return values_in_words(options[0])  # also one of them, or a text of several
-        return " or ".join(dict.fromkeys(values_in_words(option, many=many) for option in options))
+        return " or ".join(dict.fromkeys(values_in_words(option, plural=plural) for option in options))
     if "$ref" in value:
         name = value["$ref"].rpartition("/")[2]
         return {"vector": "vector", "color_that_varies": "colour, varies"}.get(name) or LINKS[name]
@@ -294,12 +294,12 @@ def values_in_words(value: dict[str, Any], *, many: bool = False) -> str:
         return ", ".join(f"`{json.dumps(word)}`" for word in value.get("enum", [value.get("const")]))
     if value.get("type") == "array":
         count = value.get("minItems") if value.get("minItems") == value.get("maxItems") else None
-        items = values_in_words(value["items"], many=True)
+        items = values_in_words(value["items"], plural=True)
         if "enum" in value["items"]:
             return "two of them" if count == 2 else f"array of {items}"
         return f"{count} {items}" if count else f"array of {items}"
     kind = {"number": "number", "integer": "integer", "string": "text", "boolean": "boolean"}[value["type"]]
-    return kind + ("s" if many else "") + limits_in_words(value)
+    return kind + ("s" if plural else "") + limits_in_words(value)
 
 
 def limits_in_words(value: dict[str, Any]) -> str:

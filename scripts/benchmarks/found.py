@@ -25,7 +25,7 @@ FILES = {
     "glass": "docs/scenes/bsdf_dielectric_glass.xml",
     "bunny": "docs/scenes/shape_ply_bunny.xml",
 }
-"""Scenes of Mitsuba's documentation, for which wrt was not tuned; none is part of this project."""
+"""Scenes of Mitsuba's documentation, for which wrt was not tuned; they are not part of this project."""
 
 MITSUBA = """\
 import sys

@@ -118,7 +118,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def write_section(page: Path, name: str, text: str) -> None:
-    """Replace what a page has between `<!-- NAME -->` and `<!-- end of NAME -->`, which stay.
+    """Replace the text of a page between `<!-- NAME -->` and `<!-- end of NAME -->`, which stay.
 
     Raises:
         ValueError: where the page does not have these marks once.

@@ -115,11 +115,11 @@ def first_samples(sessions: dict[str, Session], row: Row) -> None:
     """Fill in each renderer's seconds of preparation, and of pictures of one sample per pixel."""
     for name, session in sessions.items():
         first = session.render(1, 0)
-        again = statistics.median(session.render(1, next_seed()) for _ in range(3))
-        seconds = {"compile_seconds": max(first - again, 0.0), "one_sample_seconds": again}
+        repeated = statistics.median(session.render(1, next_seed()) for _ in range(3))
+        seconds = {"compile_seconds": max(first - repeated, 0.0), "one_sample_seconds": repeated}
         row["renderers"][name] = {"about": session.about, **seconds}
         prepared = ", ".join(f"{key} {value:.2f} s" for key, value in session.about["seconds"].items())
-        print(f"  {name}: {prepared}, first render {first - again:.2f} s longer than the next", flush=True)
+        print(f"  {name}: {prepared}, first render {first - repeated:.2f} s longer than the next", flush=True)
 
 
 def equal_samples(sessions: dict[str, Session], row: Row, folder: Path, options: argparse.Namespace) -> Picture:
@@ -186,9 +186,9 @@ def errors_at_equal_time(sessions: dict[str, Session], row: Row, folder: Path, t
 
 
 def squared_errors(image: Picture, references: Sequence[Picture]) -> dict[str, float]:
-    """Return unbiased estimates of squared errors against the mean of which both references are noisy estimates.
+    """Return unbiased estimates of squared errors, from two independent noisy estimates of the true picture.
 
-    "rmse" is over the picture's mean; "relative" weighs every pixel by its own radiance, and a tenth of the mean.
+    "rmse" is over the picture's mean; "relative" divides by the pixel's radiance and a tenth of the mean.
     """
     a, b = references
     average = 0.5 * (a + b)

@@ -32,18 +32,12 @@ def texts(result: Row) -> list[str]:
 
 
 def write_documents(result: Row, pictures: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write a result to docs/measured, its tables into the pages that show them, and its plot and pictures."""
+    """Write a result to docs/measured, its tables into the pages that show them, and its pictures."""
     name = result["benchmark"]
-    if not all(section.page for section in SECTIONS[name]):
-        raise SystemExit(f"--docs: no page shows the results of {name}")
-    import plots
-
     MEASURED_FOLDER.mkdir(parents=True, exist_ok=True)
     (MEASURED_FOLDER / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     for section in SECTIONS[name]:
         write_section(section.page, section.name, section.text(result))
-    if (plot := f"benchmark-{name}") in plots.MEASURED:
-        plots.MEASURED[plot](PICTURES / "plots" / f"{plot}.png")
     if name == "render" and pictures and all(row["scene"] in pictures for row in result["rows"]):
         write_sheet(result["rows"], pictures)
 
@@ -70,7 +64,7 @@ def peers_of(rows: list[Row]) -> list[str]:
 
 
 def error_ratio(row: Row, peer: str, seconds: float, key: str = "rmse") -> float:
-    """Return how many times as large a renderer's error is as that of wrt, NaN where it was not measured."""
+    """Return a renderer's error over wrt's error, NaN where it was not measured."""
     found = [row["renderers"].get(name, {}).get("errors", []) for name in (peer, OWN.name)]
     theirs, ours = ([error[key] for error in errors if error["seconds"] == seconds] for errors in found)
     return theirs[0] / ours[0] if theirs and ours and ours[0] > 0.0 else float("nan")

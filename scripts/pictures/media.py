@@ -88,25 +88,23 @@ def fog() -> wrt.Scene:
     scene = wrt.Scene(camera=camera)
     scene.settings.max_depth = 4
     scene.settings.exposure = 0.4
-    left, right, front, back, top = -2.6, 2.6, 5.5, -4.0, 3.4
+    west, east, front, back, top = -2.6, 2.6, 5.5, -4.0, 3.4
     # The lamp stands in clear air: near it, the radiance of haze has no bound, and few paths would find that.
     haze = wrt.Null(interior=wrt.Medium.from_albedo((0.93, 0.94, 0.95), 0.14, g=0.5))
-    scene.add(
-        wrt.box((left - 0.5, -0.5, back - 0.5), (right + 0.5, top + 0.5, front + 0.5)), material=haze, name="haze"
-    )
+    scene.add(wrt.box((west - 0.5, -0.5, back - 0.5), (east + 0.5, top + 0.5, front + 0.5)), material=haze, name="haze")
     stone = wrt.Diffuse((0.24, 0.225, 0.21))
-    scene.add(wrt.quad((left, 0, front), (right - left, 0, 0), (0, 0, back - front)), material=stone, name="floor")
-    scene.add(wrt.quad((left, top, back), (right - left, 0, 0), (0, 0, front - back)), material=stone, name="ceiling")
-    scene.add(wrt.quad((left, 0, back), (right - left, 0, 0), (0, top, 0)), material=stone, name="wall")
-    scene.add(wrt.quad((right, 0, back), (0, 0, front - back), (0, top, 0)), material=stone, name="wall")
+    scene.add(wrt.quad((west, 0, front), (east - west, 0, 0), (0, 0, back - front)), material=stone, name="floor")
+    scene.add(wrt.quad((west, top, back), (east - west, 0, 0), (0, 0, front - back)), material=stone, name="ceiling")
+    scene.add(wrt.quad((west, 0, back), (east - west, 0, 0), (0, top, 0)), material=stone, name="wall")
+    scene.add(wrt.quad((east, 0, back), (0, 0, front - back), (0, top, 0)), material=stone, name="wall")
     sill, lintel, width, thick = 0.7, 2.9, 0.95, 0.25
     windows = (-2.9, -1.4, 0.1)
     edges = [back, *(z + side for z in windows for side in (-0.5 * width, 0.5 * width)), front]
     for low, high in zip(edges[::2], edges[1::2], strict=True):
-        scene.add(wrt.box((left - thick, 0, low), (left, top, high)), material=stone, name="pier")
+        scene.add(wrt.box((west - thick, 0, low), (west, top, high)), material=stone, name="pier")
     for z in windows:
         for low, high in ((0.0, sill), (lintel, top)):
-            part = wrt.box((left - thick, low, z - 0.5 * width), (left, high, z + 0.5 * width))
+            part = wrt.box((west - thick, low, z - 0.5 * width), (west, high, z + 0.5 * width))
             scene.add(part, material=stone, name="sill")
     scene.add(wrt.box((0.1, 0.0, -1.75), (0.45, 1.0, -1.4)), material=wrt.Diffuse((0.35, 0.2, 0.12)), name="plinth")
     ball = wrt.sphere((0.275, 1.22, -1.575), 0.22, subdivisions=5)

@@ -43,13 +43,13 @@ def noise() -> Tiles:
 
 
 def studio(spp: int, options: dict[str, dict[str, Any]]) -> Tiles:
-    """Return the teapot of docs/first-pictures.md, by name, loaded with some options each; labels show them."""
+    """Return the teapot of docs/first-pictures.md, by name, each loaded with its options, which labels show."""
     return {
         name: (
-            Picture(functools.partial(wrt.load, MESH, **given), 300, 225, spp),
-            (" ".join(f"--{key} {value}" for key, value in given.items()),),
+            Picture(functools.partial(wrt.load, MESH, **keywords), 300, 225, spp),
+            (" ".join(f"--{key} {value}" for key, value in keywords.items()),),
         )
-        for name, given in options.items()
+        for name, keywords in options.items()
     }
 
 

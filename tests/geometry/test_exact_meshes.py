@@ -12,7 +12,7 @@ from support.exact_shapes import QUADRICS, ellipse, local
 
 import wrt
 from wrt.backend.device import Device
-from wrt.io.arrays import arrays_of_exact
+from wrt.io.npy import arrays_of_exact
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
 from wrt.upload.scene_data import build_scene

@@ -10,7 +10,6 @@ from pathlib import Path
 import benchmark
 import mutate
 import numpy as np
-import plots
 import pytest
 from benchmarks import agreement, measure, render, report, scenes
 from conftest import ROOT, Report
@@ -128,14 +127,6 @@ def test_pages_show_what_was_measured() -> None:
         for section in report.SECTIONS[name]:
             page = section.page.read_text(encoding="utf-8")
             assert f"<!-- {section.name} -->\n{section.text(result).strip()}\n<!-- end of {section.name} -->" in page
-
-
-@pytest.mark.slow
-def test_plots_of_what_was_measured_are_drawn(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="plots need matplotlib")
-    for draw in plots.MEASURED.values():
-        draw(tmp_path / "plot.png")
-        assert (tmp_path / "plot.png").stat().st_size > 5_000
 
 
 # --- Planted faults ----------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ OWN_SCRIPT = ("benchmark", "cloth")
 """Pictures of examples, whose scripts render them."""
 
 SCREENSHOTS = ("view-dark", "view-light", "view-narrow", "view-notebook")
-"""Pictures of the live view in a browser: `scripts/view_pictures.py`, and a notebook in JupyterLab."""
+"""Pictures of the live view in a browser and in JupyterLab, which a person takes."""
 
 
 def test_docs_show_what_the_gallery_makes() -> None:

@@ -126,29 +126,26 @@ def most(limit: Limit) -> int:
     return limit.free + limit.per_byte * size_of_files()
 
 
-def require(limit: Limit, size: int) -> None:
-    """Raise InputError if `size` more bytes of memory would exceed a limit."""
+def require(limit: Limit, size: int) -> int:
+    """Return the memory of a kind of content with `size` more bytes, or raise InputError if it exceeds the limit."""
     load = _LOAD.get()
     if load is None:
-        return  # the arrays come from memory, not from files
+        return size  # the arrays come from memory, not from files
     total = load.made.get(limit, 0) + size
     if total > most(limit):
         raise InputError(
             f"its {limit.what} would take {_amount(total)}; for files of {_amount(load.size)} the limit is "
             f"{_amount(most(limit))} ({_amount(limit.free)} plus {limit.per_byte} times the file size)"
         )
+    return total
 
 
 def take(limit: Limit, size: int) -> None:
-    """Count `size` more bytes of memory.
-
-    Raises:
-        InputError: when that exceeds the limit.
-    """
-    require(limit, size)
+    """Count `size` more bytes of memory, or raise InputError if they exceed the limit."""
+    total = require(limit, size)
     load = _LOAD.get()
     if load is not None:
-        load.made[limit] = load.made.get(limit, 0) + size
+        load.made[limit] = total
 
 
 def patience() -> int:

@@ -94,13 +94,12 @@ class _HeldImages(GltfImages):
 
     def reference(self, image: Any) -> Tree:
         """Return a texture reference to an image."""
-        numbers = [number for number, held in enumerate(self._held) if held is image]
-        if not numbers:
-            numbers = [len(self._held)]
+        number = next((number for number, each in enumerate(self._held) if each is image), len(self._held))
+        if number == len(self._held):
             self._held.append(image)
-            self._tree["images"].append({"uri": str(numbers[0])})
-            self._tree["textures"].append({"source": numbers[0]})
-        return {"index": numbers[0]}
+            self._tree["images"].append({"uri": str(number)})
+            self._tree["textures"].append({"source": number})
+        return {"index": number}
 
     def _bytes(self, number: int) -> Source:
         image: Source = self._held[number]
@@ -172,13 +171,12 @@ class _Reader:
         from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
         if isinstance(material, PBRMaterial):
-            if id(material) not in self._numbers:
-                self._numbers[id(material)] = len(self._descriptions)
+            number = self._numbers.setdefault(id(material), len(self._descriptions))
+            if number == len(self._descriptions):
                 self._descriptions.append(self._described(material))
-            return self._physical.dressed(part, self._numbers[id(material)])
+            return self._physical.dressed(part, number)
         if isinstance(material, SimpleMaterial):
-            statements = self._statements(material)
-            if statements:
+            if statements := self._statements(material):
                 laid, colored = part.uvs is not None, part.colors is not None
                 # Several materials may have the same name.
                 key = f"{material.name} {id(material)}"
@@ -190,7 +188,7 @@ class _Reader:
     def _described(self, material: Any) -> Tree:
         """Return a PBRMaterial as glTF describes it (section 3.9)."""
 
-        def told(names: tuple[str, ...]) -> Tree:
+        def values_of(names: tuple[str, ...]) -> Tree:
             values = {name: getattr(material, name) for name in names}
             return {
                 name: self._images.reference(value) if name.endswith("Texture") else value
@@ -198,7 +196,7 @@ class _Reader:
                 if value is not None
             }
 
-        described = {"pbrMetallicRoughness": told(_IN_PBR), **told(_BESIDE_PBR)}
+        described = {"pbrMetallicRoughness": values_of(_IN_PBR), **values_of(_BESIDE_PBR)}
         if material.baseColorFactor is not None:
             described["pbrMetallicRoughness"]["baseColorFactor"] = (np.asarray(material.baseColorFactor) / 255).tolist()
         if material.emissiveFactor is not None:
@@ -213,33 +211,26 @@ class _Reader:
         """
         from trimesh.visual.color import DEFAULT_COLOR
 
-        said = dict(material.kwargs)
+        statements = dict(material.kwargs)
         for key, rounded in (("kd", material.diffuse), ("ks", material.specular)):
-            if key in said and _rounds_to(said[key], rounded):
+            if key in statements and _rounds_to(statements[key], rounded):
                 continue
-            said.pop(key, None)
+            statements.pop(key, None)
             if not np.array_equal(rounded, DEFAULT_COLOR):  # the default stands for no colour
-                said[key] = (rounded[:3] / 255.0).tolist()
+                statements[key] = (rounded[:3] / 255.0).tolist()
                 if key == "kd" and 0 < rounded[3] < 255:
-                    said.setdefault("d", [str(rounded[3] / 255.0)])
-        if "ns" in said or material.glossiness != 1.0:  # 1 is the default
-            said["ns"] = material.glossiness
+                    statements.setdefault("d", [str(rounded[3] / 255.0)])
+        if "ns" in statements or material.glossiness != 1.0:  # 1 is the default
+            statements["ns"] = material.glossiness
         if material.image is not None and not is_stand_in(material.image):
-            said[COLOR_MAP] = [self._label(material.image)]
-        return said
+            statements[COLOR_MAP] = [self._label(material.image)]
+        return statements
 
     def _label(self, image: Any) -> str:
-        """Return a name by which `_find` knows an image."""
-        for label, known in self._maps.items():
-            if known is image:
-                return label
-        first = label = str(image.info.get("file_path") or "image")
-        for number in itertools.count(2):
-            if label not in self._maps:
-                break
-            label = f"{first} {number}"
-        self._maps[label] = image
-        return label
+        """Return a name by which `_find` finds an image."""
+        name = str(image.info.get("file_path") or "image")
+        labels = itertools.chain([name], (f"{name} {number}" for number in itertools.count(2)))
+        return next(label for label in labels if self._maps.setdefault(label, image) is image)
 
     def _find(self, name: str) -> Source:
         """Return the image with a label from `_label`, or an image file beside the object's file.

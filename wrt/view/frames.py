@@ -39,7 +39,16 @@ class Frame:
 
 
 @dataclass
-class _Source:
+class Source:
+    """An image to make frames of.
+
+    Attributes:
+        fetch: returns the image.
+        is_radiance: whether a look applies to it.
+        header: that of the frames.
+        guides: albedo and normal, to denoise the image with; None to show it as it is.
+    """
+
     fetch: Callable[[], NDArray[np.float32]]
     is_radiance: bool
     header: dict[str, Any] = field(default_factory=dict)
@@ -50,7 +59,11 @@ class _Source:
         """The image, fetched on first use."""
         return self.fetch()
 
-    def shows_same(self, source: _Source | None) -> bool:
+    def codes(self, look: Look) -> NDArray[np.uint8]:
+        """Return the image as 8-bit codes."""
+        return develop(self.image, look if self.is_radiance else Look())
+
+    def shows_same(self, source: Source | None) -> bool:
         """Return whether both show one picture, whose camera rests."""
         if source is None or self.header.get("moving") or source.header.get("moving"):
             return False
@@ -74,31 +87,24 @@ class Encoder:
         self.look = Look()
         self.latest: Frame | None = None
         self._publish = publish
-        self._source: _Source | None = None
+        self._source: Source | None = None
         self._waiting = threading.Condition()
-        self._denoised: _Source | None = None  # the last result
+        self._denoised: Source | None = None  # the last result
         self._denoising = False
         self._due, self._closed = False, False
         self._thread = threading.Thread(target=self._run, name="wrt-frames", daemon=True)
         self._thread.start()
 
-    def put(
-        self,
-        fetch: Callable[[], NDArray[np.float32]],
-        is_radiance: bool,
-        header: dict[str, Any],
-        guides: dict[str, NDArray[np.float32]] | None = None,
-    ) -> None:
-        """Make a frame of the image that `fetch` returns; with guides, denoise it and make a frame of the result."""
-        source = _Source(fetch, is_radiance, header, guides)
+    def put(self, source: Source) -> None:
+        """Make a frame of an image; with guides, denoise it and make a frame of the result."""
         with self._waiting:
-            self._source, self._due = source, guides is None or not source.shows_same(self._denoised)
-            if guides is not None and not self._denoising:
+            self._source, self._due = source, source.guides is None or not source.shows_same(self._denoised)
+            if source.guides is not None and not self._denoising:
                 thread = threading.Thread(target=self._denoise, args=(source,), name="wrt-denoise", daemon=True)
                 self._denoising = start_if_possible(thread)
             self._waiting.notify()
 
-    def _denoise(self, source: _Source) -> None:
+    def _denoise(self, source: Source) -> None:
         """Denoise an image, and then the newest one until no newer one has come."""
         while True:
             guides = source.guides or {}
@@ -106,7 +112,7 @@ class Encoder:
             with self._waiting:
                 newest = self._source
                 if self.look.denoise and source.shows_same(newest):
-                    result = _Source(partial(np.asarray, image), True, {**source.header, "denoised": True})
+                    result = Source(partial(np.asarray, image), True, {**source.header, "denoised": True})
                     self._denoised, self._due = result, True
                     self._waiting.notify()
                 if newest is None or newest is source or newest.guides is None or not self.look.denoise or self._closed:
@@ -126,7 +132,7 @@ class Encoder:
         """Return the newest image as 8-bit codes, or None before the first."""
         with self._waiting:
             source, look = self._shown(), self.look
-        return None if source is None else develop(source.image, look if source.is_radiance else Look())
+        return None if source is None else source.codes(look)
 
     def close(self) -> None:
         """End the thread."""
@@ -135,7 +141,7 @@ class Encoder:
             self._waiting.notify()
         self._thread.join()
 
-    def _shown(self) -> _Source | None:
+    def _shown(self) -> Source | None:
         """Return the newest image, or the last denoised one of the same picture."""
         if self._denoised is not None and self._denoised.shows_same(self._source):
             return self._denoised
@@ -150,8 +156,7 @@ class Encoder:
                     return
                 source, look, self._due = self._shown(), self.look, False
             assert source is not None
-            codes = develop(source.image, look if source.is_radiance else Look())
             quality = MOVING_QUALITY if source.header.get("moving") else RESTING_QUALITY
             number += 1
-            self.latest = Frame(number, source.header, jpeg(codes, quality))
+            self.latest = Frame(number, source.header, jpeg(source.codes(look), quality))
             self._publish(self.latest)

@@ -17,7 +17,7 @@ from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera
 from wrt.values import number
 from wrt.view.controls import Settings, camera_values, moved_camera
-from wrt.view.frames import Encoder, Frame
+from wrt.view.frames import Encoder, Frame, Source
 from wrt.view.picture import Look, shown_image
 from wrt.view.pictures import Pictures, file_of
 
@@ -383,4 +383,4 @@ class Session:
             "width": renderer.film.width,
             "height": renderer.film.height,
         }
-        self._encoder.put(fetch, is_radiance, header, guides)
+        self._encoder.put(Source(fetch, is_radiance, header, guides))

@@ -124,7 +124,9 @@ class Materials:
             return self._compound(plugin)
         model = _MODELS.get(plugin.type)
         if model is None:
-            plugin.warn_of_all("this kind of bsdf is not known; grey stands in for it")
+            is_polarized = plugin.type == "measured_polarized"
+            reason = "tables of Mueller matrices are not read" if is_polarized else "this kind of bsdf is not known"
+            plugin.warn_of_all(f"{reason}; grey stands in for it")
             return UNKNOWN
         if model.is_polarized:
             plugin.warn("polarisation is not simulated: as for unpolarised light")
