@@ -16,9 +16,8 @@ from support.scene_files import QUAD
 from support.wide_scenes import differences, needs_lanes, room
 
 import wrt
-from wrt.io.measured.measurement import load_measurement, save_measurement
+from wrt.io.measured.measurement import load_measurement, save_measurement, write_tensors
 from wrt.io.measured.observer import WAVELENGTHS
-from wrt.io.measured.tensor_file import write_tensors
 from wrt.io.mitsuba.spectra import reflected
 from wrt.scene.materials.measured import Measurement
 

@@ -112,9 +112,9 @@ def load_file(
             scene.environment = environment
             return scene
     if suffix not in MESH_SUFFIXES:
-        kind = hint(file)
-        known = f"the name must end in {', '.join(MESH_SUFFIXES)}"
-        raise InputError(f"{file}: not a known mesh format; {known}" + (f"; {kind}" if kind else ""))
+        advice = f"; {kind}" if (kind := hint(file)) else ""
+        suffixes = ", ".join(MESH_SUFFIXES)
+        raise InputError(f"{file}: not a known mesh format; the name must end in {suffixes}{advice}")
     with naming_file(file), hinting(file):
         return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, alone=alone)
 

@@ -31,7 +31,7 @@ _LINEAR_FILES = ("glb", "gltf")
 """File types whose vertex colours are linear."""
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
-"""Normals count as computed by trimesh if at least a share of _MOSTLY is within _COMPUTED of those that wrt computes.
+"""Normals count as computed by trimesh if a share of at least _MOSTLY is within _COMPUTED of the normals of faces.
 Normals from files differ by 1e-8 or more, as they are rounded to single precision or to decimal digits."""
 
 _IN_PBR = ("baseColorTexture", "metallicRoughnessTexture", "metallicFactor", "roughnessFactor")
@@ -161,10 +161,10 @@ class _Reader:
             for number in np.unique(numbers).tolist()
         ]
 
-    def _colors(self, given: Any) -> NDArray[Any]:
+    def _colors(self, colors: Any) -> NDArray[Any]:
         """Return decoded colours; without alpha if they come from glTF, where only a material can enable it."""
-        colors = decoded(np.asarray(given), linear=self._linear)
-        return colors[:, :3] if self._linear else colors
+        values = decoded(np.asarray(colors), linear=self._linear)
+        return values[:, :3] if self._linear else values
 
     def _with_material(self, part: Part, material: Any) -> Part:
         """Return a part with its material, and with the texture coordinates and colours that the material needs."""
@@ -261,20 +261,20 @@ def _rounds_to(value: Any, rounded: NDArray[np.uint8]) -> bool:
 
 
 def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
-    """Return the vertex normals, or None if they are those that trimesh computes from the faces.
+    """Return the vertex normals, or None if trimesh has computed them from the faces.
 
     trimesh keeps both in its cache and has no public way to ask whether a mesh has any: asking for
     them computes them, which without scipy takes a time that is quadratic in the vertices.
     """
     if "vertex_normals" not in mesh._cache.cache:
         return None
-    given, vertices = np.asarray(mesh.vertex_normals), np.asarray(mesh.vertices, np.float64)
-    if given.shape != vertices.shape or not len(mesh.faces):
+    normals, vertices = np.asarray(mesh.vertex_normals), np.asarray(mesh.vertices, np.float64)
+    if normals.shape != vertices.shape or not len(mesh.faces):
         return None
     with np.errstate(all="ignore"):
         computed = corner_weighted_normals(vertices, np.asarray(mesh.faces))
-        near = (np.abs(given - computed) < _COMPUTED).all(axis=1)
-    return None if near.mean() >= _MOSTLY else given
+        near = (np.abs(normals - computed) < _COMPUTED).all(axis=1)
+    return None if near.mean() >= _MOSTLY else normals
 
 
 def _camera(scene: Any) -> Tree:
@@ -297,7 +297,7 @@ def _camera(scene: Any) -> Tree:
 
 
 def _lights(scene: Any, name: str) -> Tree:
-    """Return a scene's lights as glTF describes them: those given to it, and those that trimesh keeps from a glTF file.
+    """Return the lights that a scene was given, or that trimesh keeps from a glTF file, as glTF describes them.
 
     trimesh adds two lights to a scene without any when it shows it; these are left out. Messages name the scene.
     """
@@ -311,8 +311,8 @@ def _lights(scene: Any, name: str) -> Tree:
             nodes.append({"matrix": matrix.T.reshape(-1).tolist(), "extensions": extensions})
             lights.append(light)
 
-    given = getattr(scene, "_lights", None) or []
-    for light in given if any(not _is_automatic(light) for light in given) else []:
+    own_lights = getattr(scene, "_lights", None) or []
+    for light in [] if all(_is_automatic(light) for light in own_lights) else own_lights:
         kind = type(light).__name__.removesuffix("Light").lower()
         color = (np.asarray(light.color)[:3] / 255.0).tolist()
         cone = {key: getattr(light, key) for key in ("innerConeAngle", "outerConeAngle") if hasattr(light, key)}
