@@ -228,6 +228,13 @@ def test_architecture_names_every_folder() -> None:
     assert sorted(named) == sorted(folders)
 
 
+def test_the_drawing_of_a_render_names_what_the_code_has() -> None:
+    drawn = re.findall(r"^ *((?:wrt|kernels)/\S+\.py) +(\w+)", PAGES["docs/architecture.md"], re.MULTILINE)
+    assert len(drawn) >= 20
+    for path, name in drawn:
+        assert name in names_in(ROOT / path), f"{path}: {name}"
+
+
 def names_in(path: Path) -> set[str]:
     """Return what a file defines: functions, classes, their methods and constants; in a header every name."""
     text = path.read_text(encoding="utf-8")
