@@ -61,7 +61,7 @@ def test_an_interrupt_while_saving_waits_for_the_end_and_only_the_first_counts()
         signal.raise_signal(signal.SIGTERM)
         done.append("saved")
 
-    with Interrupts() as interrupts:
+    with Interrupts("", own_process=False) as interrupts:
         with pytest.raises(KeyboardInterrupt):
             interrupts.hold(save)
         assert done == ["saved"]

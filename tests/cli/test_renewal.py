@@ -71,14 +71,14 @@ def test_renewals_take_a_fiftieth_of_the_time_at_most(cost: float) -> None:
 def test_intervals_can_be_given_and_turned_off() -> None:
     assert np.diff(times(0.01, 100.0, 0.5, 5.0)[0]) == pytest.approx(5.0, abs=0.6)
     assert times(0.01, 1e6, 1e3, float("inf"))[0] == []
-    cluster = {"watched": False, "longest": 3.0 * LONGEST_PASS}
+    cluster = {"is_watched": False, "longest": 3.0 * LONGEST_PASS}
     for every, options, expected in (
         (5.0, {}, 5.0),
         (None, {}, None),
         (float("inf"), {}, None),
-        (5.0, {"watched": False}, 5.0),
-        (None, {"watched": False}, UNWATCHED_PASS),
-        (float("inf"), {"watched": False}, LONGEST_PASS),
+        (5.0, {"is_watched": False}, 5.0),
+        (None, {"is_watched": False}, UNWATCHED_PASS),
+        (float("inf"), {"is_watched": False}, LONGEST_PASS),
         (20.0, cluster, 20.0),
         (None, cluster, 3.0 * UNWATCHED_PASS),
         (float("inf"), cluster, 3.0 * LONGEST_PASS),

@@ -10,7 +10,7 @@ import pytest
 from support.commands import ROOM, SMALL, without_progress
 
 from wrt.cli import main
-from wrt.cli.output_paths import default_outputs
+from wrt.cli.output import default_outputs
 from wrt.errors import InputError
 
 

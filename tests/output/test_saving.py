@@ -91,7 +91,7 @@ def test_an_error_in_a_pass_and_another_in_saving_are_one_line(after_passes, mon
     assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
     err = capsys.readouterr().err
     assert err.count("CUDA error 700") == 2
-    assert "; saving what there is failed: " in err
+    assert "; saving the samples so far failed: " in err
     assert err.count("\n") == 1
 
 

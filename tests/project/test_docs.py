@@ -60,7 +60,7 @@ def test_python_examples_run_and_write_what_they_say(tmp_path: Path, monkeypatch
     start, passes = wrt.Renderer.__init__, wrt.Renderer.passes
 
     def small_start(self: wrt.Renderer, scene: wrt.Scene, **options: Any) -> None:
-        if not options.get("width") or options["width"] > 64:
+        if (options.get("width") or scene.settings.width) > 64:
             options = {**options, "width": 16, "height": 12}
         start(self, scene, **options)
 
