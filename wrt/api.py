@@ -217,7 +217,7 @@ def _load_path(
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
     scene = load_file(path, time=stage.time, alone=stage.time is None)
     if up is None and path.suffix.lower() == ".dae":
-        from wrt.io.by_trimesh import declared_up
+        from wrt.io.mesh.collada import declared_up
 
         up = declared_up(path)
     with naming_file(path):

@@ -1,6 +1,6 @@
 """Load mesh files and trimesh objects as scenes.
 
-trimesh loads OBJ, PLY, STL, glTF and GLB, and by an extra COLLADA; Pixar's library loads USD; NumPy
+trimesh loads OBJ, PLY and STL, and by an extra COLLADA; Pixar's library loads USD; NumPy
 archives hold plain arrays; Open CASCADE loads STEP. Axes and units are kept, but those of USD and the
 units of STEP, because formats disagree about them and most do not state them.
 """
@@ -147,9 +147,9 @@ def _contents(file: Path, data: bytes, time: float | None) -> Contents:
 
         return read_step(file, data)
     if suffix == ".dae":
-        from wrt.io.by_trimesh import read_by_trimesh
+        from wrt.io.mesh.collada import read_collada
 
-        return read_by_trimesh(file, data)
+        return read_collada(file, data)
     if suffix == ".obj":
         from wrt.io.mesh.obj import read_obj as read
     elif suffix == ".ply":
