@@ -37,26 +37,26 @@ def read_by_trimesh(path: Path, data: bytes) -> Contents:
     kind = path.suffix.lower().removeprefix(".")
     if kind not in mesh_loaders:
         raise InputError(f"{path}: .{kind} files need further libraries: pip install 'wrt[formats]'")
-    beside = Beside(path, images=False)
+    resolver = Beside(path, images=False)
     with quiet():
         try:
             plain, notes = in_plain_words(data)
-            scene = trimesh.load_scene(io.BytesIO(plain), file_type=kind, resolver=beside)
+            scene = trimesh.load_scene(io.BytesIO(plain), file_type=kind, resolver=resolver)
         except ImportError as error:
             reason = f"{path}: .{kind} files need further libraries: pip install 'wrt[formats]' ({first_line(error)})"
             raise InputError(reason) from None
         except Exception as error:  # noqa: BLE001 - loaders raise undocumented exceptions on damaged files
             raise InputError(f"{path}: not a whole {kind.upper()} file that can be read: {in_words(error)}") from None
-    beside.tell()
+    resolver.tell()
     for note in notes:
         warn(f"{path}: {note}")
-    if lost := [what for what in ("camera", "light") if f"instance_{what}".encode() in data]:
-        warn(f"{path}: {' and '.join(f'{what}s' for what in lost)} of COLLADA files are left out")
+    if unread := [kind for kind in ("camera", "light") if f"instance_{kind}".encode() in data]:
+        warn(f"{path}: {' and '.join(f'{kind}s' for kind in unread)} of COLLADA files are left out")
     return read_object(scene, str(path))
 
 
 def declared_up(path: Path) -> str | None:
-    """Return the axis that a file says points up: x, y or z; None if it says nothing."""
+    """Return the up axis that a file declares: x, y or z; None if it declares none."""
     with contextlib.suppress(InputError):
         found = _UP.search(as_text(read_file(path, _BEGINNING)))
         return found[1].lower() if found else None
