@@ -165,7 +165,7 @@ def _join_negative_values(arguments: list[str]) -> list[str]:
     return joined
 
 
-ARGUMENTS = {
+ARGUMENTS: dict[str, dict[str, Any]] = {
     "NAME": {"dest": "name", "nargs": "?", "help": "describe this material, such as diffuse"},
     "SCENE": {"dest": "source", "help": "built-in scene, scene file or mesh file, as for wrt render"},
     "OUT.toml": {
