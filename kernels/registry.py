@@ -14,6 +14,9 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 M = TypeVar("M")
 
+USER_MODELS: set[str] = set()
+"""Names of all models that were registered from outside; other processes may register others under the same names."""
+
 
 class _Registered(NamedTuple):
     """A model from outside: its owner, and all its versions, the current one last."""
@@ -59,6 +62,7 @@ class Registry(Generic[M]):
         if known.revisions[-1:] != [model]:
             known.revisions.append(model)
         self._registered[name] = known
+        USER_MODELS.add(name)
         self.families[name] = lambda revision="revision0": known.revisions[int(revision.removeprefix("revision"))]
 
     def forget(self, name: str) -> None:

@@ -1,18 +1,16 @@
-"""Benchmark wrt: rendering beside other renderers, scaling, rays, compiling, lights, loading, readers, versions, lanes.
+"""Benchmark wrt: rendering beside other renderers, scaling, rays, compiling, loading, versions, lanes.
 
     python scripts/benchmark.py render [--quick] [--scenes NAME ...] [--peers NAME ...] [--times S ...] [--docs]
     python scripts/benchmark.py scaling [--quick] [--only NAME ...] [--docs]
     python scripts/benchmark.py rays [--triangles N ...] [--threads N ...] [--repeats N]
     python scripts/benchmark.py compile [--kernels TEXT ...] [--docs]
-    python scripts/benchmark.py lights [--lights N ...] [--seconds S]
     python scripts/benchmark.py checkouts FOLDER ... [--scenes NAME ...] [--rounds N]
     python scripts/benchmark.py loading [--cases NAME ...] [--repeats N] [--llvm FOLDER]
-    python scripts/benchmark.py readers [FOLDER ...] [--formats NAME ...] [--triangles N] [--repeats N]
     python scripts/benchmark.py widths [--lanes N ...] [--scenes NAME ...] [--rounds N] [--docs]
     python scripts/benchmark.py found [--scenes NAME ...] [--spp N ...] [--folder FOLDER] [--llvm FOLDER]
 
 Each command prints its results, and writes them as JSON with --json FILE. With --docs, results go to docs/measured, and
-tables, plots and pictures to docs/performance.md and docs/notes. Everything is warmed up first. Competitors are
+tables and pictures to docs/performance.md and docs/notes. Everything is warmed up first. Competitors are
 measured alternately, A B A B, and reported as medians and their ratio; on noisy machines, ratios are more reliable than
 times. docs/performance.md explains the figures.
 """
@@ -25,18 +23,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import checkouts, compiling, found, lights, loading, rays, readers, render, scaling, widths
+from benchmarks import checkouts, compiling, found, loading, rays, render, report, scaling, widths
 from benchmarks.measure import machine
-from benchmarks.report import SECTIONS, write_documents
 
 MODULES = {
     "render": render,
     "scaling": scaling,
     "rays": rays,
     "compile": compiling,
-    "lights": lights,
     "loading": loading,
-    "readers": readers,
     "found": found,
     "widths": widths,
     "checkouts": checkouts,
@@ -51,7 +46,7 @@ def command_line() -> argparse.ArgumentParser:
         command = commands.add_parser(name)
         module.add_arguments(command)
         command.add_argument("--json", type=Path, metavar="FILE")
-        if name in SECTIONS:
+        if all(section.page for section in report.SECTIONS[name]):
             command.add_argument("--docs", action="store_true", help="write docs/measured and the tables of docs/")
     return parser
 
@@ -59,24 +54,13 @@ def command_line() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line: measure, print and save."""
     options = command_line().parse_args(arguments)
-    benchmarks = {
-        "render": render.benchmark_render,
-        "scaling": scaling.benchmark_scaling,
-        "rays": rays.benchmark_rays,
-        "compile": compiling.benchmark_compile,
-        "lights": lights.benchmark_lights,
-        "loading": loading.benchmark_loading,
-        "readers": readers.benchmark_readers,
-        "found": found.benchmark_found,
-        "widths": widths.benchmark_widths,
-        "checkouts": checkouts.benchmark_checkouts,
-    }
-    result = benchmarks[options.command](options) | machine()
+    result = MODULES[options.command].benchmark(options) | machine()
     pictures = result.pop("pictures", {})
     if options.json:
         options.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    print("", *report.texts(result), sep="\n")
     if getattr(options, "docs", False):
-        write_documents(result, pictures)
+        report.write_documents(result, pictures)
     return 0
 
 

@@ -41,12 +41,12 @@ DRAG = 0.35
 
 
 @wp.func
-def spring(a: wp.vec3, va: wp.vec3, b: wp.vec3, vb: wp.vec3, rest: float) -> wp.vec3:
+def spring(a: wp.vec3, va: wp.vec3, b: wp.vec3, vb: wp.vec3, rest_length: float) -> wp.vec3:
     """Return the acceleration of a due to a damped spring to b."""
-    way = b - a
-    length = wp.length(way)
-    along = way / wp.max(length, 1.0e-9)
-    return along * (STIFFNESS * (length - rest) + DAMPING * wp.dot(vb - va, along))
+    edge = b - a
+    length = wp.length(edge)
+    along = edge / wp.max(length, 1.0e-9)
+    return along * (STIFFNESS * (length - rest_length) + DAMPING * wp.dot(vb - va, along))
 
 
 @wp.kernel(enable_backward=False)
@@ -70,10 +70,10 @@ def step(  # noqa: ANN201 - Warp reads annotations
             reach = di * di + dj * dj
             near = reach == 1 or reach == 2 or reach == 4
             if near and i + di >= 0 and i + di < SIDE and j + dj >= 0 and j + dj < SIDE:
-                other = (i + di) * SIDE + j + dj
+                neighbour = (i + di) * SIDE + j + dj
                 weight = wp.where(reach == 1, 1.0, wp.where(reach == 2, 0.25, 0.08))
-                rest = SPACING * wp.sqrt(float(reach))
-                acceleration += spring(p, v, points[other], velocities[other], rest) * weight
+                rest_length = SPACING * wp.sqrt(float(reach))
+                acceleration += spring(p, v, points[neighbour], velocities[neighbour], rest_length) * weight
     v += acceleration * dt
     p += v * dt
     out = p - BALL
@@ -92,7 +92,7 @@ def step(  # noqa: ANN201 - Warp reads annotations
 
 
 class Cloth:
-    """A square of particles on a device, and the mesh of which they are the vertices."""
+    """A square of particles on a device: the vertices of a mesh."""
 
     def __init__(self, device: str) -> None:
         """Lay the cloth out flat above the ball, slightly rotated."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import sys
 import time
@@ -16,6 +17,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "scripts")]
+# No general kernel stands in for the scalar one, which the films are recorded with.
+os.environ.update(WRT_WIDE="0", WRT_BACKGROUND="0")
 RECORDED = ROOT / "tests" / "data" / "digests.json"
 
 
@@ -30,10 +33,10 @@ def record() -> int:
     recorded = _recorded()
     before = recorded.pop(arithmetic(), {})
     stale = {name for name, digest in before.items() if films.get(name) != digest}
-    kept = {
+    unchanged = {
         kind: {name: digest for name, digest in each.items() if name not in stale} for kind, each in recorded.items()
     }
-    sections = {**kept, arithmetic(): dict(sorted(films.items()))}
+    sections = {**unchanged, arithmetic(): dict(sorted(films.items()))}
     RECORDED.write_text(json.dumps(dict(sorted(sections.items())), indent=2) + "\n", encoding="utf-8")
     return 0
 
@@ -75,7 +78,7 @@ def code(folder: Path, lanes: int) -> int:
     from support.feature_sets import FEATURES, declared_kernels
     from warp._src.context import ModuleBuilder
 
-    from wrt.backend.warp_backend import initialize_warp
+    from wrt.backend.warp_start import initialize_warp
     from wrt.kernels.render import make_render_kernel
     from wrt.spmd.ir import Unsupported
     from wrt.spmd.translate import wide_code

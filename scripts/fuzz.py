@@ -32,10 +32,9 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, NamedTuple
 
 from fuzz_mutations import mutate
 
@@ -62,8 +61,7 @@ _LONGEST = 1000
 Reader = Callable[[Path], object]
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """The outcome of an input: "fine", "refused" or "failed", and why."""
 
     verdict: str
@@ -240,39 +238,42 @@ class Worker:
     """A reading process, which is restarted when an input has killed it."""
 
     def __init__(
-        self, make_readers: str, seeds: Path, seconds: float, megabytes: int, wall_factor: float = WALL_FACTOR
+        self,
+        seeds: Path = CORPUS / "seeds",
+        make_readers: str = READERS,
+        seconds: float = SECONDS,
+        megabytes: int = MEGABYTES,
+        wall_factor: float = WALL_FACTOR,
     ) -> None:
-        """Start it."""
-        self._options = (make_readers, seeds)
-        self._limits = (seconds, megabytes)
-        self._wall = seconds * wall_factor
+        """Start it; for the arguments see `work` and the constants."""
         self._folder = Path(tempfile.mkdtemp(prefix="wrt-fuzz-"))
+        self._arguments = (make_readers, seeds, self._folder, seconds, megabytes)
+        self._seconds, self._wall_seconds = seconds, seconds * wall_factor
         self.task: tuple[int, str, bytes] | None = None
         self._start()
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self.pipe, other = context.Pipe()
-        arguments = (other, *self._options, self._folder, *self._limits)
-        self._process = context.Process(target=work, args=arguments, daemon=True)
+        self.pipe, end_of_process = context.Pipe()
+        self._process = context.Process(target=work, args=(end_of_process, *self._arguments), daemon=True)
         self._process.start()
-        other.close()
+        end_of_process.close()
         self.pipe.recv()  # it is ready
 
     def give(self, number: int, kind: str, data: bytes) -> None:
         """Send it an input."""
         self.task = number, kind, data
-        self.deadline = time.monotonic() + self._wall
+        self.deadline = time.monotonic() + self._wall_seconds
         self.pipe.send((kind, data))
 
     def wait(self) -> Outcome:
-        """Return the outcome if there is one yet."""
+        """Return the outcome, once there is one or the deadline has passed."""
         self.pipe.poll(max(self.deadline - time.monotonic(), 0.0) + 0.01)
         return self.take()
 
     def take(self) -> Outcome:
         """Return the outcome; call it when `pipe` is ready or `deadline` has passed."""
-        hung = Outcome("failed", f"hang: more than {self._limits[0]:g} s")
+        hung = Outcome("failed", f"hang: more than {self._seconds:g} s")
         self.task = None
         if time.monotonic() > self.deadline and not self.pipe.poll():
             self._process.kill()
@@ -301,18 +302,13 @@ class Worker:
 
 
 def run(
-    inputs: Iterator[tuple[int, str, bytes]],
-    *,
-    jobs: int = 1,
-    make_readers: str | None = None,
-    seeds: Path = CORPUS / "seeds",
-    seconds: float = SECONDS,
-    megabytes: int = MEGABYTES,
-    wall_factor: float = WALL_FACTOR,
+    inputs: Iterator[tuple[int, str, bytes]], *, jobs: int = 1, **options: Any
 ) -> Iterator[tuple[int, str, bytes, Outcome]]:
-    """Yield each input (number, kind, content) with its outcome, in the order in which they finish."""
-    limits = seconds, megabytes, wall_factor
-    workers = [Worker(make_readers or READERS, seeds, *limits) for _ in range(jobs)]
+    """Yield each input (number, kind, content) with its outcome, in the order in which they finish.
+
+    `options` are arguments of `Worker`.
+    """
+    workers = [Worker(**options) for _ in range(jobs)]
     try:
         for worker in workers:
             if (task := next(inputs, None)) is not None:
@@ -361,14 +357,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             if time.monotonic() < end:
                 yield number, *corpus.input(options.seed, number, kinds)
 
-    counts: dict[str, collections.Counter[str]] = {kind: collections.Counter() for kind in kinds}
+    counts: collections.Counter[tuple[str, str]] = collections.Counter()
     reasons: collections.Counter[tuple[str, str]] = collections.Counter()
     for number, kind, data, outcome in run(inputs(), jobs=options.jobs):
-        counts.setdefault(kind, collections.Counter())[outcome.verdict] += 1
+        counts[kind, outcome.verdict] += 1
         if options.replay:
             print(f"{options.replay[number]}: {outcome.verdict}: {outcome.reason}", flush=True)
         elif outcome.verdict == "failed":
-            # Keep one failure of each kind; reasons that differ only in numbers are the same kind.
+            # Keep a few failures of each kind; reasons that differ only in numbers are the same kind.
             alike = kind, re.sub(r"\d+|0x\w+|'[^']*'", "N", outcome.reason)[:120]
             reasons[alike] += 1
             if reasons[alike] <= 3:
@@ -376,11 +372,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                 file = options.keep / f"{options.seed}-{number}.{kind}"
                 file.write_bytes(data)
                 print(f"{file}: {outcome.reason}", flush=True)
-    print(f"{'kind':<6}{'inputs':>8}{'fine':>8}{'refused':>9}{'failed':>8}")
-    for kind, count in counts.items():
-        print(f"{kind:<6}{count.total():>8}{count['fine']:>8}{count['refused']:>9}{count['failed']:>8}")
-    total = sum(counts.values(), collections.Counter[str]())
-    print(f"{'all':<6}{total.total():>8}{total['fine']:>8}{total['refused']:>9}{total['failed']:>8}")
+    verdicts = ("fine", "refused", "failed")
+    for kind in sorted({kind for kind, _ in counts}):
+        print(f"{kind:<6}", *(f"{counts[kind, verdict]:>8} {verdict}" for verdict in verdicts))
+    total = {verdict: sum(counts[kind, verdict] for kind, v in counts if v == verdict) for verdict in verdicts}
+    print("all   ", *(f"{count:>8} {verdict}" for verdict, count in total.items()))
     return 1 if total["failed"] else 0
 
 

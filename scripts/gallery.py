@@ -3,8 +3,8 @@
     python scripts/gallery.py                       list them
     python scripts/gallery.py NAME ... [--spp N] [--size PIXELS] [--out FOLDER] [--device NAME] [--threads N]
 
-A name is that of a group (`media`), of a picture (`media-fog`), of a tile (`materials/gold`, which becomes
-materials-gold.jpg) or `all`.
+A name is a group (`media`), a picture (`media-fog`), a tile (`materials/gold`, which becomes materials-gold.jpg) or
+`all`.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ def drawings(name: str) -> dict[str, Drawing]:
     Raises:
         InputError: where there is no such group, picture or tile.
     """
-    everything = {key: drawing for group in GROUPS.values() for key, drawing in group.items()}
+    drawn = {key: drawing for group in GROUPS.values() for key, drawing in group.items()}
     if name == "all":
-        return everything
+        return drawn
     if name in GROUPS:
         return dict(GROUPS[name])
-    if name in everything:
-        return {name: everything[name]}
+    if name in drawn:
+        return {name: drawn[name]}
     sheet, _, tile = name.partition("/")
-    if isinstance(drawing := everything.get(sheet), Sheet) and tile in (tiles := drawing.tiles()):
+    if isinstance(drawing := drawn.get(sheet), Sheet) and tile in (tiles := drawing.tiles()):
         return {f"{sheet}-{tile}": tiles[tile][0]}
     raise wrt.InputError(f"{name}: no such group or picture; without a name, gallery.py lists them")
 
@@ -56,9 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not options.names:
         for group, members in GROUPS.items():
-            print(group)
-            for name, drawing in members.items():
-                print(f"  {name}: {drawing.about}")
+            print(f"{group}: {', '.join(members)}")
         return 0
     how = How(options.spp, options.size, options.device, options.threads)
     try:

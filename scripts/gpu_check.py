@@ -4,7 +4,7 @@
 
 First films of many small scenes are compared with those of the CPU, then the kernel tests run on the GPU, then a few
 scenes are timed. FOLDER (default: gpu-check) gets `gpu-check.json` and `gpu-check.md`. Ends with status 1 if there is
-no GPU, or if something does not agree. Most of the time goes to compiling kernels; --quick leaves out slow tests and
+no GPU, or if something does not agree. Most of the time goes to compiling kernels; --quick skips slow tests and
 films. Nothing else should run on the machine.
 """
 
@@ -36,44 +36,25 @@ def compare_films(device: str, quick: bool) -> list[Results]:
     """Compare films with those of the CPU."""
     from support.films_of_devices import FILMS, film_cases, films_of
 
-    known, found = film_cases(), []
+    cases, results = film_cases(), []
     for name in FILMS[:4] if quick else FILMS:
-        films = films_of(name, known[name], device)
-        found.append({"name": name, "rays": films.rays, "agreeing": films.agreeing, "problems": films.problems})
+        films = films_of(name, cases[name], device)
+        results.append({"name": name, "rays": films.rays, "agreeing": films.agreeing, "problems": films.problems})
         print(f"{name}: {'; '.join(films.problems) or 'agrees'}", flush=True)
-    return found
+    return results
 
 
 def run_tests(quick: bool) -> Results:
-    """Run the kernel tests on the GPU, which is the first one for them."""
+    """Run the kernel tests on the GPU, whose name for them is cuda:0; return how many passed and which failed."""
     from wrt.backend.slices import available_threads
 
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-n",
-        str(min(available_threads(), 16)),
-        "--dist",
-        "loadfile",
-        "--device",
-        "cuda",
-        "-k",
-        "cuda:0",
-    ]
+    command = f"-m pytest -q -n {min(available_threads(), 16)} --dist loadfile --device cuda -k cuda:0"
+    command += "" if quick else " --all"
     print("tests: this takes a while", flush=True)
-    done = subprocess.run(
-        [*command, *([] if quick else ["--all"])], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    return read_tests(done.stdout, done.returncode)
-
-
-def read_tests(output: str, status: int) -> Results:
-    """Return what pytest said: the number of tests that passed, and the names of those that failed."""
-    passed = re.findall(r"(\d+) passed", output)
-    failed = re.findall(r"^(?:FAILED|ERROR) (.*?)(?: - .*)?$", output, re.MULTILINE)
-    return {"status": status, "passed": int(passed[-1]) if passed else 0, "failed": failed}
+    done = subprocess.run([sys.executable, *command.split()], cwd=ROOT, capture_output=True, text=True, check=False)
+    passed = re.findall(r"(\d+) passed", done.stdout)
+    failed = re.findall(r"^(?:FAILED|ERROR) (.*?)(?: - .*)?$", done.stdout, re.MULTILINE)
+    return {"status": done.returncode, "passed": int(passed[-1]) if passed else 0, "failed": failed}
 
 
 def time_scene(name: str, device: str, seconds: float) -> Results:
@@ -99,42 +80,54 @@ def describe_machine() -> Results:
     from wrt._version import __version__
     from wrt.backend import current_backend
 
-    smi, gpu = shutil.which("nvidia-smi"), ""
-    if smi:
-        query = [smi, "--query-gpu=name,driver_version,memory.total,power.limit", "--format=csv,noheader"]
-        gpu = subprocess.run(query, capture_output=True, text=True, check=False).stdout.strip()
+    query = ["nvidia-smi", "--query-gpu=name,driver_version,memory.total,power.limit", "--format=csv,noheader"]
+    has_tool = shutil.which(query[0]) is not None
+    gpus = subprocess.run(query, capture_output=True, text=True, check=False).stdout if has_tool else ""
     return {
         "wrt": __version__,
         "warp": current_backend().version,
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
-        "gpus": gpu.splitlines(),
+        "gpus": gpus.strip().splitlines(),
     }
 
 
 def page(results: Results) -> str:
-    """Return the results for people, in Markdown."""
-    lines = ["# wrt on a GPU", "", *(f"- {key}: {value}" for key, value in results["machine"].items())]
-    lines += [f"- device: {results['device']}, sm_{results['architecture']}", "", "## Films against the CPU", ""]
-    lines += ["| film | rays, CPU | rays, GPU | pixels that agree | problems |", "| --- | --- | --- | --- | --- |"]
-    for film in results["films"]:
-        shares = ", ".join(f"{layer} {share:.2%}" for layer, share in film["agreeing"].items())
-        rays = f"{film['rays'][0]} | {film['rays'][1]}"
-        lines.append(f"| {film['name']} | {rays} | {shares} | {'; '.join(film['problems']) or 'none'} |")
-    lines += ["", "## Tests", ""]
-    tests = results["tests"]
-    if tests is None:
-        lines.append("They were not run.")
-    else:
-        lines.append(f"{tests['passed']} passed, {len(tests['failed'])} failed (status {tests['status']}).")
-        lines += ["", *(f"- `{name}`" for name in tests["failed"])] if tests["failed"] else []
-    lines += ["", f"## Speed, {SIZE['width']}x{SIZE['height']} pixels", ""]
-    lines += ["| scene | device | samples a pixel | paths/s | rays/s |", "| --- | --- | --- | --- | --- |"]
-    for row in results["speed"]:
-        speeds = f"{row['paths_per_second']:.3g} | {row['rays_per_second']:.3g}"
-        lines.append(f"| {row['scene']} | {row['device']} | {row['samples']} | {speeds} |")
-    verdict = "Everything agrees." if results["agrees"] else "Something does not agree, see above."
-    return "\n".join([*lines, "", verdict]) + "\n"
+    """Return the results as a page of Markdown."""
+    from benchmarks.measure import table
+
+    films, tests, speed = results["films"], results["tests"], results["speed"]
+    films_table = table(
+        ["film", "rays, CPU", "rays, GPU", "pixels that agree", "problems"],
+        [
+            [film["name"], *map(str, film["rays"])]
+            + [", ".join(f"{layer} {share:.2%}" for layer, share in film["agreeing"].items())]
+            + ["; ".join(film["problems"]) or "none"]
+            for film in films
+        ],
+    )
+    speed_table = table(
+        ["scene", "device", "samples a pixel", "paths/s", "rays/s"],
+        [
+            [row["scene"], row["device"], str(row["samples"])]
+            + [f"{row['paths_per_second']:.3g}", f"{row['rays_per_second']:.3g}"]
+            for row in speed
+        ],
+    )
+    tests_text = "They were not run.\n"
+    if tests is not None:
+        tests_text = f"{tests['passed']} passed, {len(tests['failed'])} failed (status {tests['status']}).\n"
+        tests_text += "".join(f"\n- `{name}`" for name in tests["failed"])
+    parts = [
+        "# wrt on a GPU\n",
+        *(f"- {key}: {value}" for key, value in results["machine"].items()),
+        f"- device: {results['device']}, sm_{results['architecture']}\n",
+        f"## Films against the CPU\n\n{films_table}",
+        f"## Tests\n\n{tests_text}",
+        f"## Speed, {SIZE['width']}x{SIZE['height']} pixels\n\n{speed_table}",
+        "Everything agrees." if results["agrees"] else "Something does not agree, see above.",
+    ]
+    return "\n".join(parts) + "\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -142,8 +135,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Check wrt on an NVIDIA GPU, then measure it there.")
     parser.add_argument("--device", default="cuda:0", help="the GPU (default: cuda:0)")
     parser.add_argument("--output", type=Path, default=Path("gpu-check"), help="folder of the results")
-    parser.add_argument("--quick", action="store_true", help="leave out slow tests and films")
-    parser.add_argument("--no-tests", action="store_true", help="leave out the tests")
+    parser.add_argument("--quick", action="store_true", help="skip slow tests and films")
+    parser.add_argument("--no-tests", action="store_true", help="skip the tests")
     parser.add_argument("--scenes", nargs="*", default=SCENES, metavar="SCENE", help="scenes to time")
     parser.add_argument("--seconds", type=float, default=10.0, help="seconds of a timed render (default: 10)")
     options = parser.parse_args(arguments)
@@ -159,21 +152,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (wrt.InputError, OSError) as error:
         print(f"gpu_check: {error}", file=sys.stderr)
         return 1
-    films = compare_films(device.name, options.quick)
-    tests = None if options.no_tests else run_tests(options.quick)
-    results = {
-        "machine": describe_machine(),
-        "device": device.name,
-        "architecture": device.backend.architecture_of(device.name),
-        "films": films,
-        "tests": tests,
-        "speed": [time_scene(n, d, options.seconds) for n in options.scenes for d in (device.name, "cpu")],
-        "agrees": not any(film["problems"] for film in films) and (tests is None or tests["status"] == 0),
-    }
+    results: Results = {"machine": describe_machine(), "device": device.name}
+    results["architecture"] = device.backend.architecture_of(device.name)
+    results["films"] = compare_films(device.name, options.quick)
+    results["tests"] = None if options.no_tests else run_tests(options.quick)
+    results["speed"] = [time_scene(name, d, options.seconds) for name in options.scenes for d in (device.name, "cpu")]
+    tests_pass = results["tests"] is None or results["tests"]["status"] == 0
+    results["agrees"] = tests_pass and not any(film["problems"] for film in results["films"])
     (options.output / "gpu-check.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     (options.output / "gpu-check.md").write_text(page(results), encoding="utf-8")
-    print(page(results))
-    print(f"The results are in {options.output}: gpu-check.md is the page to send.")
+    print(f"{page(results)}\nThe results are in {options.output}: gpu-check.md is the page to send.")
     return 0 if results["agrees"] else 1
 
 

@@ -1,6 +1,6 @@
 """Make the sample meshes: `python scripts/make_meshes.py [folder]`, by default into meshes/.
 
-`teapot.ply` is the Utah teapot (teapot_patches.py), `sweep.ply` a photographer's backdrop. Both are
+`teapot.ply` is the Utah teapot (data/teapot.txt), `sweep.ply` a photographer's backdrop. Both are
 little-endian binary PLY, metres, y up, with normals, and the same on every run.
 """
 
@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from teapot_patches import PARTS, PATCHES, POINTS
 
 Array = NDArray[np.float64]
 Triangles = tuple[Array, Array, NDArray[np.int64]]
@@ -24,10 +23,20 @@ TEAPOT_STEPS = 20
 """Edges along each side of a patch: 80 around the body, an outline within 0.1 mm of the true one."""
 
 
+PARTS = {
+    "body": (*range(12), *range(28, 32)),
+    "handle": range(12, 16),
+    "spout": range(16, 20),
+    "lid": range(20, 28),
+}
+"""Patches that meet smoothly, by number from 0. Handle and spout merely enter the body."""
+
+
 def control_points() -> Array:
     """Return the teapot's (32, 4, 4, 3) control points in Newell's frame: z up, 3.15 units tall."""
-    points = np.array(POINTS.split(), dtype=np.float64).reshape(306, 3)
-    return points[np.array(PATCHES.split(), dtype=np.int64).reshape(32, 4, 4) - 1]
+    text = (Path(__file__).resolve().parent / "data" / "teapot.txt").read_text(encoding="utf-8")
+    patches, points = (section.partition("\n")[2].split() for section in text.split("\n[")[1:])
+    return np.array(points, np.float64).reshape(306, 3)[np.array(patches, np.int64).reshape(32, 4, 4) - 1]
 
 
 def bernstein(t: Array) -> tuple[Array, Array]:
@@ -90,7 +99,7 @@ def join(pieces: list[Triangles]) -> Triangles:
 def teapot(height: float = TEAPOT_HEIGHT, steps: int = TEAPOT_STEPS) -> Triangles:
     """Return the Utah teapot standing on y = 0, spout towards +x, facing outwards.
 
-    Each of body, lid, handle and spout is one sheet without inner seams. As published, none is closed:
+    Each of body, lid, handle and spout is one sheet without inner seams. As published, no part is closed:
     the lid rests loosely in the rim, and handle and spout end inside the body's wall.
     """
     patches = control_points()

@@ -2,9 +2,9 @@
 
     python scripts/mutate.py [--only NAME ...] [--jobs N] [--timeout SECONDS] [--list]
 
-The faults stand in `mutants/`. First their tests run without them, since a test that fails anyway notices nothing. Then
+The faults are in mutants.toml. First their tests run without them, since a test that fails anyway notices nothing. Then
 each fault is planted in a copy of the tree, with a copy of the kernel cache, so that its kernels reach no other run.
-What the quick tests do not notice is tried again with the slow ones. Outcomes go to docs/measured/mutants.json and into
+Faults that the quick tests miss are tried again with the slow ones. Outcomes go to docs/measured/mutants.json and into
 the table of docs/proofs.md. The status is 1 if a fault survives.
 """
 
@@ -21,8 +21,12 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
-from mutants import MUTANTS, Mutant
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parent.parent
 OUTCOMES = ROOT / "docs" / "measured" / "mutants.json"
@@ -34,71 +38,87 @@ NOTICED, SURVIVED, NO_TESTS = "noticed", "survived", "no such tests"
 BROKEN, TIMED_OUT = "tests fail without it", "ran out of time"
 
 
-class Runner:
-    """Runs the tests of faults, several at a time.
+class Mutant(NamedTuple):
+    """A fault of mutants.toml, which describes its fields."""
 
-    Attributes:
+    name: str
+    subject: str
+    file: str
+    old: str
+    new: str
+    tests: str
+
+
+FAULTS = tomllib.loads((ROOT / "scripts" / "mutants.toml").read_text(encoding="utf-8"))
+MUTANTS = tuple(Mutant(name, **fields) for name, fields in FAULTS.items())
+
+
+def outcomes(
+    mutants: Sequence[Mutant], folder: Path, jobs: int, timeout: float, options: str = ""
+) -> Iterator[tuple[Mutant, str]]:
+    """Yield each fault with its outcome, several at a time.
+
+    Args:
+        mutants: the faults.
+        folder: where copies of the tree and of the kernel cache are kept.
         jobs: faults to try at a time.
         timeout: seconds that the tests of one fault may take.
+        options: further options of pytest.
     """
 
-    def __init__(self, folder: Path, jobs: int, timeout: float) -> None:
-        """Create a runner that keeps its copies of the tree in a folder."""
-        self.jobs, self.timeout = jobs, timeout
-        self._folder = folder
-        self._cache = folder / "cache"
-        self._cache.mkdir()
+    def status(tests: str, mutant: Mutant | None = None) -> int | None:
+        return pytest_status(f"{tests} {options}", mutant, folder, timeout)
 
-    def outcomes(self, mutants: Sequence[Mutant], options: str = "") -> Iterator[tuple[Mutant, str]]:
-        """Yield NOTICED, SURVIVED, NO_TESTS, BROKEN or TIMED_OUT for each fault, by its tests with pytest's options."""
-        with ThreadPoolExecutor(self.jobs) as pool:
-            tests = list(dict.fromkeys(f"{mutant.tests} {options}" for mutant in mutants))
-            before = dict(zip(tests, pool.map(self._status, tests), strict=True))
-            planted = pool.map(lambda mutant: self._outcome(mutant, options, before), mutants)
-            yield from zip(mutants, planted, strict=True)
+    with ThreadPoolExecutor(jobs) as pool:
+        tests = list(dict.fromkeys(mutant.tests for mutant in mutants))
+        without = dict(zip(tests, pool.map(status, tests), strict=True))
+        tried = [mutant for mutant in mutants if without[mutant.tests] == 0]
+        planted = dict(zip(tried, pool.map(lambda mutant: status(mutant.tests, mutant), tried), strict=True))
+        for mutant in mutants:
+            yield mutant, outcome(without[mutant.tests], planted.get(mutant))
 
-    def _outcome(self, mutant: Mutant, options: str, before: dict[str, int | None]) -> str:
-        tests = f"{mutant.tests} {options}"
-        if before[tests] != 0:
-            return {None: TIMED_OUT, 5: NO_TESTS}.get(before[tests], BROKEN)
-        # pytest ends with 1 if tests failed, with 2 if they cannot even be imported, and with 5 if there are none.
-        return {None: TIMED_OUT, 0: SURVIVED, 1: NOTICED}.get(self._status(tests, mutant), BROKEN)
 
-    def _status(self, tests: str, mutant: Mutant | None = None) -> int | None:
-        """Return pytest's status for tests in a copy of the tree; None if they ran out of time."""
-        with tempfile.TemporaryDirectory(dir=self._folder) as folder:
-            tree, cache = Path(folder) / "tree", self._cache
-            copy_tree(tree)
-            if mutant is not None:
-                plant(mutant, tree)
-                cache = Path(folder) / "cache"
-                shutil.copytree(self._cache, cache)
-            environment = {**os.environ, "PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(cache)}
-            command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "--no-header", *shlex.split(tests)]
-            try:
-                done = subprocess.run(
-                    command, cwd=tree, env=environment, capture_output=True, timeout=self.timeout, check=False
-                )
-            except subprocess.TimeoutExpired:
-                return None
-        return done.returncode
+def outcome(without: int | None, planted: int | None) -> str:
+    """Return the outcome of a fault for the status of pytest without it and with it; None stands for a timeout."""
+    if without != 0:
+        return {None: TIMED_OUT, 5: NO_TESTS}.get(without, BROKEN)
+    # pytest ends with 1 if tests failed, with 2 if they cannot even be imported, and with 5 if there are none.
+    return {None: TIMED_OUT, 0: SURVIVED, 1: NOTICED}.get(planted, BROKEN)
+
+
+def pytest_status(tests: str, mutant: Mutant | None, folder: Path, timeout: float) -> int | None:
+    """Return pytest's status for tests in a copy of the tree; None if they ran out of time."""
+    cache = folder / "cache"
+    cache.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as temporary:
+        tree = Path(temporary) / "tree"
+        copy_tree(tree)
+        if mutant is not None:
+            plant(mutant, tree)
+            cache = Path(shutil.copytree(cache, Path(temporary) / "cache"))
+        environment = {**os.environ, "PYTHONPATH": str(tree), "XDG_CACHE_HOME": str(cache)}
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "--no-header", *shlex.split(tests)]
+        try:
+            return subprocess.run(command, cwd=tree, env=environment, capture_output=True, timeout=timeout).returncode
+        except subprocess.TimeoutExpired:
+            return None
 
 
 def copy_tree(target: Path) -> None:
     """Copy the files that git knows, as they are in the working tree, with their links."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True).stdout
     for name in filter(None, listed.decode().split("\0")):
-        source, place = ROOT / name, target / name
+        source, copy = ROOT / name, target / name
         if source.is_symlink() or source.is_file():
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(source, place, follow_symlinks=False)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, copy, follow_symlinks=False)
 
 
 def plant(mutant: Mutant, tree: Path) -> None:
     """Replace the first occurrence of the mutant's text in a tree.
 
     Raises:
-        ValueError: if the text is not there.
+        ValueError: if the file does not have the text.
     """
     file = tree / mutant.file
     text = file.read_text(encoding="utf-8")
@@ -107,22 +127,22 @@ def plant(mutant: Mutant, tree: Path) -> None:
     file.write_text(text.replace(mutant.old, mutant.new, 1), encoding="utf-8")
 
 
-def page(text: str, outcomes: dict[str, str]) -> str:
+def page(text: str, results: dict[str, str]) -> str:
     """Return the text of docs/proofs.md with a table of these outcomes at its end."""
     rows = [
-        f"| {mutant.name} | {mutant.subject} | `{mutant.file}` | {outcomes.get(mutant.name, 'not tried yet')} |\n"
+        f"| {mutant.name} | {mutant.subject} | `{mutant.file}` | {results.get(mutant.name, 'not tried yet')} |\n"
         for mutant in MUTANTS
     ]
     return text.partition(TABLE)[0] + TABLE + "".join(rows)
 
 
-def keep(mutant: Mutant, outcome: str) -> None:
+def record(mutant: Mutant, result: str) -> None:
     """Print an outcome and write it to OUTCOMES and PAGE."""
-    print(f"{mutant.name}: {outcome}", flush=True)
-    known = json.loads(OUTCOMES.read_text(encoding="utf-8")) if OUTCOMES.is_file() else {}
-    known = {each.name: known[each.name] for each in MUTANTS if each.name in known} | {mutant.name: outcome}
-    OUTCOMES.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), known), encoding="utf-8")
+    print(f"{mutant.name}: {result}", flush=True)
+    results = json.loads(OUTCOMES.read_text(encoding="utf-8")) | {mutant.name: result}
+    results = {each.name: results[each.name] for each in MUTANTS if each.name in results}
+    OUTCOMES.write_text(json.dumps(results, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), results), encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -131,9 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Plant faults and report which of them the tests notice.")
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=names, help="plant these faults alone")
     parser.add_argument("--jobs", type=int, default=1, help="faults to try at a time (default: 1)")
-    parser.add_argument(
-        "--timeout", type=float, default=1800.0, help="seconds for the tests of a fault (default: 1800)"
-    )
+    parser.add_argument("--timeout", type=float, default=1800.0, help="seconds for the tests of a fault")
     parser.add_argument("--list", action="store_true", help="list the faults and their tests")
     options = parser.parse_args(arguments)
     chosen = [mutant for mutant in MUTANTS if not options.only or mutant.name in options.only]
@@ -141,19 +159,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for mutant in chosen:
             print(f"{mutant.name}: {mutant.file}; {mutant.tests}")
         return 0
-    remaining = []
+    missed = []
     noticed = 0
     with tempfile.TemporaryDirectory(prefix="wrt-mutants-") as folder:
-        runner = Runner(Path(folder), options.jobs, options.timeout)
-        for mutant, outcome in runner.outcomes(chosen):
-            if outcome in (SURVIVED, NO_TESTS):
-                remaining.append(mutant)
+        settings = (Path(folder), options.jobs, options.timeout)
+        for mutant, result in outcomes(chosen, *settings):
+            if result in (SURVIVED, NO_TESTS):
+                missed.append(mutant)
             else:
-                keep(mutant, outcome)
-                noticed += outcome == NOTICED
-        for mutant, outcome in runner.outcomes(remaining, "--all"):
-            keep(mutant, outcome)
-            noticed += outcome == NOTICED
+                record(mutant, result)
+                noticed += result == NOTICED
+        for mutant, result in outcomes(missed, *settings, "--all"):
+            record(mutant, result)
+            noticed += result == NOTICED
     print(f"{noticed} of {len(chosen)} noticed")
     return 0 if noticed == len(chosen) else 1
 

@@ -1,41 +1,42 @@
 """The figures of scripts/plots.py: curves of the renderer's device functions, run over arrays."""
 
+from __future__ import annotations
+
 import functools
+import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-import wrt
-from wrt.backend.device import Device
-from wrt.backend.warp_backend import initialize_warp
-from wrt.kernels.bsdf import make_bsdf
-from wrt.kernels.bsdf.lobes.fresnel import (
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from support.bsdfs import Case  # noqa: E402
+from support.kernels import map_function  # noqa: E402
+
+import wrt  # noqa: E402
+from wrt.kernels.bsdf.lobes.fresnel import (  # noqa: E402
     cos_transmitted_squared,
     fresnel_conductor,
     fresnel_dielectric,
     fresnel_schlick,
 )
-from wrt.kernels.bsdf.record import Bsdf, BsdfSample, slot_values
-from wrt.kernels.features import identifier
-from wrt.kernels.microfacet import make_microfacet, maskings_of
-from wrt.kernels.registry import model_number
-from wrt.scene.materials.microfacet import sgd_normalization
-from wrt.scene.materials.presets import metal_ior
-from wrt.upload.tables.material_tables import pack_tables
+from wrt.kernels.microfacet import make_microfacet, maskings_of  # noqa: E402
+from wrt.scene.materials.microfacet import sgd_normalization  # noqa: E402
+from wrt.scene.materials.presets import metal_ior  # noqa: E402
 
 Array = NDArray[np.float64]
 
 GLASS = 1.5
 COLORS = ("#1f6fb4", "#d1495b", "#2e8b57", "#b8860b", "#6a4c93", "#444444")
-CHANNEL_COLORS = ("#c8102e", "#1a9641", "#2166ac")
+CHANNELS = {"red": "#c8102e", "green": "#1a9641", "blue": "#2166ac"}
 
 
-@dataclass(frozen=True)
-class Curve:
+class Curve(NamedTuple):
     """A line: (N,) x in degrees, (N,) y, and its style. Without a label it is not in the legend."""
 
     x: Array
@@ -45,23 +46,15 @@ class Curve:
     style: str = "-"
 
 
-@dataclass(frozen=True)
-class Panel:
-    """Curves in one pair of axes.
-
-    Attributes:
-        title: above it.
-        curves: what is drawn.
-        viewer: in polar plots the angle of the viewer, degrees, marked by a line.
-    """
+class Panel(NamedTuple):
+    """Curves in one pair of axes; in polar plots a line marks the angle of the viewer, in degrees."""
 
     title: str
     curves: list[Curve]
     viewer: float | None = None
 
 
-@dataclass(frozen=True)
-class Figure:
+class Figure(NamedTuple):
     """One picture.
 
     Attributes:
@@ -81,22 +74,14 @@ class Figure:
     limits: tuple[float, float] | None = None
 
 
-# --- Device functions over arrays ------------------------------------------------------------------
-
-
-def call(function: wp.Function, *inputs: ArrayLike) -> Array:
-    """Return the values of a device function of numbers and vectors for each row of its broadcast inputs.
+def call(function: wp.Function, count: int, *inputs: ArrayLike) -> Array:
+    """Return `count` values of a device function, whose inputs are arrays or the same number or vector for all.
 
     Warp takes two functions of one name for the same here: names must differ.
     """
-    initialize_warp()
-    arrays = [np.asarray(values, np.float32) for values in inputs]
-    count = max(len(a) for a in arrays if a.ndim)
-    rows = []
-    for a, kind in zip(arrays, function.input_types.values(), strict=True):
-        width = () if kind is float else (3,)
-        rows.append(wp.array(np.broadcast_to(a, (count, *width)), dtype=kind, device="cpu"))
-    return wp.map(function, *rows).numpy().astype(np.float64)
+    widths = [() if kind is float else (3,) for kind in function.input_types.values()]
+    arrays = [np.broadcast_to(np.asarray(a, np.float32), (count, *w)) for a, w in zip(inputs, widths, strict=True)]
+    return map_function(function, *arrays, device="cpu").astype(np.float64)
 
 
 def directions(degrees: ArrayLike) -> Array:
@@ -107,7 +92,7 @@ def directions(degrees: ArrayLike) -> Array:
 
 @functools.cache
 def distribution_of(name: str) -> wp.Function:
-    """Return D(m, shape) of a distribution, by a name of its own."""
+    """Return D(m, shape) of a distribution, under a name that no other has."""
     d = make_microfacet(name, "implicit").d
 
     @wp.func(name=f"plotted_{name}".replace("-", "_"))
@@ -117,74 +102,20 @@ def distribution_of(name: str) -> wp.Function:
     return distribution
 
 
-@functools.cache
-def kernels_of(model: str) -> tuple[wp.Kernel, wp.Kernel]:
-    """Return kernels that evaluate and that sample one reflection model."""
-    functions = make_bsdf((model,))
-    bsdf_evaluate, bsdf_sample = functions.evaluate, functions.sample
-    module = wp.get_module(f"wrt.plots.{identifier((model,))}")
-
-    @wp.kernel(module=module, enable_backward=False)
-    def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.array(dtype=wp.vec3), value_out: wp.array(dtype=wp.vec3)) -> None:
-        i = wp.tid()
-        value_out[i] = bsdf_evaluate(bsdf, wo, wi[i])
-
-    @wp.kernel(module=module, enable_backward=False)
-    def sample(
-        bsdf: Bsdf, wo: wp.array(dtype=wp.vec3), u: wp.array(dtype=wp.vec3), sample_out: wp.array2d(dtype=BsdfSample)
-    ) -> None:
-        i, j = wp.tid()
-        sample_out[i, j] = bsdf_sample(bsdf, wo[i], wp.vec2(u[j][0], u[j][1]), u[j][2])
-
-    return evaluate, sample
-
-
-def record_of(material: wrt.Material, front: bool) -> Any:
-    """Return the kernel arguments of a material with constant values."""
-    bsdf = Bsdf()
-    bsdf.model, bsdf.front = model_number(material.model), front
-    values = np.zeros(slot_values._shape_, np.float32)
-    for k, value in enumerate(material.slots):
-        values[k] = value
-    bsdf.slots = slot_values(*values.ravel().tolist())
-    tables, places = pack_tables([material.table_key], Device("cpu"))
-    bsdf.tables = wp.array(tables, dtype=float, device="cpu")
-    bsdf.table = places.get(material.table_key, 0)
-    return bsdf
-
-
-def lobe(material: wrt.Material, viewer: float, degrees: Array, *, front: bool = True) -> Array:
-    """Return (N,) f |cosθ|, the mean of the channels, for light from angles on either side of the normal.
-
-    Args:
-        material: of constant values.
-        viewer: angle of the viewer, degrees.
-        degrees: (N,) angles of the light, degrees.
-        front: whether the viewer is on the front, which of glass is outside.
-    """
-    initialize_warp()
-    wi = directions(degrees)
-    out = wp.empty(len(wi), dtype=wp.vec3, device="cpu")
-    inputs = [record_of(material, front), wp.vec3(*directions(viewer)[0]), wp.array(wi, dtype=wp.vec3, device="cpu")]
-    wp.launch(kernels_of(material.model)[0], len(wi), inputs, [out], device="cpu")
-    return np.asarray(out.numpy().astype(np.float64).mean(axis=1))
-
-
 def albedo(material: wrt.Material, degrees: Array, *, samples: int = 2**14) -> Array:
     """Return the (N,) albedo for light from N angles, the mean of the channels, by sampling.
 
     On refraction radiance is squeezed into another solid angle; that is taken out, so that energy remains.
     """
-    initialize_warp()
     # The additive recurrence of Roberts (2018) in three dimensions: smoother than random numbers.
     step = 1.2207440846057596 ** -np.arange(1.0, 4.0)
     u = np.minimum((0.5 + np.arange(samples)[:, None] * step) % 1.0, 1.0 - 2.0**-24)
-    out = wp.empty((len(degrees), samples), dtype=BsdfSample, device="cpu")
-    inputs = [record_of(material, True), *(wp.array(a, dtype=wp.vec3, device="cpu") for a in (directions(degrees), u))]
-    wp.launch(kernels_of(material.model)[1], out.shape, inputs, [out], device="cpu")
-    found = out.numpy()
-    energy = found["weight"].astype(np.float64).mean(axis=2) * found["eta"].astype(np.float64) ** 2
-    return np.asarray(energy.mean(axis=1))
+    albedos = []
+    for wo in directions(degrees):
+        found = Case(material).sample(wo, u, "cpu")
+        energy = found["weight"].astype(np.float64).mean(axis=1) * found["eta"].astype(np.float64) ** 2
+        albedos.append(energy.mean())
+    return np.array(albedos)
 
 
 # --- Fresnel ---------------------------------------------------------------------------------------
@@ -194,19 +125,15 @@ INCIDENCE = np.linspace(0.0, 90.0, 361)
 
 def fresnel_of_glass() -> Figure:
     """Return the reflectance of a boundary of glass for light from either side."""
-    cos_i = np.cos(np.radians(INCIDENCE))
+    cos_i, count = np.cos(np.radians(INCIDENCE)), len(INCIDENCE)
     f0 = ((GLASS - 1.0) / (GLASS + 1.0)) ** 2
-    cos_out = np.sqrt(np.maximum(call(cos_transmitted_squared, cos_i, 1.0 / GLASS), 0.0))
+    cos_out = np.sqrt(np.maximum(call(cos_transmitted_squared, count, cos_i, 1.0 / GLASS), 0.0))
     panels = []
     for title, eta, cosine in (("from air", GLASS, cos_i), ("from glass", 1.0 / GLASS, cos_out)):
-        exact = call(fresnel_dielectric, cos_i, eta)
-        schlick = call(fresnel_schlick, cosine, [f0] * 3)[:, 0]
-        panels.append(
-            Panel(
-                f"{title}, n = 1.5",
-                [Curve(INCIDENCE, exact, "exact"), Curve(INCIDENCE, schlick, "Schlick", COLORS[1], "--")],
-            )
-        )
+        exact = call(fresnel_dielectric, count, cos_i, eta)
+        schlick = call(fresnel_schlick, count, cosine, [f0] * 3)[:, 0]
+        curves = [Curve(INCIDENCE, exact, "exact"), Curve(INCIDENCE, schlick, "Schlick", COLORS[1], "--")]
+        panels.append(Panel(f"{title}, n = 1.5", curves))
     return Figure(panels, "reflectance", "angle of incidence, degrees", columns=2, limits=(0.0, 1.02))
 
 
@@ -215,16 +142,11 @@ def fresnel_of_metals() -> Figure:
     cos_i = np.cos(np.radians(INCIDENCE))
     panels = []
     for metal in ("gold", "copper", "aluminium"):
-        exact = call(fresnel_conductor, cos_i, *metal_ior(metal))
-        schlick = call(fresnel_schlick, cos_i, exact[0])
-        curves = [
-            Curve(INCIDENCE, exact[:, k], name, color)
-            for k, (name, color) in enumerate(zip(("red", "green", "blue"), CHANNEL_COLORS, strict=True))
-        ]
-        curves += [
-            Curve(INCIDENCE, schlick[:, k], "Schlick" if k == 2 else "", color, "--")
-            for k, color in enumerate(CHANNEL_COLORS)
-        ]
+        exact = call(fresnel_conductor, len(cos_i), cos_i, *metal_ior(metal))
+        schlick = call(fresnel_schlick, len(cos_i), cos_i, exact[0])
+        curves = [Curve(INCIDENCE, exact[:, k], name, CHANNELS[name]) for k, name in enumerate(CHANNELS)]
+        for k, (name, color) in enumerate(CHANNELS.items()):
+            curves.append(Curve(INCIDENCE, schlick[:, k], "Schlick" if name == "blue" else "", color, "--"))
         panels.append(Panel(metal, curves))
     return Figure(panels, "reflectance", "angle of incidence, degrees", limits=(0.3, 1.02))
 
@@ -250,13 +172,11 @@ def distributions() -> Figure:
     panels = []
     for name, shapes in SHAPES.items():
         d = distribution_of(name)
-        curves = [Curve(degrees, call(d, m, shape), label, COLORS[i]) for i, (label, shape) in enumerate(shapes)]
-        panels.append(Panel(name, curves))
-    together = [
-        Curve(degrees, call(distribution_of(name), m, (0.3, 0.3, 0.0)), name, COLORS[i])
-        for i, name in enumerate(("ggx", "beckmann", "blinn-phong"))
-    ]
-    panels.append(Panel("at α 0.3", together))
+        values = [(label, call(d, len(m), m, shape)) for label, shape in shapes]
+        panels.append(Panel(name, [Curve(degrees, y, label, COLORS[i]) for i, (label, y) in enumerate(values)]))
+    names = ("ggx", "beckmann", "blinn-phong")
+    values = [(name, call(distribution_of(name), len(m), m, (0.3, 0.3, 0.0))) for name in names]
+    panels.append(Panel("at α 0.3", [Curve(degrees, y, name, COLORS[i]) for i, (name, y) in enumerate(values)]))
     return Figure(panels, "D, 1/sr", "angle of the facet's normal, degrees", kind="log", limits=(1e-4, 1e2))
 
 
@@ -274,7 +194,8 @@ def maskings() -> Figure:
         for i, name in enumerate(maskings_of("beckmann")):
             g = make_microfacet("beckmann", name).g
             style = "--" if name == "walter" else "-"
-            curves.append(Curve(degrees, call(g, wo, wi, m, (alpha, alpha, 0.0)), name, COLORS[i], style))
+            values = call(g, len(m), wo, wi, m, (alpha, alpha, 0.0))
+            curves.append(Curve(degrees, values, name, COLORS[i], style))
         panels.append(Panel(f"α {alpha:g}, viewer at −75 degrees", curves))
     return Figure(panels, "G", "angle of the light, degrees", limits=(0.0, 1.02))
 
@@ -292,11 +213,11 @@ def _lobes(
     scaled: bool = False,
     power: float = 1.0,
 ) -> Panel:
-    """Return the lobes of materials, on both sides if `around`, with a maximum of 1 if `scaled`, raised to a power."""
+    """Return (f |cosθ|)^power of materials, on both sides if `around`, with a maximum of 1 if `scaled`."""
     degrees = np.linspace(-180.0, 180.0, 1441) if around else np.linspace(-90.0, 90.0, 721)
     curves = []
     for i, (label, material) in enumerate(materials):
-        f = lobe(material, -viewer, degrees, front=front)
+        f = Case(material, front).evaluate(directions(-viewer), directions(degrees), "cpu")[0].mean(axis=1)
         curves.append(Curve(degrees, (f / f.max() if scaled else f) ** power, label, COLORS[i]))
     return Panel(title, curves, -viewer)
 
@@ -342,9 +263,9 @@ def albedos() -> Figure:
     """Return the albedo of rough surfaces without absorption, with single and multiple bounces."""
     degrees = np.linspace(0.0, 89.0, 46)
     makers: dict[str, Callable[[float, bool], wrt.Material]] = {
-        "white metal": lambda a, more: wrt.RoughConductor(a, f0=1.0, multiple_bounces=more),
-        "glass, both sides together": lambda a, more: wrt.RoughDielectric(alpha=a, multiple_bounces=more),
-        "white plastic": lambda a, more: wrt.RoughPlastic(1.0, alpha=a, nonlinear=True, multiple_bounces=more),
+        "white metal": lambda a, several: wrt.RoughConductor(a, f0=1.0, multiple_bounces=several),
+        "glass, both sides together": lambda a, several: wrt.RoughDielectric(alpha=a, multiple_bounces=several),
+        "white plastic": lambda a, several: wrt.RoughPlastic(1.0, alpha=a, nonlinear=True, multiple_bounces=several),
     }
     panels = []
     for title, maker in makers.items():

@@ -1,23 +1,24 @@
-"""Plot the reflection models, from their own device functions (plot_figures.py), and the measurements.
+"""Plot the reflection models of docs/shading.md, from their own device functions (plot_figures.py).
 
     python scripts/plots.py [--only NAME ...] [--out FOLDER]
 
-Needs matplotlib (pip install '.[plots]'). docs/shading.md shows the former. The latest results
-of scripts/benchmark.py, in docs/measured, are plotted for docs/performance.md.
+Needs matplotlib (pip install '.[plots]').
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmarks.figures import MEASURED
-from canvas import STYLE, save
 from plot_figures import FIGURES, Figure, Panel
+
+STYLE: dict[str, Any] = {"font.size": 8.5, "axes.titlesize": 9.5, "axes.grid": True, "grid.alpha": 0.3}
+"""Settings for `matplotlib.rc_context`."""
 
 DOCS_PLOTS = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "plots"
 
@@ -91,28 +92,28 @@ def _arrange_polar(ax: Any, panel: Panel, *, half: bool) -> None:
     ax.tick_params(labelsize=7)
 
 
+def save(canvas: Any, path: Path) -> None:
+    """Write a figure as a PNG with a palette, which is a third of the size."""
+    from PIL import Image
+
+    drawn = io.BytesIO()
+    canvas.savefig(drawn, dpi=110, format="png")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.open(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
-    parser = argparse.ArgumentParser(description="Plot the reflection models and the measurements.")
-    every = [*FIGURES, *MEASURED]
+    parser = argparse.ArgumentParser(description="Plot the reflection models.")
+    names = list(FIGURES)
     parser.add_argument(
-        "--only", nargs="+", metavar="NAME", choices=every, help=f"plots to draw, of {', '.join(every)}"
+        "--only", nargs="+", metavar="NAME", choices=names, default=names, help=f"of {', '.join(names)}"
     )
     parser.add_argument("--out", type=Path, default=DOCS_PLOTS, metavar="FOLDER", help="folder to write to")
     options = parser.parse_args(arguments)
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        print("plots: error: matplotlib is not installed; run: pip install '.[plots]'", file=sys.stderr)
-        return 2
-    options.out.mkdir(parents=True, exist_ok=True)
-    for name in options.only or every:
-        path = options.out / f"{name}.png"
-        if name in MEASURED:
-            MEASURED[name](path)
-        else:
-            draw(FIGURES[name](), path)
-        print(f"{path}: {path.stat().st_size / 1e3:,.0f} kB", flush=True)
+    for name in options.only:
+        draw(FIGURES[name](), options.out / f"{name}.png")
+        print(options.out / f"{name}.png", flush=True)
     return 0
 
 

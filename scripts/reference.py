@@ -1,6 +1,6 @@
 """Write the generated parts of the reference: Python's public names, keys of scene files, options of the command line.
 
-    python scripts/reference.py            rewrite docs/python.md, docs/scene-keys.md and docs/command-line.md
+    python scripts/reference.py            rewrite docs/python.md, docs/scene-format.md and docs/command-line.md
     python scripts/reference.py --check    only report whether they are current
 
 Descriptions come from docstrings, from the JSON schema of scene files, which is made from the classes, and from
@@ -10,11 +10,13 @@ argparse. Each generated part stands between two marks in its page.
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import functools
 import inspect
 import json
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,112 +24,145 @@ from benchmarks.measure import table, write_section
 
 import wrt
 from wrt.cli.arguments.options import make_parser
-from wrt.describe.docstrings import summary_of
+from wrt.describe.docstrings import meanings_of, plain, summary_of
 from wrt.io.toml.schema import scene_schema
+from wrt.scene.camera import CAMERAS
+from wrt.scene.environment import ENVIRONMENTS
+from wrt.scene.lights import LIGHTS
+from wrt.scene.materials import MATERIALS
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
-GROUPS: dict[str, tuple[str, ...]] = {
-    "Loading and rendering": (
-        "load",
-        "render",
-        "render_views",
-        "View",
-        "Renderer",
-        "Progress",
-        "precompile",
-        "Precompiled",
-        "device_memory",
-        "DeviceMemory",
-    ),
-    "Several machines": ("Part", "merge", "Merged"),
-    "Scenes": ("Scene", "Shape", "RenderSettings"),
-    "Meshes": ("Mesh", "load_mesh", "box", "sphere", "spheres", "disk", "cylinder", "quad", "polygon"),
-    "Motion": ("Motion", "Deformation"),
-    "Cameras": ("Camera", "PerspectiveCamera", "OrthographicCamera", "PanoramaCamera", "FisheyeCamera"),
-    "Lights": (
-        "PointLight",
-        "SpotLight",
-        "DirectionalLight",
-        "RectangleLight",
-        "DiskLight",
-        "SphereLight",
-        "ConstantEnvironment",
-        "ImageEnvironment",
-        "SphericalHarmonicsEnvironment",
-        "SunSkyEnvironment",
-        "Light",
-        "register_light",
-    ),
-    "Materials": (
-        "Material",
-        "Diffuse",
-        "OrenNayar",
-        "Mirror",
-        "Glossy",
-        "Conductor",
-        "RoughConductor",
-        "Dielectric",
-        "RoughDielectric",
-        "ThinDielectric",
-        "Null",
-        "Plastic",
-        "RoughPlastic",
-        "Principled",
-        "Burley",
-        "Measured",
-        "Measurement",
-        "Mix",
-        "TwoSided",
-        "Emissive",
-        "Medium",
-        "DensityGrid",
-        "register_material",
-    ),
-    "Textures": ("ImageTexture", "VertexColor", "NormalMap"),
-    "Rays": ("Intersector", "Hits"),
-    "Files": ("load_image", "save_image", "develop_image", "save_scene", "load_density", "load_measurement"),
-    "Errors": ("InputError",),
+# --- Python ----------------------------------------------------------------------------------------
+
+
+def _names(classes: Mapping[str, type]) -> str:
+    return " ".join(cls.__name__ for cls in classes.values())
+
+
+GROUPS: dict[str, str] = {
+    "Loading and rendering": "load render render_views View Renderer Progress precompile Precompiled device_memory "
+    "DeviceMemory",
+    "Several machines": "Part merge Merged",
+    "Scenes": "Scene Shape RenderSettings",
+    "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon",
+    "Motion": "Motion Deformation",
+    "Cameras": f"Camera {_names(CAMERAS)} register_camera",
+    "Lights": f"{_names(LIGHTS)} {_names(ENVIRONMENTS)} Light register_light",
+    "Materials": f"Material {_names(MATERIALS)} Measurement register_material",
+    "Media": "Medium DensityGrid",
+    "Textures": "ImageTexture VertexColor NormalMap",
+    "Rays": "Intersector Hits",
+    "Files and pictures": "load_image save_image develop_image save_video turntable save_scene load_density "
+    "load_measurement",
+    "Errors": "InputError InputWarning",
 }
-"""The public names, in the order in which a reader meets them.
+"""The public names by subject, in the order in which a reader meets them."""
 
-Names that are not listed go to the end, and names that wrt does not have are left out."""
-
-
-def groups() -> dict[str, list[str]]:
-    """Return the public names by group; every name is in one."""
-    found = {title: [name for name in names if name in wrt.__all__] for title, names in GROUPS.items()}
-    listed = {name for names in found.values() for name in names}
-    others = [name for name in wrt.__all__ if name not in listed and not name.startswith("__")]
-    return {**found, **({"More": others} if others else {})}
+INTERNAL_MEMBERS = {
+    "arguments_for",
+    "built_features",
+    "has_updated_vertices",
+    "restore",
+    "share",
+    "trace_film",
+    "uploaded_features",
+    "with_backend",
+}
+"""Members without an underscore that only wrt itself calls."""
 
 
 def names_text() -> str:
-    """Return tables of all public names with the first sentence of their docstrings, linked to the details."""
+    """Return signature, summary, arguments and errors of every public name, and the members of classes."""
     parts = []
-    for title, names in groups().items():
-        rows = [[f"[`{name}`](#wrt{name.lower()})", first_sentence(summary_of(getattr(wrt, name)))] for name in names]
-        parts.append(f"**{title}**\n\n" + table(["name", "what it is"], rows))
+    for title, listed in GROUPS.items():
+        names = listed.split()
+        links = ", ".join(f"[`{name}`](#wrt{name.lower()})" for name in names)
+        parts += [f"## {title}\n\n{links}\n", *(entry_of(name) for name in names)]
     return "\n".join(parts)
 
 
-def first_sentence(text: str) -> str:
-    """Return the first sentence of a text, with bars escaped, which would end a cell of a table."""
-    return re.split(r"(?<=[.!])\s(?=[A-Z])", text)[0].replace("|", "\\|")
-
-
-def details_text() -> str:
-    """Return a heading for each name, and the directive by which mkdocstrings shows its docstring."""
-    parts = []
-    for names in groups().values():
-        parts += [f"### wrt.{name}\n\n::: {where(name)}.{name}\n" for name in names]
+def entry_of(name: str) -> str:
+    """Return the entry of a public name. Keys of scene files are explained on their own page."""
+    thing = getattr(wrt, name)
+    keys = scene_file_section(thing)
+    parts = [f"### wrt.{name}\n\n`wrt.{name}{signature_of(thing)}`\n\n{summary_of(thing)}\n"]
+    if keys:
+        parts.append(f"Fields: [keys of scene files]({keys}).\n")
+    for kind, documented in {"argument": getattr(thing, "__init__", None), "field": thing}.items():
+        if not keys and documented and (meanings := meanings_of(documented)):
+            parts.append(table([kind if inspect.isclass(thing) else "argument", "meaning"], rows_of(meanings)))
+    parts += [f"{title}: {text}\n" for title, text in results_of(thing).items()]
+    if inspect.isclass(thing) and not keys and not issubclass(thing, Exception) and (rows := members_of(thing)):
+        parts.append(table(["member", "meaning"], rows))
     return "\n".join(parts)
 
 
-def where(name: str) -> str:
-    """Return the module in which a public name is defined."""
-    found = inspect.getmodule(getattr(wrt, name))
-    return "wrt" if found is None else found.__name__
+def signature_of(thing: Callable[..., Any]) -> str:
+    """Return the signature without annotations, which the meanings of the arguments explain; none for exceptions."""
+    if inspect.isclass(thing) and issubclass(thing, BaseException):
+        return ""
+    signature = inspect.signature(thing)
+    parameters = []
+    for parameter in signature.parameters.values():
+        default = parameter.default
+        if default is not inspect.Parameter.empty and not isinstance(default, (bool, int, float, str, tuple)):
+            default = None  # made anew for each object
+        if parameter.name != "self":
+            parameters.append(parameter.replace(annotation=inspect.Parameter.empty, default=default))
+    return str(inspect.Signature(parameters))
+
+
+def scene_file_section(thing: Any) -> str:
+    """Return the place where scene-format.md explains a class's fields, or nothing."""
+    for base, anchor in {
+        wrt.Camera: "camera",
+        wrt.Material: "materialsname",
+        wrt.Light: "lights",
+        wrt.RenderSettings: "settings",
+        wrt.ImageTexture: "textures",
+        wrt.VertexColor: "values-that-vary",
+        wrt.NormalMap: "normal-maps",
+        (wrt.ConstantEnvironment, wrt.SphericalHarmonicsEnvironment, wrt.SunSkyEnvironment): "environment",
+    }.items():
+        if inspect.isclass(thing) and issubclass(thing, base) and thing not in (wrt.Camera, wrt.Material, wrt.Light):
+            return f"scene-format.md#{anchor}"
+    return ""
+
+
+def results_of(thing: Any) -> dict[str, str]:
+    """Return what a docstring says of results and errors."""
+    text = inspect.getdoc(thing) or ""
+    found = {}
+    for title in ("Returns", "Yields", "Raises"):
+        section = re.search(rf"^{title}:\n((?: +.*\n?|\n(?= ))+)", text, re.MULTILINE)
+        if section and "if an argument cannot be used." not in section[1]:  # which is true of all functions
+            found[title] = re.sub(r"^(\w+):", r"`\1`", plain(section[1]))
+    return found
+
+
+def members_of(cls: type[Any]) -> list[list[str]]:
+    """Return a row for each public method and property of a class that is no field."""
+    fields = {field.name for field in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
+    rows = []
+    for name, member in inspect.getmembers(cls):
+        is_data = isinstance(member, (property, functools.cached_property))
+        if name.startswith("_") or name in fields | INTERNAL_MEMBERS or not (is_data or inspect.isroutine(member)):
+            continue
+        meanings = {} if is_data else meanings_of(member)
+        summary = re.sub("^Return (.)", lambda found: found[1].upper(), summary_of(member))
+        text = " ".join([summary, *(f"`{key}`: {meaning}" for key, meaning in meanings.items())])
+        text += "".join(f" {title} {found}" for title, found in results_of(member).items())
+        rows.append([f"`{name}{'' if is_data else signature_of(member)}`", text.replace("|", "\\|")])
+    return rows
+
+
+def rows_of(meanings: dict[str, str]) -> list[list[str]]:
+    """Return rows of names and their meanings."""
+    return [[f"`{name}`", meaning.replace("|", "\\|")] for name, meaning in meanings.items()]
+
+
+# --- The command line ------------------------------------------------------------------------------
 
 
 def options_text() -> str:
@@ -157,77 +192,72 @@ def row_of(action: argparse.Action) -> list[str]:
 
 # --- Scene files -----------------------------------------------------------------------------------
 
-TABLES = {
-    "settings": "[settings]",
-    "camera": "[camera]",
-    "environment": "[environment]",
-    "light": "[[lights]]",
-    "medium": "[media.NAME]",
-    "material": "[materials.NAME]",
-    "shape": "[[shapes]]",
+TABLES_WITHIN_TABLES = {
+    "textures": ("texture", "textures"),
+    "vertex-colors": ("vertex_colors", "values-that-vary"),
+    "normal-maps": ("normal_map", "normal-maps"),
+    "turns": ("turn", "motion-instances-deformation"),
+    "keyframes": ("keyframe", "motion-instances-deformation"),
+    "motions": ("motion", "motion-instances-deformation"),
+    "instances": ("instance", "motion-instances-deformation"),
+    "deformations": ("deformation", "motion-instances-deformation"),
+    "densities": ("density", "density"),
 }
-"""The definitions of the schema that are tables of a scene file, and their syntax."""
+"""Marks in the page, the definitions of the schema that stand there, and the headings above them."""
 
-PARTS_OF_VALUES = {
-    "texture": "Textures",
-    "vertex_colors": "Vertex colours",
-    "normal_map": "Normal maps",
-    "turn": "Turns",
-    "keyframe": "Keyframes",
-    "motion": "Motions",
-    "instance": "Instances",
-    "deformation": "Deformations",
-    "density": "Densities",
-}
-"""Definitions that are tables within tables, and their headings."""
-
-WORDS_OF_REFERENCES = {
-    "vector": "`[x, y, z]`",
-    "texture": "[varies](#values-that-vary)",
-    "color_that_varies": "number or `[r, g, b]` or [varies](#values-that-vary)",
-}
+LINKS = {name: f"[{name.replace('_', ' ')}](#{anchor})" for name, anchor in TABLES_WITHIN_TABLES.values()}
 
 
-def keys_text() -> str:
-    """Return a table of keys for every kind of table in a scene file."""
+def keys_text(name: str) -> str:
+    """Return tables of the keys of a definition of the schema; each key of several types is explained once."""
     definitions = scene_schema()["definitions"]
-    parts = []
-    for name, written in TABLES.items():
-        kinds = [key.removeprefix(f"{name}-") for key in definitions if key.startswith(f"{name}-")]
-        parts.append(f"## `{written}`\n")
-        if not kinds:
-            parts.append(table_of_keys(definitions[name], set()))
-            continue
-        properties = [definitions[f"{name}-{kind}"]["properties"] for kind in kinds]
-        common = {key for key in properties[0] if all(found.get(key) == properties[0][key] for found in properties)}
-        if common:
-            first = definitions[f"{name}-{kinds[0]}"]
-            parts.append(f"Keys of every type:\n\n{table_of_keys(first, set(properties[0]) - common)}")
-        for kind in kinds:
-            found = definitions[f"{name}-{kind}"]
-            about = found.get("description", "").removeprefix("Return ")
-            parts.append(f'### {name} type = "{kind}"\n\n{about[:1].upper()}{about[1:]}\n')
-            if set(found["properties"]) - common - {"type"}:
-                parts.append(table_of_keys(found, {*common, "type"}))
-    parts.append("## Tables within tables\n")
-    for name, title in PARTS_OF_VALUES.items():
-        parts.append(f"### {title}\n")
-        forms = definitions[name].get("anyOf", [definitions[name]])
-        parts += [("Or:\n\n" if form is not forms[0] else "") + table_of_keys(form, set()) for form in forms]
+    kinds = [key.removeprefix(f"{name}-") for key in definitions if key.startswith(f"{name}-")]
+    if not kinds:
+        return "\nor\n\n".join(
+            table_of_keys(keys_of(form)) for form in definitions[name].get("anyOf", [definitions[name]])
+        )
+    all_keys = {kind: keys_of(definitions[f"{name}-{kind}"]) for kind in kinds}
+    first = all_keys[kinds[0]]
+    for keys in all_keys.values():
+        for key, row in keys.items():  # of media, which methods of Medium make
+            row[2] = (
+                first[key][2] if row[2] == "As the attribute." else row[2].replace("the attribute", f"for `{kinds[0]}`")
+            )
+    common = {key: row for key, row in first.items() if all(keys.get(key) == row for keys in all_keys.values())}
+    parts = [f"Keys of every type:\n\n{table_of_keys(common)}"] if common else []
+    explained: dict[str, tuple[str, list[str]]] = {}
+    for kind, keys in all_keys.items():
+        about = definitions[f"{name}-{kind}"].get("description", "").removeprefix("Return ")
+        parts.append(f'### type = "{kind}"\n\n{about[:1].upper()}{about[1:]}\n')
+        likewise: dict[str, list[str]] = {}
+        for key, row in keys.items():
+            if key not in common and key in explained and explained[key][1] == row:
+                likewise.setdefault(explained[key][0], []).append(f"`{key}`")
+        shown = {key: row for key, row in keys.items() if key not in common and explained.get(key, ("", []))[1] != row}
+        explained |= {key: (kind, row) for key, row in shown.items() if key not in explained}
+        if shown:
+            parts.append(table_of_keys(shown))
+        if likewise:
+            listed = "; ".join(f"for `{type_name}`: {', '.join(names)}" for type_name, names in likewise.items())
+            parts.append(f"As {listed}.\n")
     return "\n".join(parts)
 
 
-def table_of_keys(found: dict[str, Any], left_out: set[str]) -> str:
-    """Return a table of the keys of a definition."""
-    rows = []
+def keys_of(found: dict[str, Any]) -> dict[str, list[str]]:
+    """Return value, default and meaning of each key of a definition but its `type`."""
+    rows = {}
     for key, value in found["properties"].items():
-        if key in left_out or (key == "type" and "const" in value):
-            continue
-        default = "required" if key in found.get("required", ()) else ""
-        if "default" in value:
-            default = f"`{json.dumps(value['default'])}`"
-        rows.append([f"`{key}`", values_in_words(value), default, meaning_of(value)])
-    return table(["key", "value", "default", "meaning"], rows)
+        if not (key == "type" and ("const" in value or value.get("description") == "What it is.")):
+            default = "required" if key in found.get("required", ()) else ""
+            if "default" in value:
+                default = f"`{json.dumps(value['default'])}`"
+            rows[key] = [values_in_words(value), default, meaning_of(value)]
+    return rows
+
+
+def table_of_keys(keys: dict[str, list[str]]) -> str:
+    """Return a table of keys."""
+    return table(["key", "value", "default", "meaning"], [[f"`{key}`", *row] for key, row in keys.items()])
 
 
 def meaning_of(value: dict[str, Any]) -> str:
@@ -235,72 +265,67 @@ def meaning_of(value: dict[str, Any]) -> str:
     text = value.get("description", "")
     text = re.sub(r",? ?one of [A-Z_]+(, or two, for u and for v)?\.?$", ".", text).lstrip(".") or "one of these."
     text = re.sub(r"one of [A-Z_]+; ", "", text)
-    text = text.replace("None is", "left out, it is").replace(". left out", ". Left out")
+    text = re.sub(r"\bNone (is|for)\b", "by default", text)
     return (text[:1].upper() + text[1:]).replace("|", "\\|")
 
 
-def values_in_words(value: dict[str, Any], *, many: bool = False) -> str:
+def values_in_words(value: dict[str, Any], *, plural: bool = False) -> str:
     """Return the type of a key: numbers with their limits, words, arrays, references to other tables.
 
     Args:
         value: the schema of the key.
-        many: whether to use the plural.
+        plural: whether to use the plural.
     """
-    for several in ("anyOf", "allOf"):
-        if several in value:
-            return " or ".join(
-                dict.fromkeys(values_in_words(option, many=many) for option in options_of(value[several]))
-            )
+    options = value.get("anyOf", value.get("allOf"))
+    if options:
+        references = {option["$ref"].rpartition("/")[2] for option in options if "$ref" in option}
+        if "texture" in references and len(options) > 1:
+            literal = [o for o in options if "const" not in o and "$ref" not in o]
+            return ", ".join([*([values_in_words({"anyOf": literal})] if literal else []), "varies"])
+        if [option.get("type") for option in options[:2]] == ["number", "array"] and options[1].get("minItems") == 3:
+            return " or ".join(["colour" + limits_in_words(options[0]), *map(values_in_words, options[2:])])
+        if "enum" in options[0].get("items", {}):
+            return values_in_words(options[0])  # also one of them, or a text of several
+        return " or ".join(dict.fromkeys(values_in_words(option, plural=plural) for option in options))
     if "$ref" in value:
         name = value["$ref"].rpartition("/")[2]
-        title = PARTS_OF_VALUES.get(name, "")
-        return WORDS_OF_REFERENCES.get(name) or f"[{title.lower().removesuffix('s')}](#{anchor(title)})"
+        return {"vector": "vector", "color_that_varies": "colour, varies"}.get(name) or LINKS[name]
     if "enum" in value or "const" in value:
         return ", ".join(f"`{json.dumps(word)}`" for word in value.get("enum", [value.get("const")]))
     if value.get("type") == "array":
         count = value.get("minItems") if value.get("minItems") == value.get("maxItems") else None
-        if count == 3 and value["items"].get("type") == "number":
-            return "`[r, g, b]`"
-        items = values_in_words(value["items"], many=True)
+        items = values_in_words(value["items"], plural=True)
         if "enum" in value["items"]:
             return "two of them" if count == 2 else f"array of {items}"
         return f"{count} {items}" if count else f"array of {items}"
-    if value.get("type") == "boolean":
-        return "`true` or `false`"
-    kind = {"number": "number", "integer": "whole number", "string": "text"}[value["type"]]
-    return kind + ("s" if many else "") + limits_in_words(value)
-
-
-def options_of(several: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return options without the alternatives for textures."""
-    references = [option.get("$ref", "").rpartition("/")[2] for option in several]
-    if "texture" not in references:
-        return several
-    return [o for o, name in zip(several, references, strict=True) if name != "vertex_colors" and "const" not in o]
-
-
-def anchor(title: str) -> str:
-    """Return the anchor of a heading."""
-    return title.lower().replace(" ", "-")
+    kind = {"number": "number", "integer": "integer", "string": "text", "boolean": "boolean"}[value["type"]]
+    return kind + ("s" if plural else "") + limits_in_words(value)
 
 
 def limits_in_words(value: dict[str, Any]) -> str:
-    """Return the limits of a number, with a comma before them."""
+    """Return the limits of a number."""
     low, high = value.get("minimum"), value.get("maximum")
     above, below = value.get("exclusiveMinimum"), value.get("exclusiveMaximum")
-    texts = []
     if low is not None and high is not None:
         return f" {low:,} to {high:,}"
-    texts += [f"from {low:,}"] if low is not None else []
+    texts = [f"{low:,} or more"] if low is not None else []
     texts += [f"above {above:,}"] if above is not None else []
     texts += [f"up to {high:,}"] if high is not None else []
     texts += [f"below {below:,}"] if below is not None else []
     return "".join(f" {text}" for text in texts).replace("above 0 below", "above 0 and below")
 
 
-PARTS = {
-    "python.md": {"names": names_text, "details": details_text},
-    "scene-keys.md": {"keys": keys_text},
+# --- Pages -----------------------------------------------------------------------------------------
+
+SECTIONS = ("settings", "camera", "environment", "light", "medium", "material", "shape")
+"""The definitions of the schema that are tables of a scene file, and the marks in the page."""
+
+PARTS: dict[str, dict[str, Callable[[], str]]] = {
+    "python.md": {"names": names_text},
+    "scene-format.md": {
+        **{name: functools.partial(keys_text, name) for name in SECTIONS},
+        **{mark: functools.partial(keys_text, name) for mark, (name, _) in TABLES_WITHIN_TABLES.items()},
+    },
     "command-line.md": {"options": options_text},
 }
 """The pages, and what is written between which marks."""

@@ -69,7 +69,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 LONGEST = (
     *("test_against_mitsuba.py", "test_mitsuba_files.py", "test_reflection_models.py", "test_exact_pictures.py"),
-    *("test_without_warp.py", "test_cuda_compile.py", "test_growth.py"),
+    *("test_artefacts.py", "test_cuda_compile.py", "test_growth.py"),
 )
 """Files that begin first, longest first: else one process is left with them at the end."""
 

@@ -3,6 +3,9 @@
 `__init__.pyi` lists the public names. Each is imported on first use, so ``import wrt`` stays instant.
 """
 
+from collections.abc import Iterator
+
+from wrt import _notebook
 from wrt._version import __version__ as __version__
 
 _SOURCES: dict[str, str] = {}
@@ -11,13 +14,31 @@ _SOURCES: dict[str, str] = {}
 def _sources() -> dict[str, str]:
     """Return the module of each public name, read from the stub on first use."""
     if not _SOURCES:
-        import ast
-        import pkgutil
-
-        for statement in ast.parse(pkgutil.get_data("wrt", "__init__.pyi") or b"").body:
-            if isinstance(statement, ast.ImportFrom) and statement.module:
-                _SOURCES.update((each.name, statement.module) for each in statement.names)
+        _SOURCES.update(_exported("__init__.pyi"))
     return _SOURCES
+
+
+def _exported(file: str) -> Iterator[tuple[str, str]]:
+    """Yield the names that a file re-exports as `X as X`, or from a package by `*`, each with its module."""
+    import ast
+    import pkgutil
+
+    for statement in ast.parse(pkgutil.get_data("wrt", file) or b"").body:
+        if isinstance(statement, ast.ImportFrom) and statement.module:
+            for each in statement.names:
+                if each.name == "*":
+                    yield from _exported(statement.module.removeprefix("wrt.").replace(".", "/") + "/__init__.py")
+                elif each.asname == each.name:
+                    yield each.name, statement.module
+
+
+def _module(name: str) -> object:
+    import importlib
+
+    return importlib.import_module(name)
+
+
+_notebook.viewer = lambda: _module("wrt.view.notebook")
 
 
 def __getattr__(name: str) -> object:
@@ -26,9 +47,7 @@ def __getattr__(name: str) -> object:
     module = None if name.startswith("__") else _sources().get(name)
     if module is None:
         raise AttributeError(f"module 'wrt' has no attribute {name!r}")
-    import importlib
-
-    value = globals()[name] = getattr(importlib.import_module(module), name)
+    value = globals()[name] = getattr(_module(module), name)
     return value
 
 

@@ -5,6 +5,8 @@ from wrt.animation.turntable import turntable as turntable
 from wrt.animation.video import save_video as save_video
 from wrt.api import load as load
 from wrt.api import render as render
+from wrt.compiling.precompile import Precompiled as Precompiled
+from wrt.compiling.precompile import precompile as precompile
 from wrt.develop.picture import develop_image as develop_image
 from wrt.errors import InputError as InputError
 from wrt.errors import InputWarning as InputWarning
@@ -19,8 +21,9 @@ from wrt.memory_needed import device_memory as device_memory
 from wrt.parts.merge import Merged as Merged
 from wrt.parts.merge import merge as merge
 from wrt.parts.part import Part as Part
-from wrt.precompiling import Precompiled as Precompiled
-from wrt.precompiling import precompile as precompile
+from wrt.registering import register_camera as register_camera
+from wrt.registering import register_light as register_light
+from wrt.registering import register_material as register_material
 from wrt.rendering.intersector import Hits as Hits
 from wrt.rendering.intersector import Intersector as Intersector
 from wrt.rendering.passes import Progress as Progress
@@ -30,7 +33,6 @@ from wrt.scene.camera import FisheyeCamera as FisheyeCamera
 from wrt.scene.camera import OrthographicCamera as OrthographicCamera
 from wrt.scene.camera import PanoramaCamera as PanoramaCamera
 from wrt.scene.camera import PerspectiveCamera as PerspectiveCamera
-from wrt.scene.camera import register_camera as register_camera
 from wrt.scene.deformation import Deformation as Deformation
 from wrt.scene.environment import ConstantEnvironment as ConstantEnvironment
 from wrt.scene.environment import ImageEnvironment as ImageEnvironment
@@ -39,36 +41,8 @@ from wrt.scene.environment import SunSkyEnvironment as SunSkyEnvironment
 from wrt.scene.exact.quadrics import cylinder as cylinder
 from wrt.scene.exact.quadrics import disk as disk
 from wrt.scene.exact.spheres import spheres as spheres
-from wrt.scene.lights import DirectionalLight as DirectionalLight
-from wrt.scene.lights import DiskLight as DiskLight
-from wrt.scene.lights import Light as Light
-from wrt.scene.lights import PointLight as PointLight
-from wrt.scene.lights import ProjectorLight as ProjectorLight
-from wrt.scene.lights import RectangleLight as RectangleLight
-from wrt.scene.lights import SphereLight as SphereLight
-from wrt.scene.lights import SpotLight as SpotLight
-from wrt.scene.lights import register_light as register_light
-from wrt.scene.materials import Burley as Burley
-from wrt.scene.materials import Conductor as Conductor
-from wrt.scene.materials import Dielectric as Dielectric
-from wrt.scene.materials import Diffuse as Diffuse
-from wrt.scene.materials import Emissive as Emissive
-from wrt.scene.materials import Glossy as Glossy
-from wrt.scene.materials import Material as Material
-from wrt.scene.materials import Measured as Measured
-from wrt.scene.materials import Mirror as Mirror
-from wrt.scene.materials import Mix as Mix
-from wrt.scene.materials import Null as Null
-from wrt.scene.materials import OrenNayar as OrenNayar
-from wrt.scene.materials import Plastic as Plastic
-from wrt.scene.materials import Principled as Principled
-from wrt.scene.materials import RoughConductor as RoughConductor
-from wrt.scene.materials import RoughDielectric as RoughDielectric
-from wrt.scene.materials import RoughPlastic as RoughPlastic
-from wrt.scene.materials import ThinDielectric as ThinDielectric
-from wrt.scene.materials import TwoSided as TwoSided
-from wrt.scene.materials import register_material as register_material
-from wrt.scene.materials.measured import Measurement as Measurement
+from wrt.scene.lights import *
+from wrt.scene.materials import *
 from wrt.scene.medium import DensityGrid as DensityGrid
 from wrt.scene.medium import Medium as Medium
 from wrt.scene.mesh import Mesh as Mesh

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,15 @@ def dot(a: ArrayLike, b: ArrayLike) -> float:
 def norm(vector: ArrayLike) -> float:
     """Return the Euclidean length of a vector."""
     return math.sqrt(dot(vector, vector))
+
+
+def weighted_sum(colors: NDArray[Any], weights: Sequence[float] | FloatArray) -> NDArray[Any]:
+    """Return the sums of channels (..., n) times n weights, such as luminance, in the type of the colors."""
+    kind = colors.dtype.type
+    total = colors[..., 0] * kind(weights[0])
+    for channel in range(1, len(weights)):
+        total = total + colors[..., channel] * kind(weights[channel])
+    return np.asarray(total)
 
 
 def inverse(matrices: ArrayLike) -> FloatArray:

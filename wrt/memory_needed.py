@@ -106,7 +106,6 @@ def memory_text(memory: DeviceMemory, width: int, height: int) -> str:
         peak += f"; {_size(memory.peak_if_cut)} if it cuts large triangles"
     rows = [*parts, ("in all", _size(memory.kept)), ("at most", peak)]
     backend = current_backend()
-    backend.start()
     for name in (f"cuda:{number}" for number in range(backend.gpus())):
         free = backend.memory_of(name)
         fits = memory.peak <= free

@@ -199,24 +199,24 @@ _DECODED = "for sRGB, take wrt.scene.srgb.linear_from_srgb(codes / 255)"
 
 def refuse_codes(value: object, name: str) -> None:
     """Raise InputError naming `name` if values are codes, such as 0 to 255, which are not linear either."""
-    given = array(value, name)
-    if given.dtype.kind in "iu" and given.size and given.max() > 1:
-        raise InputError(f"{name} must be linear numbers, not codes up to {given.max()}; {_DECODED}")
+    values = array(value, name)
+    if values.dtype.kind in "iu" and values.size and values.max() > 1:
+        raise InputError(f"{name} must be linear numbers, not codes up to {values.max()}; {_DECODED}")
 
 
-def image(value: object, what: str) -> NDArray[np.float32]:
+def image(value: object, name: str) -> NDArray[np.float32]:
     """Return `value` as finite, non-negative, read-only (H, W, 3) float32 pixels; see `owned`.
 
     Raises:
-        InputError: if it is not such an image; the message names `what`.
+        InputError: if it is not such an image; the message names `name`.
     """
     if isinstance(value, (str, os.PathLike)):
-        raise InputError(f"{what}: pixels must be an array, such as wrt.load_image({str(value)!r}) returns")
-    refuse_codes(value, f"{what}: pixels")
+        raise InputError(f"{name} must be an array, such as wrt.load_image({str(value)!r}) returns")
+    refuse_codes(value, name)
     with np.errstate(over="ignore"):
-        pixels = owned(value, f"{what}: pixels", np.float32)
+        pixels = owned(value, name, np.float32)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-        raise InputError(f"{what}: pixels must be (H, W, 3), not {pixels.shape}")
+        raise InputError(f"{name} must be (H, W, 3), not {pixels.shape}")
     if not np.isfinite(pixels).all() or (pixels < 0).any():
-        raise InputError(f"{what}: pixels must be finite and not negative")
+        raise InputError(f"{name} must be finite and not negative")
     return pixels

@@ -49,8 +49,8 @@ def agreement(ours: NDArray[np.float64], theirs: NDArray[np.float64], *, exact: 
     Args:
         ours: (N, H, W, 3) pictures of the same scene with N different seeds.
         theirs: (M, H, W, 3).
-        exact: whether they are to be the same but for noise: by the z-test of each pixel, and the mean.
-            Otherwise blocks are to be within CLOSE, or nearly within noise.
+        exact: whether only noise may differ: by the z-test of each pixel, and the mean. Otherwise blocks may
+            differ by CLOSE, or by little more than noise.
     """
     mean_a, mean_b = ours.mean(axis=0), theirs.mean(axis=0)
     variances = [stack.var(axis=0, ddof=1) / len(stack) for stack in (ours, theirs)]

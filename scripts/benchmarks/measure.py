@@ -1,20 +1,21 @@
-"""Seconds, medians, tables, and pages of the documentation that hold them."""
+"""What benchmarks share: programs run in turn, means, tables, and the pages of the documentation that hold them."""
 
 from __future__ import annotations
 
+import json
 import math
+import multiprocessing
 import os
 import platform
 import re
 import statistics
+import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 import wrt
 
@@ -22,26 +23,10 @@ ROOT = Path(__file__).resolve().parents[2]
 MEASURED_FOLDER = ROOT / "docs" / "measured"
 """Results that the documentation shows."""
 
-
-def timed(action: Callable[[], Any]) -> tuple[float, Any]:
-    """Return the seconds an action takes, and what it returns."""
-    start = time.perf_counter()
-    result = action()
-    return time.perf_counter() - start, result
+Row = dict[str, Any]
 
 
-def in_turn(actions: dict[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
-    """Return the median seconds of each action, run once to warm up and then in turn."""
-    for action in actions.values():
-        action()
-    seconds: dict[str, list[float]] = {name: [] for name in actions}
-    for _ in range(repeats):
-        for name, action in actions.items():
-            seconds[name].append(timed(action)[0])
-    return {name: statistics.median(values) for name, values in seconds.items()}
-
-
-def machine() -> dict[str, Any]:
+def machine() -> Row:
     """Return what a result depends on beside the code."""
     model = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
@@ -51,10 +36,79 @@ def machine() -> dict[str, Any]:
     return {"machine": model, "cores": cores, "wrt": wrt.__version__, "python": sys.version.split()[0]}
 
 
+def gpu() -> str:
+    """Return the name of the first GPU and the version of its driver, as NVIDIA's tool reports them."""
+    query = ["nvidia-smi", "--query-gpu=name,driver_version", "--format=csv,noheader"]
+    name, driver = subprocess.run(query, capture_output=True, text=True, check=True).stdout.splitlines()[0].split(", ")
+    return f"{name}, driver {driver}"
+
+
+def run(command: Sequence[str], folder: Path, variables: Mapping[str, str]) -> dict[str, float]:
+    """Run a program to its end in a folder; return seconds on the clock and of CPU, and its peak bytes of memory.
+
+    Raises:
+        RuntimeError: with the end of its output, where it fails.
+    """
+    with (folder / "log").open("w+", encoding="utf-8", errors="replace") as log:
+        start = time.perf_counter()
+        process = subprocess.Popen(command, cwd=folder, env=variables, stdout=log, stderr=log)
+        _, status, used = os.wait4(process.pid, 0)
+        seconds = time.perf_counter() - start
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode != 0:
+            log.seek(0)
+            raise RuntimeError(f"{command[0]} ended with {process.returncode}: {log.read()[-500:]}")
+    return {"seconds": seconds, "cpu_seconds": used.ru_utime + used.ru_stime, "peak_bytes": 1024.0 * used.ru_maxrss}
+
+
+def run_in_turn(
+    commands: Mapping[str, Sequence[str]],
+    repeats: int,
+    folder: Path,
+    variables: Mapping[str, str],
+    wait: Callable[[], None] = lambda: None,
+) -> dict[str, dict[str, float]]:
+    """Run programs once to fill their caches and then `repeats` times in turn; return the medians of `run`.
+
+    Args:
+        commands: by the program's name.
+        repeats: runs that are measured.
+        folder: where they run.
+        variables: their environment.
+        wait: called after each run; returns once the program's background work is done.
+
+    Returns:
+        By program; `first_seconds` and `first_cpu_seconds` are those of the run that fills the caches.
+    """
+    runs: dict[str, list[dict[str, float]]] = {program: [] for program in commands}
+    for _ in range(1 + repeats):
+        for program, command in commands.items():
+            runs[program].append(run(command, folder, variables))
+            wait()
+    medians = {}
+    for program, (first, *repeated) in runs.items():
+        medians[program] = {key: statistics.median(each[key] for each in repeated) for key in first}
+        medians[program] |= {f"first_{key}": first[key] for key in ("seconds", "cpu_seconds")}
+    return medians
+
+
+def with_empty_cache(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what a function returns in a new process whose caches of kernels are empty."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ.update(XDG_CACHE_HOME=folder, WARP_CACHE_PATH=folder)
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            return pool.apply(function, arguments)
+
+
+def result_of(name: str) -> Row:
+    """Return what `benchmark.py NAME --docs` wrote last."""
+    result: Row = json.loads((MEASURED_FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    return result
+
+
 def geometric_mean(values: Iterable[float]) -> float:
     """Return the geometric mean of positive numbers."""
-    logs = [math.log(value) for value in values]
-    return math.exp(sum(logs) / len(logs))
+    return math.exp(statistics.fmean(math.log(value) for value in values))
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -64,33 +118,14 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def write_section(page: Path, name: str, text: str) -> None:
-    """Replace what a page has between `<!-- NAME -->` and `<!-- end of NAME -->`, which stay.
+    """Replace the text of a page between `<!-- NAME -->` and `<!-- end of NAME -->`, which stay.
 
     Raises:
-        ValueError: where the page has no such place.
+        ValueError: where the page does not have these marks once.
     """
     old = page.read_text(encoding="utf-8")
-    place = re.compile(rf"(<!-- {re.escape(name)} -->\n).*?(<!-- end of {re.escape(name)} -->)", re.DOTALL)
-    new, count = place.subn(lambda found: f"{found[1]}{text.strip()}\n{found[2]}", old)
+    section = re.compile(rf"(<!-- {re.escape(name)} -->\n).*?(<!-- end of {re.escape(name)} -->)", re.DOTALL)
+    new, count = section.subn(lambda found: f"{found[1]}{text.strip()}\n{found[2]}", old)
     if count != 1:
-        raise ValueError(f"{page}: {count} places are called {name}, not one")
+        raise ValueError(f"{page}: has {count} sections called {name}, not one")
     page.write_text(new, encoding="utf-8")
-
-
-def law_of_power(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return factor, exponent and R² of y = factor · x^exponent, least squares of the logarithms."""
-    log_x, log_y = np.log(x), np.log(y)
-    exponent, shift = np.polyfit(log_x, log_y, 1)
-    return float(np.exp(shift)), float(exponent), determination(log_y, exponent * log_x + shift)
-
-
-def line_through(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return offset, slope and R² of y = offset + slope · x, least squares of relative differences."""
-    slope, offset = np.polyfit(x, y, 1, w=1.0 / y)
-    return float(offset), float(slope), determination(y, offset + slope * x)
-
-
-def determination(y: NDArray[np.float64], fitted: NDArray[np.float64]) -> float:
-    """Return R²: the share of the variance that a fit explains."""
-    spread = float(np.sum((y - y.mean()) ** 2))
-    return 1.0 - float(np.sum((y - fitted) ** 2)) / spread if spread > 0.0 else 1.0

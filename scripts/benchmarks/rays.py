@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import itertools
+import statistics
+import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import wrt
-from benchmarks.measure import in_turn
+from benchmarks.measure import Row, table
 from wrt.backend.slices import available_threads
 
 KINDS = ("coherent", "incoherent", "diffuse")
 
 
 def bumpy_ball(triangles: int) -> wrt.Mesh:
-    """Return a ball with hills of two sizes, of about so many triangles (a latitude-longitude grid)."""
+    """Return a ball with hills of two sizes, of about that number of triangles (a latitude-longitude grid)."""
     rows = max(2, round((triangles / 4.0) ** 0.5))
     columns = 2 * rows
     polar = np.linspace(0.0, np.pi, rows + 1)[:, None]
@@ -107,54 +111,66 @@ def embree_scene(mesh: wrt.Mesh) -> Any:
     return scene
 
 
-def benchmark_rays(options: argparse.Namespace) -> dict[str, Any]:
+def benchmark(options: argparse.Namespace) -> Row:
     """Return rays a second, build seconds, memory and agreement, mesh by mesh."""
     rows = []
     for triangles in options.triangles:
         mesh = bumpy_ball(triangles)
         embree = embree_scene(mesh)
         warp_mesh = None if len(mesh.faces) > 1_000_000 else WarpMesh(mesh)
-        wrt.Intersector(mesh)  # compiles the kernels
-        builds = in_turn(
-            {"wrt": lambda m=mesh: wrt.Intersector(m)} | ({"embree": lambda m=mesh: embree_scene(m)} if embree else {}),
-            3,
-        )
-        tracers = {n: wrt.Intersector(mesh, threads=n) for n in options.threads}
-        tree = next(iter(tracers.values()))
-        print(f"\n{len(mesh.faces)} triangles, {tree.bytes_per_triangle:.0f} bytes a triangle")
-        print("  build " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in builds.items()))
-        for kind in KINDS:
+        builders: dict[str, Callable[[], Any]] = {"wrt": partial(wrt.Intersector, mesh)}
+        if embree is not None:
+            builders["embree"] = partial(embree_scene, mesh)
+        builds = seconds_in_turn(builders, 3)
+        tracers = {threads: wrt.Intersector(mesh, threads=threads) for threads in options.threads}
+        bytes_per_triangle = next(iter(tracers.values())).bytes_per_triangle
+        print(f"{len(mesh.faces)} triangles of {bytes_per_triangle:.0f} bytes; seconds to build: {builds}", flush=True)
+        for kind, query in itertools.product(KINDS, ("closest", "any")):
             rays = make_rays(kind, mesh, options.rays)
-            n = len(rays[0])
-            for query in ("closest", "any"):
-                row = {"triangles": len(mesh.faces), "rays": kind, "query": query, "build_seconds": builds}
-                row["bytes_per_triangle"] = tree.bytes_per_triangle
-                actions: dict[str, Callable[[], Any]] = {}
-                for threads, tracer in tracers.items():
-                    call = tracer.closest_hit if query == "closest" else tracer.any_hit
-                    actions[f"wrt {threads}"] = lambda call=call, rays=rays: call(*rays)
-                if embree is not None:
-                    name = "INTERSECT" if query == "closest" else "OCCLUDED"
-                    actions["embree"] = lambda s=embree, rays=rays, name=name: s.run(*rays, query=name)
-                if warp_mesh is not None and query == "closest":
-                    actions["wp.Mesh"] = lambda m=warp_mesh, rays=rays: m.closest(*rays)
-                medians = in_turn(actions, options.repeats)
-                row["mrays_per_second"] = {name: n / seconds / 1e6 for name, seconds in medians.items()}
-                text = "  ".join(f"{name} {rate:.2f}" for name, rate in row["mrays_per_second"].items())
-                if embree is not None:
-                    row["ratio_to_embree"] = medians["embree"] / medians[f"wrt {options.threads[0]}"]
-                    theirs = actions["embree"]()
-                    ours = actions[f"wrt {options.threads[0]}"]()
-                    same = ours.triangle == theirs if query == "closest" else ours == (theirs >= 0)
-                    row["agreement"] = float(np.mean(same))
-                    text += f"  x{row['ratio_to_embree']:.2f} of embree, {100.0 * row['agreement']:.4f} % agree"
-                print(f"  {kind:<10} {query:<7} Mray/s: {text}", flush=True)
-                rows.append(row)
+            actions: dict[str, Callable[[], Any]] = {}
+            for threads, tracer in tracers.items():
+                actions[f"wrt {threads}"] = partial(tracer.closest_hit if query == "closest" else tracer.any_hit, *rays)
+            if embree is not None:
+                actions["embree"] = partial(embree.run, *rays, query="INTERSECT" if query == "closest" else "OCCLUDED")
+            if warp_mesh is not None and query == "closest":
+                actions["wp.Mesh"] = partial(warp_mesh.closest, *rays)
+            medians = seconds_in_turn(actions, options.repeats)
+            rates = {name: len(rays[0]) / seconds / 1e6 for name, seconds in medians.items()}
+            row = {"triangles": len(mesh.faces), "rays": kind, "query": query, "mrays_per_second": rates}
+            row |= {"build_seconds": builds, "bytes_per_triangle": bytes_per_triangle}
+            if embree is not None:
+                ours, theirs = actions[f"wrt {options.threads[0]}"](), actions["embree"]()
+                same = ours.triangle == theirs if query == "closest" else ours == (theirs >= 0)
+                row["ratio_to_embree"] = medians["embree"] / medians[f"wrt {options.threads[0]}"]
+                row["agreement"] = float(np.mean(same))
+            rows.append(row)
     return {"benchmark": "rays", "rows": rows}
 
 
+def seconds_in_turn(actions: dict[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
+    """Return the median seconds of each action, run once to warm up and then in turn."""
+    seconds: dict[str, list[float]] = {name: [] for name in actions}
+    for _ in range(1 + repeats):
+        for name, action in actions.items():
+            start = time.perf_counter()
+            action()
+            seconds[name].append(time.perf_counter() - start)
+    return {name: statistics.median(values[1:]) for name, values in seconds.items()}
+
+
+def text(result: Row) -> str:
+    """Return millions of rays a second as a table."""
+    names = list(dict.fromkeys(name for row in result["rows"] for name in row["mrays_per_second"]))
+    lines = []
+    for row in result["rows"]:
+        rates = [f"{row['mrays_per_second'][name]:.2f}" if name in row["mrays_per_second"] else "" for name in names]
+        peer = [f"{row['ratio_to_embree']:.2f}", f"{row['agreement']:.4%}"] if "agreement" in row else ["", ""]
+        lines.append([f"{row['triangles']:,}", row["rays"], row["query"], *rates, *peer])
+    return table(["triangles", "rays", "query", *names, "wrt / Embree", "hits that agree"], lines)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Tell what the command line takes."""
+    """Add the options of the command."""
     parser.add_argument("--triangles", type=int, nargs="+", default=[70_000, 330_000, 5_200_000])
     parser.add_argument("--rays", type=int, default=1 << 20)
     parser.add_argument("--threads", type=int, nargs="+", default=sorted({1, available_threads()}))

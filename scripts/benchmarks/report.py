@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import textwrap
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from peers.peer import OWN, PEERS
 
-from benchmarks.figures import MEASURED, error_ratio
-from benchmarks.measure import MEASURED_FOLDER, ROOT, geometric_mean, table, write_section
+from benchmarks import checkouts, compiling, found, loading, rays, scaling, widths
+from benchmarks.measure import MEASURED_FOLDER, ROOT, Row, geometric_mean, table, write_section
 
 PAGE = ROOT / "docs" / "performance.md"
 NOTES = ROOT / "docs" / "notes"
@@ -23,24 +23,27 @@ PICTURES = ROOT / "docs" / "pictures"
 TILE = 220
 """Pixels a side of a picture on the sheet."""
 
-Row = dict[str, Any]
+TITLES = {name: peer.title for name, peer in {OWN.name: OWN, **PEERS}.items()}
+
+
+def texts(result: Row) -> list[str]:
+    """Return the tables of a result."""
+    return [section.text(result) for section in SECTIONS[result["benchmark"]]]
 
 
 def write_documents(result: Row, pictures: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write a result to docs/measured, its tables into the pages that show them, and its plot and pictures."""
+    """Write a result to docs/measured, its tables into the pages that show them, and its pictures."""
     name = result["benchmark"]
     MEASURED_FOLDER.mkdir(parents=True, exist_ok=True)
     (MEASURED_FOLDER / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     for section in SECTIONS[name]:
         write_section(section.page, section.name, section.text(result))
-    if f"benchmark-{name}" in MEASURED:
-        MEASURED[f"benchmark-{name}"](PICTURES / "plots" / f"benchmark-{name}.png")
     if name == "render" and pictures and all(row["scene"] in pictures for row in result["rows"]):
         write_sheet(result["rows"], pictures)
 
 
 def write_sheet(rows: list[Row], pictures: Mapping[str, NDArray[np.float64]]) -> None:
-    """Write the pictures of what was timed, each as bright as suits it."""
+    """Write a sheet of the pictures that were timed, each at an exposure of its own."""
     from pictures.picture import contact_sheet
     from PIL import Image
 
@@ -55,41 +58,16 @@ def write_sheet(rows: list[Row], pictures: Mapping[str, NDArray[np.float64]]) ->
     contact_sheet(tiles, 4).save(PICTURES / "benchmark.jpg", quality=88, optimize=True)
 
 
-def render_text(result: Row) -> str:
-    """Return the tables of `render`."""
-    rows = result["rows"]
-    peers = peers_of(rows)
-    return "\n".join(
-        [
-            paragraph(
-                f"On {result['machine']}, {result['cores']} cores, {result['device']}; {versions(rows, peers)}. "
-                f"Pictures of {result['size']} x {result['size']} pixels."
-            ).rstrip("\n"),
-            "",
-            speed_table(rows, peers),
-            error_table(rows, peers),
-            cost_table(rows, peers),
-        ]
-    )
-
-
-def gpu_text(result: Row) -> str:
-    """Return the tables of `render --device cuda`."""
-    rows = result["rows"]
-    peers = peers_of(rows)
-    about = f"On an {result['gpu']}; {versions(rows, peers)}. Pictures of {result['size']} x {result['size']} pixels."
-    parts = [paragraph(about).rstrip("\n"), "", speed_table(rows, peers), start_table(rows, peers)]
-    return "\n".join(parts)
-
-
-def agreement_text(result: Row) -> str:
-    """Return the table of `render` that tells whether all renderers made the same picture."""
-    return agreement_table(result["rows"], peers_of(result["rows"]))
-
-
 def peers_of(rows: list[Row]) -> list[str]:
     """Return the renderers that wrt was compared with."""
     return [name for name in PEERS if any("ratio" in row["renderers"].get(name, {}) for row in rows)]
+
+
+def error_ratio(row: Row, peer: str, seconds: float, key: str = "rmse") -> float:
+    """Return a renderer's error over wrt's error, NaN where it was not measured."""
+    found = [row["renderers"].get(name, {}).get("errors", []) for name in (peer, OWN.name)]
+    theirs, ours = ([error[key] for error in errors if error["seconds"] == seconds] for errors in found)
+    return theirs[0] / ours[0] if theirs and ours and ours[0] > 0.0 else float("nan")
 
 
 def paragraph(text: str) -> str:
@@ -97,250 +75,152 @@ def paragraph(text: str) -> str:
     return textwrap.fill(text, 120, break_on_hyphens=False) + "\n\n"
 
 
-def versions(rows: list[Row], peers: list[str]) -> str:
-    """Return the versions of all that took part."""
-    found = []
-    for name in peers:
-        about = next(row["renderers"][name]["about"] for row in rows if "about" in row["renderers"].get(name, {}))
-        found.append(f"{title(name)} {about['version']}")
-    return ", ".join(found)
+def versions_and_size(result: Row) -> str:
+    """Return the versions of the other renderers, and the size of the pictures."""
+    versions = []
+    for name in peers_of(result["rows"]):
+        found = next(row["renderers"][name] for row in result["rows"] if "about" in row["renderers"].get(name, {}))
+        versions.append(f"{TITLES[name]} {found['about']['version']}")
+    return f"{', '.join(versions)}. Pictures of {result['size']} x {result['size']} pixels."
 
 
-def title(name: str) -> str:
-    """Return a renderer's name in tables."""
-    return OWN.title if name == OWN.name else PEERS[name].title
-
-
-def speed_table(rows: list[Row], peers: list[str]) -> str:
+def speed_table(rows: list[Row]) -> str:
     """Return millions of paths a second at equal samples, and how many times as fast wrt is."""
-    head = ["scene", "triangles", "depth", "spp", "wrt"]
-    head += [text for name in peers for text in (title(name), "ratio")]
-    lines = []
-    for row in rows:
-        line = [f"`{row['scene']}`", f"{row['triangles']:,}", str(row["depth"]), str(row["spp"])]
-        line.append(f"{row['renderers'][OWN.name]['paths_per_second'] / 1e6:.2f}")
-        for name in peers:
-            own = row["renderers"].get(name, {})
-            line += [f"{own['paths_per_second'] / 1e6:.2f}", f"{own['ratio']:.2f}"] if "ratio" in own else ["", ""]
-        lines.append(line)
-    means = [
-        [row["renderers"][name]["ratio"] for row in rows if "ratio" in row["renderers"].get(name, {})] for name in peers
-    ]
-    lines.append(
-        ["geometric mean", "", "", "", "", *(text for m in means for text in ("", f"**{geometric_mean(m):.2f}**"))]
-    )
-    return paragraph("Millions of camera paths a second, and wrt's over the other's:") + table(head, lines)
+    head, last = ["scene", "triangles", "depth", "spp", "wrt"], ["geometric mean", "", "", "", ""]
+    lines = [[f"`{row['scene']}`", f"{row['triangles']:,}", str(row["depth"]), str(row["spp"])] for row in rows]
+    for name in (OWN.name, *peers_of(rows)):
+        ratios = []
+        for row, line in zip(rows, lines, strict=True):
+            found = row["renderers"].get(name, {})
+            line.append(f"{found['paths_per_second'] / 1e6:.2f}" if "ratio" in found else "")
+            if name != OWN.name:
+                line.append(f"{found['ratio']:.2f}" if "ratio" in found else "")
+                ratios += [found["ratio"]] if "ratio" in found else []
+        if ratios:
+            head += [TITLES[name], "ratio"]
+            last += ["", f"**{geometric_mean(ratios):.2f}**"]
+    return paragraph("Millions of camera paths a second, and wrt's over the other's:") + table(head, [*lines, last])
 
 
-def error_table(rows: list[Row], peers: list[str]) -> str:
-    """Return errors at equal time, and how many times as large those of others are."""
+def error_table(rows: list[Row]) -> str:
+    """Return wrt's errors at equal time, and how many times as large those of others are."""
     times = sorted({e["seconds"] for row in rows for e in row["renderers"][OWN.name].get("errors", [])})
     if not times:
         return ""
-    names = ["wrt", *(title(name) for name in peers)]
-    head = ["scene", *(f"{name}, {seconds:g} s" for name in names for seconds in times)]
+    peers = peers_of(rows)
     lines = []
     for row in rows:
-        ours = {e["seconds"]: e for e in row["renderers"][OWN.name]["errors"]}  # fewer times may have been asked for
-        line = [f"`{row['scene']}`"]
-        line += [
+        ours = {e["seconds"]: e for e in row["renderers"][OWN.name]["errors"]}
+        line = [
             f"{100.0 * ours[t]['rmse']:.2f} % ({100.0 * ours[t]['relative']:.2f} %)" if t in ours else "" for t in times
         ]
-        for name in peers:
-            for seconds in times:
-                ratios = [error_ratio(row, name, seconds, key) for key in ("rmse", "relative")]
-                line.append("" if math.isnan(ratios[0]) else f"{ratios[0]:.2f} ({ratios[1]:.2f})")
-        lines.append(line)
+        for name, seconds in itertools.product(peers, times):
+            ratio, relative = (error_ratio(row, name, seconds, key) for key in ("rmse", "relative"))
+            line.append("" if math.isnan(ratio) else f"{ratio:.2f} ({relative:.2f})")
+        lines.append([f"`{row['scene']}`", *line])
     intro = (
         "Root mean square error of wrt after equal seconds, over the picture's mean, and how many times as large "
         "that of others is; in brackets with every pixel over its own radiance:"
     )
-    return paragraph(intro) + table(head, lines)
+    columns = itertools.product((OWN.name, *peers), times)
+    return paragraph(intro) + table(["scene", *(f"{TITLES[name]}, {t:g} s" for name, t in columns)], lines)
 
 
-def cost_table(rows: list[Row], peers: list[str]) -> str:
-    """Return memory, and seconds from the shell to a first picture where they were measured."""
-    names = [OWN.name, *peers]
-    memory = [
-        [f"`{row['scene']}`", *(cell(row, name, "peak_bytes", memory_in_words) for name in names)] for row in rows
-    ]
-    text = paragraph("Most memory at equal samples, MB:") + table(["scene", *map(title, names)], memory)
-    starts = start_table(rows, peers)
-    return f"{text}\n{starts}" if starts else text
+def table_by_renderer(intro: str, rows: list[Row], names: Sequence[str], cell: Callable[[Row], str]) -> str:
+    """Return an introduction and a table of scenes and renderers; `cell` is given what was measured of both."""
+    lines = [[f"`{row['scene']}`", *(cell(row["renderers"].get(name, {})) for name in names)] for row in rows]
+    return paragraph(intro) + table(["scene", *(TITLES[name] for name in names)], lines)
 
 
-def start_table(rows: list[Row], peers: list[str]) -> str:
-    """Return seconds from the shell to a first picture; nothing where none were measured."""
-    key = "first_picture_seconds"
-    timed = [row for row in rows if key in row["renderers"][OWN.name]]
-    if not timed:
-        return ""
-    names = [OWN.name, *peers]
-    first = [[f"`{row['scene']}`", *(cell(row, n, key, start_in_words) for n in names)] for row in timed]
+def memory_table(rows: list[Row]) -> str:
+    """Return the peak memory of each renderer."""
+
+    def cell(found: Row) -> str:
+        return f"{found['peak_bytes'] / 1e6:.0f}" if "peak_bytes" in found else ""
+
+    return table_by_renderer("Most memory at equal samples, MB:", rows, [OWN.name, *peers_of(rows)], cell)
+
+
+def start_table(rows: list[Row]) -> str:
+    """Return seconds from the shell to a first picture, empty where none were measured."""
+
+    def cell(found: Row) -> str:
+        seconds = found.get("first_picture_seconds")
+        return f"{seconds['cold']:.1f} / {seconds['warm']:.2f}" if seconds else ""
+
+    timed = [row for row in rows if cell(row["renderers"][OWN.name])]
     intro = "Seconds from the shell to a picture of one sample, with nothing compiled / with kernels in the cache:"
-    return paragraph(intro) + table(["scene", *map(title, names)], first)
+    return table_by_renderer(intro, timed, [OWN.name, *peers_of(rows)], cell) if timed else ""
 
 
-def cell(row: Row, name: str, key: str, in_words: Callable[[Any], str]) -> str:
-    """Return a renderer's figure, or nothing where there is none."""
-    found = row["renderers"].get(name, {})
-    return in_words(found[key]) if key in found else ""
+def agreement_table(rows: list[Row]) -> str:
+    """Return how far pictures are the same."""
 
+    def cell(found: Row) -> str:
+        if (result := found.get("agreement")) is None:
+            return ""
+        text = (
+            f"{100.0 * result['pass_fraction']:.2f} %, {100.0 * result['mean_difference']:+.2f} %, "
+            f"{100.0 * result['block_difference']:.2f} % ({100.0 * result['block_noise']:.2f} %)"
+        )
+        return text if result["agrees"] else f"**differ:** {text}"
 
-def memory_in_words(count: int) -> str:
-    """Return bytes as megabytes."""
-    return f"{count / 1e6:.0f}"
-
-
-def start_in_words(seconds: Row) -> str:
-    """Return the seconds to a first picture, cold and warm."""
-    return f"{seconds['cold']:.1f} / {seconds['warm']:.2f}"
-
-
-def agreement_table(rows: list[Row], peers: list[str]) -> str:
-    """Return in how far pictures are the same."""
-    lines = []
-    for row in rows:
-        line = [f"`{row['scene']}`"]
-        for name in peers:
-            found = row["renderers"].get(name, {}).get("agreement")
-            line.append("" if found is None else agreement_in_words(found))
-        lines.append(line)
     intro = (
         "Are they pictures of the same thing? Pixels within noise (z-test), difference of the mean, of blocks of "
         "16 x 16 pixels (in brackets what noise alone makes), wrt against:"
     )
-    return paragraph(intro) + table(["scene", *(title(name) for name in peers)], lines)
+    return table_by_renderer(intro, rows, peers_of(rows), cell)
 
 
-def agreement_in_words(found: Row) -> str:
-    """Return an agreement as a cell of a table."""
-    text = (
-        f"{100.0 * found['pass_fraction']:.2f} %, {100.0 * found['mean_difference']:+.2f} %, "
-        f"{100.0 * found['block_difference']:.2f} % ({100.0 * found['block_noise']:.2f} %)"
-    )
-    return text if found["agrees"] else f"**differ:** {text}"
-
-
-def scaling_text(result: Row) -> str:
-    """Return the tables of `scaling`."""
-    texts = [f"On {result['machine']}, {result['cores']} cores.\n"]
-    for name, found in result["series"].items():
-        if name == "samples":
-            continue
-        head = [name, "M paths/s", "MB at most", "s to build"]
-        lines = [
-            [
-                f"{point[name]:,.0f}",
-                f"{point['paths_per_second'] / 1e6:.2f}",
-                f"{point['peak_bytes'] / 1e6:.0f}",
-                f"{point['build_seconds']:.2f}",
-            ]
-            for point in found["points"]
-        ]
-        texts.append(table(head, lines) + "\n" + "; ".join(found["laws"].values()) + ".\n")
-    if "samples" in result["series"]:
-        found = result["series"]["samples"]
-        lines = [
-            [f"{p['samples']}", f"{1e3 * p['seconds']:.2f}", f"{p['paths_per_second'] / 1e6:.2f}"]
-            for p in found["points"]
-        ]
-        texts.append(table(["samples in a pass", "ms", "M paths/s"], lines) + f"\n{found['laws']['rate']}.\n")
-    return "\n".join(texts)
-
-
-def compile_text(result: Row) -> str:
-    """Return the table of `compile`."""
-    lines = [[f"`{row['kernel']}`", f"{row['seconds']:.1f}", f"{row['bytes'] / 1e3:.0f}"] for row in result["rows"]]
-    return f"On {result['machine']}.\n\n" + table(["kernel", "seconds", "kB of code"], lines)
-
-
-def widths_text(result: Row) -> str:
-    """Return the table of `widths`: a line for each number of lanes."""
-    ratios = {(row["lanes"], row["scene"]): row["ratio"] for row in result["rows"]}
-    scenes = list(dict.fromkeys(scene for _, scene in ratios))
-    lines = []
-    for lanes, target in dict.fromkeys((row["lanes"], row["target"]) for row in result["rows"]):
-        own = [ratios[lanes, scene] for scene in scenes]
-        lines.append([str(lanes), f"`{target}`", *(f"{ratio:.2f}" for ratio in own), f"**{geometric_mean(own):.2f}**"])
-    head = ["lanes", "processor", *(f"`{scene}`" for scene in scenes), "mean"]
-    return f"On {result['machine']}; {result['size']} x {result['size']} pixels.\n\n" + table(head, lines)
-
-
-def profile_text(result: Row) -> str:
-    """Return the table of `scripts/profile_cpu.py`: per cent of each phase, the largest first."""
+def render_text(result: Row) -> str:
+    """Return the tables of `render`."""
     rows = result["rows"]
-    names = {name for row in rows for name in row["phases"]}
-    most = {name: max(row["phases"].get(name, 0.0) for row in rows) for name in names}
-    shown = sorted((name for name in names if most[name] >= 5e-4), key=lambda name: -most[name])
-    lines = [[name, *(f"{100.0 * row['phases'].get(name, 0.0):.1f}" for row in rows)] for name in shown]
-    head = ["per cent of the time", *(f"`{row['scene']}`" for row in rows)]
-    return f"On {result['machine']}.\n\n" + table(head, lines)
+    about = f"On {result['machine']}, {result['cores']} cores, {result['device']}; {versions_and_size(result)}"
+    tables = [speed_table(rows), error_table(rows), memory_table(rows), start_table(rows)]
+    return paragraph(about) + "\n".join(tables)
 
 
-@dataclass(frozen=True)
-class Section:
-    """A part of a page that is written by a benchmark.
-
-    Attributes:
-        page: the file.
-        name: the name between the marks where it begins and ends.
-        text: returns the part as Markdown.
-    """
-
-    page: Path
-    name: str
-    text: Callable[[Row], str]
-
-
-def found_text(result: Row) -> str:
-    """Return the table of `found`."""
-    head = ("scene", "spp", "second render: seconds of CPU, wrt", "Mitsuba", "Mitsuba / wrt", "first render: wrt")
-    head += ("Mitsuba / wrt",)
-    rows = []
-    for row in result["rows"]:
-        own, other = row["programs"]["wrt"], row["programs"]["mitsuba"]
-        cpu = (f"{own['cpu_seconds']:.2f}", f"{other['cpu_seconds']:.2f}", f"{row['ratio']:.2f}")
-        is_first = "first_cpu_seconds" in own  # not where the cache had the scene's kernel already
-        first = (f"{own['first_cpu_seconds']:.2f}", f"{_first_ratio(row):.2f}") if is_first else ("", "")
-        rows.append((f"`{row['scene']}`", str(row["spp"]), *cpu, *first))
-    for spp in dict.fromkeys(row["spp"] for row in result["rows"]):
-        chosen = [row for row in result["rows"] if row["spp"] == spp]
-        of_second = geometric_mean(row["ratio"] for row in chosen)
-        firsts = [_first_ratio(row) for row in chosen if "first_cpu_seconds" in row["programs"]["wrt"]]
-        of_first = f"**{geometric_mean(firsts):.2f}**" if firsts else ""
-        rows.append(("geometric mean", str(spp), "", "", f"**{of_second:.2f}**", "", of_first))
-    said = f"On {result['machine']}, {result['cores']} cores; pictures of {result['size']} x {result['size']} pixels."
-    return f"{said}\n\n{table(head, rows)}"
+def gpu_text(result: Row) -> str:
+    """Return the tables of `render --device cuda`."""
+    tables = [speed_table(result["rows"]), start_table(result["rows"])]
+    return paragraph(f"On an {result['gpu']}; {versions_and_size(result)}") + "\n".join(tables)
 
 
 def files_text(result: Row) -> str:
     """Return the tables of `render --files`."""
     rows = result["rows"]
-    peers = peers_of(rows)
     size = rows[0]["size"]
-    said = f"On {result['machine']}, {result['cores']} cores; pictures of {size} x {size} pixels."
-    texts = [speed_table(rows, peers), error_table(rows, peers), agreement_table(rows, peers)]
-    return "\n".join([f"{said}\n", *texts])
+    about = f"On {result['machine']}, {result['cores']} cores; pictures of {size} x {size} pixels.\n"
+    return "\n".join([about, speed_table(rows), error_table(rows), agreement_table(rows)])
 
 
-def _first_ratio(row: Row) -> float:
-    """Return Mitsuba's seconds of CPU over those of wrt's first render."""
-    ratio: float = row["programs"]["mitsuba"]["cpu_seconds"] / row["programs"]["wrt"]["first_cpu_seconds"]
-    return ratio
+class Section(NamedTuple):
+    """A part of a page that is written by a benchmark.
+
+    Attributes:
+        page: the file; None where no page shows the results.
+        name: the name between the marks where the part begins and ends.
+        text: returns the part as Markdown.
+    """
+
+    page: Path | None
+    name: str
+    text: Callable[[Row], str]
 
 
 SECTIONS = {
     "render": (
         Section(PAGE, "render", render_text),
-        Section(NOTES / "comparison.md", "agreement", agreement_text),
+        Section(NOTES / "comparison.md", "agreement", lambda result: agreement_table(result["rows"])),
     ),
     "gpu": (Section(ROOT / "docs" / "gpu.md", "speed", gpu_text),),
-    "scaling": (Section(NOTES / "scaling.md", "scaling", scaling_text),),
-    "profile": (Section(NOTES / "profile.md", "profile", profile_text),),
-    "found": (Section(PAGE, "found", found_text),),
     "files": (Section(NOTES / "comparison.md", "files", files_text),),
-    "widths": (Section(PAGE, "widths", widths_text),),
-    "compile": (Section(NOTES / "compiling.md", "compile", compile_text),),
+    "scaling": (Section(NOTES / "scaling.md", "scaling", scaling.text),),
+    "found": (Section(PAGE, "found", found.text),),
+    "widths": (Section(PAGE, "widths", widths.text),),
+    "compile": (Section(NOTES / "compiling.md", "compile", compiling.text),),
+    "rays": (Section(None, "rays", rays.text),),
+    "loading": (Section(None, "loading", loading.text),),
+    "checkouts": (Section(None, "checkouts", checkouts.text),),
 }
-"""What writes the tables of the documentation, by the benchmark."""
+"""The tables of each benchmark."""

@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from convergence import depth_of_field, motion_blur
-from night_city import joined, rectangles
 from numpy.typing import NDArray
+from pictures.bodies import ball
+from pictures.city import rectangles
 
 import wrt
 from benchmarks.rays import bumpy_ball
 from wrt.meshes.many_triangles import terrain
+from wrt.scene.mesh import merge
 
 ROOT = Path(__file__).resolve().parents[2]
 ASSETS = ROOT.parent / "shared" / "assets"
@@ -159,7 +160,7 @@ def generated_sky(height: int = 256) -> NDArray[np.float32]:
 
 
 def mountains(budget: Budget, triangles: int) -> wrt.Scene:
-    """Mountains of so many triangles in evening sun."""
+    """Mountains of about `triangles` triangles in evening sun."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((300.0, 1250.0, 2600.0), (-45.0, 380.0, 0.0), fov_degrees=31.0))
     scene.environment = wrt.ConstantEnvironment((0.30, 0.42, 0.62))
     scene.add_light(wrt.DirectionalLight((0.80, -0.42, -0.35), irradiance=(5.2, 4.1, 2.9)))
@@ -181,7 +182,7 @@ def lanterns(lights: int) -> wrt.Scene:
     blocks = [
         wrt.box((x, 0.0, z), (x + 0.35, height, z + 0.35)) for (x, z), height in zip(corners, heights, strict=True)
     ]
-    scene.add(joined(blocks), material=wrt.Diffuse((0.5, 0.55, 0.6)), name="blocks")
+    scene.add(merge(blocks, "blocks"), material=wrt.Diffuse((0.5, 0.55, 0.6)), name="blocks")
     colors = [(1.0, 0.6, 0.25), (1.0, 0.8, 0.6), (0.5, 0.75, 1.0), (1.0, 0.2, 0.15), (0.3, 1.0, 0.4)]
     for k, (tint, count) in enumerate(zip(colors, shares(lights // 2, len(colors)), strict=True)):
         if count == 0:
@@ -196,7 +197,7 @@ def lanterns(lights: int) -> wrt.Scene:
 
 
 def shares(number: int, parts: int) -> list[int]:
-    """Return a number as so many parts that differ by one at most, the largest first."""
+    """Split a number into parts that differ by one at most, the largest first."""
     return [(number + parts - 1 - k) // parts for k in range(parts)]
 
 
@@ -213,11 +214,12 @@ def textured(budget: Budget) -> wrt.Scene:
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.9, 4.4), (0.0, 0.5, 0.0), fov_degrees=36.0))
     floor = wrt.quad((-5, 0, 5), (10, 0, 0), (0, 0, -10))
     scene.add(with_plane_uvs(floor), material=wrt.Diffuse(image["color"]), name="floor")
-    ball = ball_with_uvs()
+    globe = flat(ball(160)).translated((0.0, -1.0, 0.0)).scaled(0.6)
+    globe = dataclasses.replace(globe, uvs=globe.uvs * np.float32((4.0, 2.0)))
     metal = wrt.Principled(base_color=image["color"], metallic=1.0, roughness=image["rough"])
-    scene.add(moved(ball, (-0.75, 0.6, 0.0), 0.6), material=metal, name="metal")
+    scene.add(globe.translated((-0.75, 0.6, 0.0)), material=metal, name="metal")
     plastic = wrt.Plastic(image["color"])
-    scene.add(moved(ball, (0.75, 0.6, 0.0), 0.6), material=plastic, name="plastic")
+    scene.add(globe.translated((0.75, 0.6, 0.0)), material=plastic, name="plastic")
     scene.add(wrt.quad((-1.5, 3.5, -1.0), (3.0, 0, 0), (0, 0, 2.0)), emission=6.0, name="lamp")
     scene.environment = wrt.ConstantEnvironment((0.35, 0.4, 0.5))
     return scene
@@ -228,28 +230,40 @@ def with_plane_uvs(mesh: wrt.Mesh) -> wrt.Mesh:
     return dataclasses.replace(mesh, uvs=0.5 * mesh.vertices[:, [0, 2]] * np.array([1.0, -1.0]))
 
 
-def ball_with_uvs(rows: int = 160) -> wrt.Mesh:
-    """Return a flat-shaded unit ball with longitude and latitude as texture coordinates."""
-    v, u = np.meshgrid(np.linspace(0.0, 1.0, rows + 1), np.linspace(0.0, 2.0, 2 * rows + 1), indexing="ij")
-    polar, azimuth = np.pi * (1.0 - v), np.pi * u
-    points = np.stack([np.sin(polar) * np.sin(azimuth), np.cos(polar), np.sin(polar) * np.cos(azimuth)], axis=2)
-    i, j = np.meshgrid(np.arange(rows), np.arange(2 * rows), indexing="ij")
-    a = (i * (2 * rows + 1) + j).ravel()
-    b, c, d = a + 1, a + 2 * rows + 1, a + 2 * rows + 2
-    faces = np.concatenate([np.stack([a, b, d], 1)[i.ravel() > 0], np.stack([a, d, c], 1)[i.ravel() < rows - 1]])
-    return wrt.Mesh(points.reshape(-1, 3), faces, uvs=np.stack([2.0 * u, 2.0 * v], axis=2).reshape(-1, 2), name="ball")
-
-
-def moved(mesh: wrt.Mesh, center: tuple[float, float, float], radius: float) -> wrt.Mesh:
-    """Return a mesh scaled and moved."""
-    return dataclasses.replace(mesh, vertices=mesh.vertices * np.float32(radius) + np.array(center, np.float32))
-
-
 def fog(budget: Budget) -> wrt.Scene:
     """The Cornell box full of fog."""
     del budget
     scene = wrt.load("cornell-box")
     scene.medium = wrt.Medium(scattering=1.2, absorption=0.1, g=0.3)
+    return scene
+
+
+def posts() -> wrt.Scene:
+    """Return coloured posts on a floor, near and far, lit by the sun."""
+    scene = wrt.Scene()
+    scene.add_light(wrt.DirectionalLight((-0.4, -1.0, -0.6), irradiance=3.0))
+    scene.add(wrt.quad((-6, 0, 4), (12, 0, 0), (0, 0, -16)), material=wrt.Diffuse(0.5))
+    for k in range(12):
+        x, z = 0.5 * (k % 4 - 1.5) + 0.12 * (k // 4), 1.2 - 1.3 * (k // 4)
+        color = [(0.8, 0.2, 0.1), (0.1, 0.5, 0.8), (0.85, 0.8, 0.7)][k % 3]
+        scene.add(wrt.box((x - 0.06, 0.0, z - 0.06), (x + 0.06, 0.8, z + 0.06)), material=wrt.Diffuse(color))
+    return scene
+
+
+def lens(budget: Budget) -> wrt.Scene:
+    """The posts through a wide lens, the second row in focus."""
+    del budget
+    scene = posts()
+    scene.camera = wrt.PerspectiveCamera((0.0, 0.7, 3.0), (0.0, 0.35, 0.0), aperture_radius=0.12, focus_distance=3.1)
+    return scene
+
+
+def motion(budget: Budget) -> wrt.Scene:
+    """The posts from a camera that moves sideways while its shutter is open."""
+    del budget
+    scene = posts()
+    moves = wrt.Motion.translation((0.35, 0.05, 0.0))
+    scene.camera = wrt.PerspectiveCamera((0.0, 0.7, 3.0), (0.0, 0.35, 0.0), shutter_close=1.0, motion=moves)
     return scene
 
 
@@ -263,10 +277,10 @@ CASES = {
         Case("bunny-sky", "69 k triangles, image all around", bunny_sky),
         Case("mountains", "330 k triangles, sun and sky", lambda budget: mountains(budget, 330_000)),
         Case("mountains-5m", "5 M triangles, sun and sky", lambda budget: mountains(budget, 5_000_000)),
-        Case("lanterns", "10 k shining triangles", lambda budget: lanterns(budget.of(10_000))),
+        Case("lanterns", "10 k emissive triangles", lambda budget: lanterns(budget.of(10_000))),
         Case("textured", "textured metal and plastic", textured),
         Case("fog", "homogeneous medium", fog, 64),
-        Case("lens", "depth of field", lambda _: depth_of_field()),
-        Case("motion", "moving camera", lambda _: motion_blur()),
+        Case("lens", "depth of field", lens),
+        Case("motion", "moving camera", motion),
     )
 }

@@ -4,46 +4,34 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import multiprocessing
-import os
-import tempfile
 import time
 from typing import Any
 
-from benchmarks.checkouts import quartiles
-from benchmarks.measure import geometric_mean
+import numpy as np
+
+from benchmarks.measure import Row, geometric_mean, table, with_empty_cache
 from benchmarks.scenes import CASES, Budget
 
 TARGETS = {4: "x86-64-v2", 8: "x86-64-v3", 16: "x86-64-v4"}
 """Levels of x86 by width: SSE4, AVX2 and AVX-512. Both kernels are compiled for them."""
 
-SCENES = ("cornell-box", "still-life", "teapot", "many-triangles")
-"""What is rendered by default."""
-
 SPP = 32
 """Samples of a pixel in one pass."""
 
 
-def benchmark_widths(options: argparse.Namespace) -> dict[str, Any]:
+def benchmark(options: argparse.Namespace) -> Row:
     """Return how many times as fast the wide kernel renders each scene as the scalar one, by its number of lanes.
 
-    One thread, one pass; both kernels in turn. Each ratio is that of two passes one after the other, by seconds of CPU.
+    One thread, one pass; both kernels in turn. Each ratio is that of two consecutive passes, by seconds of CPU.
     """
-    print("| lanes | target | scene | ratio | quartiles |\n| --- | --- | --- | --- | --- |")
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for lanes in options.lanes:
         for scene in options.scenes:
-            with tempfile.TemporaryDirectory() as folder:
-                # Caches do not tell processors apart that are told to Warp.
-                os.environ.update(XDG_CACHE_HOME=folder, WARP_CACHE_PATH=folder)
-                with multiprocessing.get_context("spawn").Pool(1) as pool:
-                    ratios = pool.apply(ratios_of, (lanes, scene, options.size, options.rounds))
-            low, ratio, high = quartiles(ratios)
-            print(f"| {lanes} | {TARGETS[lanes]} | `{scene}` | {ratio:.2f} | {low:.2f} to {high:.2f} |", flush=True)
+            # The cache does not distinguish the processors that Warp is made to compile for.
+            ratios = with_empty_cache(ratios_of, lanes, scene, options.size, options.rounds)
+            low, ratio, high = np.quantile(ratios, (0.25, 0.5, 0.75)).tolist()
+            print(f"{lanes} lanes, {scene}: {ratio:.2f} (quartiles {low:.2f} to {high:.2f})", flush=True)
             rows.append({"lanes": lanes, "target": TARGETS[lanes], "scene": scene, "ratio": ratio, "ratios": ratios})
-    for lanes in options.lanes:
-        mean = geometric_mean(row["ratio"] for row in rows if row["lanes"] == lanes)
-        print(f"{lanes} lanes: {mean:.2f} in the mean")
     return {"benchmark": "widths", "size": options.size, "rows": rows}
 
 
@@ -68,16 +56,30 @@ def ratios_of(lanes: int, name: str, size: int, rounds: int) -> list[float]:
     def seconds(kernel: Any) -> float:
         renderer.film.restore(start)
         begun = time.process_time()
-        wp.launch(kernel, dim=threads[kernel], inputs=[0, SPP, *renderer._inputs], device="cpu")
+        renderer.device.launch(kernel, threads[kernel], [SPP, *renderer._inputs])
         return time.process_time() - begun
 
-    taken = [[seconds(kernel) for kernel in threads] for _ in range(1 + rounds)][1:]
-    return [scalar / of_wide for scalar, of_wide in taken]
+    measured = [[seconds(kernel) for kernel in threads] for _ in range(1 + rounds)][1:]
+    return [scalar / of_wide for scalar, of_wide in measured]
+
+
+def text(result: Row) -> str:
+    """Return the table for docs/performance.md: a line for each number of lanes."""
+    ratios = {(row["lanes"], row["scene"]): row["ratio"] for row in result["rows"]}
+    scenes = list(dict.fromkeys(scene for _, scene in ratios))
+    lines = []
+    for lanes, target in dict.fromkeys((row["lanes"], row["target"]) for row in result["rows"]):
+        of_scenes = [ratios[lanes, scene] for scene in scenes]
+        mean = f"**{geometric_mean(of_scenes):.2f}**"
+        lines.append([str(lanes), f"`{target}`", *(f"{ratio:.2f}" for ratio in of_scenes), mean])
+    head = ["lanes", "processor", *(f"`{scene}`" for scene in scenes), "mean"]
+    return f"On {result['machine']}; {result['size']} x {result['size']} pixels.\n\n" + table(head, lines)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Tell what the command line takes."""
+    """Add the options of the command."""
+    scenes = ("cornell-box", "still-life", "teapot", "many-triangles")
     parser.add_argument("--lanes", nargs="+", type=int, choices=TARGETS, default=list(TARGETS))
-    parser.add_argument("--scenes", nargs="+", metavar="NAME", default=list(SCENES), help="names, or scene files")
+    parser.add_argument("--scenes", nargs="+", metavar="NAME", default=list(scenes), help="names, or scene files")
     parser.add_argument("--size", type=int, default=128, help="pixels a side")
     parser.add_argument("--rounds", type=int, default=7, help="passes of each (default 7)")

@@ -1,7 +1,7 @@
 """Blender's Cycles as one of the renderers that are compared: python cycles_worker.py FOLDER --device CPU.
 
-See worker.py. Runs where `bpy` is installed (pip install bpy, for the Python that it is made for); of wrt it needs what
-NumPy suffices for. Surfaces that Cycles has no equal of (plastics) are the nearest that it has.
+See worker.py. Runs where `bpy` is installed (pip install bpy, for the Python that it is made for); the parts of wrt
+that it imports need only NumPy. Materials without an equal in Cycles (plastics) become the nearest that it has.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import wrt
 
 
 class CyclesWorker:
-    """A scene in Blender. Its world is y up too: nothing is turned but the surroundings."""
+    """A scene in Blender, whose world is y up too: only the surroundings are rotated."""
 
     def __init__(self, folder: Path, device: str) -> None:
         import bpy
@@ -47,7 +47,7 @@ class CyclesWorker:
         self.seconds = {"import": imported - STARTED, "load": time.perf_counter() - imported}
 
     def settle(self, device: str) -> None:
-        """Set what is the same for all scenes; paths end as in wrt."""
+        """Set the options that all scenes share; paths end as in wrt."""
         settings, render, cycles = self.source.settings, self.scene.render, self.scene.cycles
         render.engine = "CYCLES"
         render.resolution_x, render.resolution_y, render.resolution_percentage = settings.width, settings.height, 100
@@ -72,18 +72,18 @@ class CyclesWorker:
                 each.use = each.type == "OPTIX"
 
     def link(self, name: str, data: Any, material: Any = None) -> Any:
-        """Put something into the scene."""
-        thing = self.bpy.data.objects.new(name, data)
-        self.scene.collection.objects.link(thing)
+        """Add an object to the scene."""
+        added = self.bpy.data.objects.new(name, data)
+        self.scene.collection.objects.link(added)
         if material is not None:
             data.materials.append(material)
-        return thing
+        return added
 
-    def place(self, thing: Any, matrix: np.ndarray) -> None:
-        """Put something where a matrix says."""
+    def place(self, target: Any, matrix: np.ndarray) -> None:
+        """Set an object's matrix to the world."""
         from mathutils import Matrix
 
-        thing.matrix_world = Matrix(matrix.tolist())
+        target.matrix_world = Matrix(matrix.tolist())
 
     def camera(self) -> None:
         """Make the camera; one that moves has keys at both ends of the time that the shutter is open."""
@@ -99,21 +99,20 @@ class CyclesWorker:
             data.dof.use_dof = True
             data.dof.focus_distance = camera.distance_in_focus
             data.dof.aperture_fstop = 1e-3 * data.lens / (2.0 * camera.aperture_radius)
-        thing = self.link("camera", data)
-        self.scene.camera = thing
+        added = self.scene.camera = self.link("camera", data)
         matrix = looking(camera.origin, np.array(camera.target) - camera.origin, camera.up)
         if camera.motion is None or camera.shutter_close <= camera.shutter_open:
-            self.place(thing, matrix)
+            self.place(added, matrix)
             return
         self.scene.render.use_motion_blur = True
         self.scene.render.motion_blur_shutter = 1.0
         self.scene.render.motion_blur_position = "START"
-        thing.rotation_mode = "QUATERNION"
+        added.rotation_mode = "QUATERNION"
         self.bpy.context.preferences.edit.keyframe_new_interpolation_type = "LINEAR"
         for frame, seconds in ((1, camera.shutter_open), (2, camera.shutter_close)):
-            self.place(thing, camera.motion.at(seconds) @ matrix)
-            thing.keyframe_insert("location", frame=frame)
-            thing.keyframe_insert("rotation_quaternion", frame=frame)
+            self.place(added, camera.motion.at(seconds) @ matrix)
+            added.keyframe_insert("location", frame=frame)
+            added.keyframe_insert("rotation_quaternion", frame=frame)
         self.scene.frame_set(1)
 
     def mesh(self, mesh: wrt.Mesh) -> Any:
@@ -150,10 +149,10 @@ class CyclesWorker:
             back = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
             tree.links.new(back, front.inputs[1])
             tree.links.new(front.outputs[0], glow.inputs["Strength"])
-            both = tree.nodes.new("ShaderNodeAddShader")
-            tree.links.new(surface.outputs[0], both.inputs[0])
-            tree.links.new(glow.outputs[0], both.inputs[1])
-            surface = both
+            total = tree.nodes.new("ShaderNodeAddShader")
+            tree.links.new(surface.outputs[0], total.inputs[0])
+            tree.links.new(glow.outputs[0], total.inputs[1])
+            surface = total
         tree.links.new(surface.outputs[0], out.inputs["Surface"])
         return material
 
@@ -201,8 +200,8 @@ class CyclesWorker:
         if id(pixels) not in self.images:
             height, width = pixels.shape[:2]
             image = self.bpy.data.images.new("image", width, height, float_buffer=True, is_data=True)
-            whole = np.concatenate([pixels, np.ones((height, width, 1), np.float32)], axis=2)[::-1]
-            image.pixels.foreach_set(np.ascontiguousarray(whole, np.float32).ravel())
+            rgba = np.concatenate([pixels, np.ones((height, width, 1), np.float32)], axis=2)[::-1]
+            image.pixels.foreach_set(np.ascontiguousarray(rgba, np.float32).ravel())
             image.pack()
             self.images[id(pixels)] = image
         return self.images[id(pixels)]
@@ -233,21 +232,21 @@ class CyclesWorker:
         elif isinstance(environment, wrt.ConstantEnvironment):
             self.plug(tree, sky.inputs["Color"], environment.radiance)
         elif isinstance(environment, wrt.ImageEnvironment) and environment.rotation_degrees == 0.0:
-            seen = tree.nodes.new("ShaderNodeTexEnvironment")
-            seen.image = self.image(environment.pixels)
+            texture = tree.nodes.new("ShaderNodeTexEnvironment")
+            texture.image = self.image(environment.pixels)
             sky.inputs["Strength"].default_value = environment.scale
             # Cycles' middle column looks along +x and its right turns to −y, z up; that of wrt along −z and +x, y up.
-            apart, together = tree.nodes.new("ShaderNodeSeparateXYZ"), tree.nodes.new("ShaderNodeCombineXYZ")
-            tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], apart.inputs[0])
+            split, joined = tree.nodes.new("ShaderNodeSeparateXYZ"), tree.nodes.new("ShaderNodeCombineXYZ")
+            tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], split.inputs[0])
             for source, target in (("Z", "X"), ("X", "Y")):
                 minus = tree.nodes.new("ShaderNodeMath")
                 minus.operation = "MULTIPLY"
                 minus.inputs[1].default_value = -1.0
-                tree.links.new(apart.outputs[source], minus.inputs[0])
-                tree.links.new(minus.outputs[0], together.inputs[target])
-            tree.links.new(apart.outputs["Y"], together.inputs["Z"])
-            tree.links.new(together.outputs[0], seen.inputs["Vector"])
-            tree.links.new(seen.outputs["Color"], sky.inputs["Color"])
+                tree.links.new(split.outputs[source], minus.inputs[0])
+                tree.links.new(minus.outputs[0], joined.inputs[target])
+            tree.links.new(split.outputs["Y"], joined.inputs["Z"])
+            tree.links.new(joined.outputs[0], texture.inputs["Vector"])
+            tree.links.new(texture.outputs["Color"], sky.inputs["Color"])
         else:
             raise NotImplementedError(f"no counterpart of {type(environment).__name__}")
         tree.links.new(sky.outputs[0], out.inputs["Surface"])

@@ -1,7 +1,7 @@
 """LuxCore as one of the renderers that are compared: python luxcore_worker.py FOLDER --device PATHCPU.
 
-See worker.py. Runs where `pyluxcore` and NumPy are installed; of wrt it needs what NumPy suffices for. Rough metals and
-plastics have no equal in it, and are left out.
+See worker.py. Runs where `pyluxcore` and NumPy are installed; the parts of wrt that it imports need only NumPy. Scenes
+with rough metals and plastics, which LuxCore lacks, are left out.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class LuxCoreWorker:
         self.seconds = {"import": imported - STARTED, "load": time.perf_counter() - imported}
 
     def parse(self, lines: list[str]) -> None:
-        """Tell the scene properties."""
+        """Add properties to the scene."""
         properties = self.lux.Properties()
         properties.SetFromString("\n".join(lines) + "\n")
         self.scene.Parse(properties)

@@ -6,10 +6,9 @@ What differs between the two is bridged here, exactly:
 - Environment: Mitsuba's column u = 1/2 looks along +z, wrt's along −z; Mitsuba's first and last row lie on
   the poles, wrt's half a row beside them.
 - A normal map seen from behind is mirrored in Mitsuba's `twosided`, and the same sheet in wrt.
-- Reflectors are one-sided in Mitsuba unless wrapped in `twosided`; area lights shine from the side where
+- Reflectors are one-sided in Mitsuba unless wrapped in `twosided`; area lights emit from the side where
   corners run counter-clockwise in both.
-
-- Shapes with transforms are instances of a `shapegroup`; of those that shine, which a group may not have, copies.
+- Shapes with transforms are instances of a `shapegroup`; emitters, which a group may not have, are copied instead.
 
 What cannot be bridged:
 
@@ -18,10 +17,10 @@ What cannot be bridged:
 - Beckmann's distribution where visible normals are drawn: with the exact masking, but weighed by a density with
   Walter's fit to it, which is up to 0.3 % off. Reflectors have normals drawn without regard to the viewer instead;
   a `roughdielectric` cannot: without visible normals its samples' weights are not its values over its densities.
-- A mixture of a smooth part and one of single directions. Where `blendbsdf` (3.9) samples the latter it returns
+- A mixture of a smooth part and one of single directions. Where `blendbsdf` (3.9) samples a single direction it returns
   (w ρ + (1 − w) f cosθ) / (w + (1 − w) p), as if the probability w were a density like p. That loses light: its
   picture of a mixture, direct light only, is not the mean of its pictures of the two parts.
-- A pane that is not opaque counts as a segment of the path in Mitsuba, and is opaque to its shadow rays: paths must be
+- A pane that is not opaque counts as a segment of the path in Mitsuba, and blocks its shadow rays: paths must be
   long, and light from points or directions does not come through. It does not dim a surface's own emission.
 - Segments of paths in media: Mitsuba counts scattering events and `null` boundaries among them. Paths must be long.
 """
@@ -119,11 +118,8 @@ def _sensor(camera: wrt.Camera | None, width: int, height: int) -> dict[str, Any
     )
     lens: dict[str, Any] = {"type": "perspective"}
     if camera.aperture_radius > 0.0:
-        lens = {
-            "type": "thinlens",
-            "aperture_radius": camera.aperture_radius,
-            "focus_distance": camera.distance_in_focus,
-        }
+        focus = camera.distance_in_focus
+        lens = {"type": "thinlens", "aperture_radius": camera.aperture_radius, "focus_distance": focus}
     if isinstance(camera, wrt.OrthographicCamera):
         # Its picture is 2 wide, before `to_world`.
         half_width = 0.5 * camera.view_height * width / height
@@ -259,7 +255,7 @@ def _boundary(material: wrt.Dielectric | wrt.ThinDielectric | wrt.RoughDielectri
 
 
 def _reflector(material: Material) -> dict[str, Any]:
-    """Return one side of a surface that lets nothing through."""
+    """Return one side of an opaque surface."""
     if isinstance(material, wrt.Diffuse):
         return {"type": "diffuse", "reflectance": _color(material.reflectance)}
     if isinstance(material, wrt.Mirror):

@@ -42,14 +42,13 @@ def write_scene(scene: dict[str, Any], folder: Path) -> None:
 
 
 def square_text(file: Path, size: int, *, box: bool = False) -> str:
-    """Return a file's scene as one text, with a picture of so many pixels a side, and a box filter if wanted."""
+    """Return a file's scene with what it includes, `size` pixels a side, and perhaps a box filter."""
     root = ElementTree.parse(file).getroot()
     while includes := [(parent, child) for parent in root.iter() for child in parent.iterfind("include")]:
         for parent, include in includes:
-            place = list(parent).index(include)
-            parent.remove(include)
-            for child in reversed(ElementTree.parse(file.parent / include.attrib["filename"]).getroot()):
-                parent.insert(place, child)
+            included = ElementTree.parse(file.parent / include.attrib["filename"]).getroot()
+            index = list(parent).index(include)
+            parent[index : index + 1] = list(included)
     for film in root.iter("film"):
         for entry in film.iterfind("integer"):
             if entry.get("name") in {"width", "height"}:
@@ -72,14 +71,14 @@ class MitsubaWorker:
 
     def __init__(self, folder: Path, variant: str) -> None:
         import mitsuba as mi
-        from worker import named_file
+        from worker import shared_file
 
         mi.set_variant(variant)
         imported = time.perf_counter()
         self.mi = mi
-        named = named_file(folder)
-        if named:
-            self.scene = load_square(named.file, named.size, box=named.box)
+        shared = shared_file(folder)
+        if shared:
+            self.scene = load_square(shared.file, shared.size, box=shared.box)
         else:
             tree = self.restored(json.loads((folder / "scene.json").read_text(encoding="utf-8")))
             self.scene = mi.load_dict(tree)

@@ -30,13 +30,12 @@ CYCLES_HINT = """\
 pip install bpy, in an environment of the Python that it is made for (3.11 for bpy 4.2 to 5.0), and then
 --cycles-python THAT/bin/python"""
 
-
 LUXCORE_HINT = """\
 pip install pyluxcore numpy, in an environment of its own, and then --luxcore-python THAT/bin/python"""
 
 
 class PeerError(Exception):
-    """A renderer that is not there, or that ended before its time."""
+    """A renderer that is missing, or that ended unexpectedly."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +46,9 @@ class Peer:
         name: on the command line.
         title: in tables.
         script: its worker.
-        device: what its worker is told, on the CPU and on CUDA; None where it cannot.
-        exact: whether its pictures are to be those of wrt but for noise; others are close.
-        hint: how to get it.
+        device: the worker's --device on the CPU and on CUDA; None where it does not run there.
+        exact: whether only noise may distinguish its pictures from wrt's; other renderers' are close.
+        hint: how to install it.
     """
 
     name: str
@@ -80,10 +79,10 @@ PEERS = {
 
 @dataclass
 class Environments:
-    """Where renderers are, which Python runs each.
+    """Where renderers are installed.
 
     Attributes:
-        pythons: by the first part of a renderer's name ("cycles"), where not the one that runs this.
+        pythons: the Python that runs a renderer, by the first part of its name ("cycles"); by default this one.
         llvm: folder below which the library of LLVM is.
     """
 
@@ -97,7 +96,7 @@ class Environments:
     def variables(self, peer: Peer) -> dict[str, str]:
         """Return the environment variables of a renderer's process."""
         result = dict(os.environ)
-        # What is installed is compiled to bytecode already; a checkout is so after its first run, unless told not to.
+        # Installed packages are compiled to bytecode; a checkout should be, too, after its first run.
         result.pop("PYTHONDONTWRITEBYTECODE", None)
         if self.llvm is not None and peer.script == "mitsuba_worker.py":
             found = sorted(self.llvm.rglob("libLLVM*.so*"))
@@ -126,7 +125,7 @@ class Session:
         With `cpus` renders are timed in seconds of CPU over that number, not on the clock.
 
         Raises:
-            PeerError: with what it said last, where it ends instead.
+            PeerError: with the last line of its output, where it ends instead.
         """
         self.peer, self.cpus = peer, cpus
         self.log = folder / f"{peer.name}.log"
@@ -150,8 +149,8 @@ class Session:
         line = self.process.stdout.readline()
         if not line:
             self.process.wait()
-            said = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise PeerError(f"{self.peer.name} ended: {said[-1] if said else 'it said nothing'}")
+            output = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            raise PeerError(f"{self.peer.name} ended: {output[-1] if output else 'without output'}")
         answer: dict[str, Any] = json.loads(line)
         return answer
 
@@ -163,7 +162,7 @@ class Session:
         return self._answer()
 
     def render(self, spp: int, seed: int, save: Path | None = None) -> float:
-        """Have it render a new picture, and return the seconds."""
+        """Render a new picture and return the seconds."""
         answer = self.ask(do="render", spp=spp, seed=seed, save=None if save is None else str(save))
         return float(answer["seconds"]) if self.cpus is None else float(answer["cpu_seconds"]) / self.cpus
 
@@ -175,7 +174,7 @@ class Session:
         return image, seconds
 
     def peak_memory(self) -> int:
-        """Return the most bytes of memory that it has had."""
+        """Return its peak memory, bytes."""
         return int(self.ask(do="memory")["bytes"])
 
     def __enter__(self) -> Session:
@@ -191,14 +190,13 @@ class Session:
 
 def command(peer: Peer, folder: Path, environments: Environments, device: str) -> list[str]:
     """Return the command that starts a worker."""
-    own = peer.device[device]
-    if own is None:
+    if (name := peer.device[device]) is None:
         raise PeerError(f"{peer.name} does not run on {device}")
-    return [environments.python(peer), str(FOLDER / peer.script), str(folder), "--device", own]
+    return [environments.python(peer), str(FOLDER / peer.script), str(folder), "--device", name]
 
 
 def first_picture_command(peer: Peer, folder: Path, environments: Environments, device: str, file: Path) -> list[str]:
-    """Return what a person would type to see a first picture, of one sample per pixel."""
+    """Return the command that a person would type to see a first picture, of one sample per pixel."""
     if peer is OWN:
         start = [sys.executable, "-m", "wrt", "render", str(folder / "scene.toml"), "--spp", "1", "--device", device]
         return [*start, "-o", str(file)]
@@ -206,7 +204,7 @@ def first_picture_command(peer: Peer, folder: Path, environments: Environments, 
 
 
 def prepare_file(file: Path, size: int, *, box: bool, folder: Path) -> None:
-    """Have all workers read one scene file of others, with so many pixels a side, and a box filter if wanted."""
+    """Have all workers read one Mitsuba scene file, with `size` pixels a side, and perhaps a box filter."""
     note = {"file": str(file.resolve()), "size": size, "box": box}
     (folder / "file.json").write_text(json.dumps(note), encoding="utf-8")
 
@@ -215,7 +213,7 @@ def prepare(peer: Peer, scene: wrt.Scene, folder: Path) -> None:
     """Write a scene as a renderer's worker reads it; all but Mitsuba's read wrt's own scene file.
 
     Raises:
-        NotImplementedError: where it has no such thing.
+        NotImplementedError: where the renderer lacks a feature of the scene.
     """
     if peer.script != "mitsuba_worker.py":
         if not (folder / "scene.toml").exists():

@@ -1,4 +1,4 @@
-"""Hypothesis tests that decide whether two pictures, or two means, are the same but for their noise.
+"""Hypothesis tests that decide whether two pictures, or two means, differ by more than their noise.
 
 A Monte Carlo result is never equal to its expectation, so a test asks how improbable the result
 would be if both were right. Where many are asked at once, each gets the smaller significance that keeps the whole at
@@ -162,8 +162,8 @@ def image_z_test(
         for c in range(shape[2])
     ]
     spread_p = sidak_combined(min(spread), shape[2])
-    whole, _ = _grouped_scores(a, va, b, vb, na, nb, max(shape[:2]), floor)
-    mean_p = sidak_combined(2.0 * stats.norm.sf(np.abs(whole).max()), shape[2])
+    total, _ = _grouped_scores(a, va, b, vb, na, nb, max(shape[:2]), floor)
+    mean_p = sidak_combined(2.0 * stats.norm.sf(np.abs(total).max()), shape[2])
 
     p_min = sidak_combined(p.min(), p.size)
     tail_fraction = float(np.mean(np.abs(z[va + vb > 0.0]) > 2.0)) if (va + vb).any() else 0.0

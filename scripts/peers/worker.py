@@ -1,10 +1,10 @@
-"""The side of a renderer that is measured: a process of its own, which renders what it is asked for.
+"""The process of a renderer that is measured, which renders on request.
 
-Imports nothing but the standard library and NumPy, as it runs in the environment of the renderer that is asked.
+It imports nothing but the standard library and NumPy, as it runs in the environment of the renderer.
 
-A worker is started with the folder of a scene. It loads the scene, says so in a line of JSON on its standard output,
-and then answers one line of JSON by another. Everything that libraries print goes to the standard error.
-With --picture it writes the first picture instead, of one sample per pixel, and ends.
+A worker is started with the folder of a scene. It loads the scene, reports that in a line of JSON on its standard
+output, and then answers each line of JSON with another. Everything that libraries print goes to the standard error.
+With --picture it writes a picture of one sample per pixel instead, and ends.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import Any, NamedTuple, Protocol, TextIO
 
 STARTED = time.perf_counter()
 
@@ -25,11 +24,11 @@ STARTED = time.perf_counter()
 class Worker(Protocol):
     """A renderer with its scene loaded.
 
-    One that does more in `render` than it times may keep the seconds of CPU of what it times as `cpu_seconds`.
+    If `render` does more than it times, `cpu_seconds` has the seconds of CPU of the timed part.
     """
 
     def about(self) -> dict[str, Any]:
-        """Return versions, and what it needed to get here: seconds by name."""
+        """Return versions, and the seconds of each step of its preparation."""
 
     def render(self, spp: int, seed: int) -> float:
         """Render a new picture and return the seconds."""
@@ -41,35 +40,25 @@ class Worker(Protocol):
         """Write the last picture as PNG."""
 
 
-@dataclass(frozen=True)
-class NamedFile:
-    """A scene file that all renderers are to read.
-
-    Attributes:
-        file: Mitsuba's XML.
-        size: pixels a side of the picture.
-        box: whether the filter is a box, whatever the file says.
-    """
+class SharedFile(NamedTuple):
+    """A Mitsuba scene file that all renderers read, with `size` pixels a side, and perhaps a box as its filter."""
 
     file: Path
     size: int
     box: bool
 
 
-def named_file(folder: Path) -> NamedFile | None:
-    """Return the scene file that all renderers are to read; None where each has its own."""
+def shared_file(folder: Path) -> SharedFile | None:
+    """Return the scene file that all renderers read; None where each has its own."""
     note = folder / "file.json"
     if not note.exists():
         return None
     found = json.loads(note.read_text(encoding="utf-8"))
-    return NamedFile(Path(found["file"]), found["size"], found["box"])
+    return SharedFile(Path(found["file"]), found["size"], found["box"])
 
 
 def peak_memory() -> int:
-    """Return the most bytes of memory that this process has had.
-
-    Of Linux's own account: `getrusage` would count the process that started this one too.
-    """
+    """Return the peak memory of this process, bytes; `getrusage` would count the process that started it too."""
     for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
         if line.startswith("VmHWM:"):
             return 1024 * int(line.split()[1])
@@ -77,7 +66,7 @@ def peak_memory() -> int:
 
 
 def serve(make: Callable[[Path, str], Worker]) -> None:
-    """Load the scene of the command line, and answer what is asked until there is nothing more."""
+    """Load the scene of the command line, and answer requests until the standard input ends."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     parser.add_argument("--device", default="cpu")
@@ -85,9 +74,9 @@ def serve(make: Callable[[Path, str], Worker]) -> None:
     parser.add_argument("--threads", type=int)
     options = parser.parse_args()
     if options.threads:
-        # Before anything counts the cores; every library then finds so many.
+        # Before any library counts the cores.
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.threads])
-    answers = _own_output()
+    answers = _private_output()
     worker = make(options.folder, options.device)
     if options.picture:
         worker.render(1, 0)
@@ -112,8 +101,8 @@ def serve(make: Callable[[Path, str], Worker]) -> None:
         _answer(answers, result)
 
 
-def _own_output() -> TextIO:
-    """Return the standard output, and have all that writes to it write to the standard error from now on."""
+def _private_output() -> TextIO:
+    """Return the standard output, and redirect all other writes to it to the standard error."""
     sys.stdout.flush()
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)

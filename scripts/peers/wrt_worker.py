@@ -9,25 +9,25 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-from worker import named_file, serve
+from worker import serve, shared_file
 
 import wrt
 from wrt.rendering.passes import LONGEST_PASS
 
 
 class WrtWorker:
-    """A scene file, as `wrt render` reads it. Each picture has a renderer of its own, whose building is not counted."""
+    """A scene file, as `wrt render` reads it. Each picture has a new renderer, whose building is not counted."""
 
     def __init__(self, folder: Path, device: str) -> None:
         started = time.perf_counter()
         from wrt.backend.device import Device
 
-        Device(device)  # imports and starts Warp
+        Device(device)
         imported = time.perf_counter()
-        named = named_file(folder)
-        self.scene = wrt.load(named.file if named else folder / "scene.toml")
-        self.size = {"width": named.size, "height": named.size} if named else {}
-        if named and named.box:
+        shared = shared_file(folder)
+        self.scene = wrt.load(shared.file if shared else folder / "scene.toml")
+        self.size = {"width": shared.size, "height": shared.size} if shared else {}
+        if shared and shared.box:
             self.scene = replace(self.scene, settings=replace(self.scene.settings, filter="box"))
         loaded = time.perf_counter()
         self.device = device

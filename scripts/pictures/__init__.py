@@ -1,37 +1,11 @@
-"""What `gallery.py` renders: a module for each page of the documentation that shows pictures."""
+"""The pictures that `gallery.py` renders: a module for each page of the documentation that shows them."""
 
 from __future__ import annotations
 
-from . import (
-    cameras,
-    city,
-    integrators,
-    lights,
-    materials,
-    media,
-    motion,
-    particles,
-    presets,
-    spectral,
-    studio,
-    tone,
-    tutorial,
-)
+from . import cameras, city, integrators, lights, materials, media, motion, particles, presets, tone, tutorial
 from .picture import Drawing
 
-GROUPS: dict[str, dict[str, Drawing]] = {
-    "materials": materials.PICTURES,
-    "presets": presets.PICTURES,
-    "spectral": spectral.PICTURES,
-    "cameras": cameras.PICTURES,
-    "lights": lights.PICTURES,
-    "city": city.PICTURES,
-    "integrators": integrators.PICTURES,
-    "motion": motion.PICTURES,
-    "particles": particles.PICTURES,
-    "media": media.PICTURES,
-    "tone": tone.PICTURES,
-    "studio": studio.PICTURES,
-    "tutorial": tutorial.PICTURES,
-}
+MODULES = (materials, presets, cameras, lights, city, integrators, motion, particles, media, tone, tutorial)
+
+GROUPS: dict[str, dict[str, Drawing]] = {module.__name__.rpartition(".")[2]: module.PICTURES for module in MODULES}
 """By group, what makes each picture, by the name of its file."""

@@ -24,9 +24,9 @@ def ball(rows: int = 80) -> wrt.Mesh:
     normals = np.stack([np.sin(polar) * np.sin(azimuth), np.cos(polar), np.sin(polar) * np.cos(azimuth)], axis=2)
     faces = grid_faces(*u.shape).reshape(rows, 2 * rows, 2, 3)
     # At the poles one of each two triangles has no area.
-    kept = np.concatenate([faces[0, :, 1], faces[-1, :, 0], faces[1:-1].reshape(-1, 3)])
+    with_area = np.concatenate([faces[0, :, 1], faces[-1, :, 0], faces[1:-1].reshape(-1, 3)])
     points = normals.reshape(-1, 3)
-    return wrt.Mesh(points + [0.0, 1.0, 0.0], kept, points, np.stack([u, v], axis=2).reshape(-1, 2), name="ball")
+    return wrt.Mesh(points + [0.0, 1.0, 0.0], with_area, points, np.stack([u, v], axis=2).reshape(-1, 2), name="ball")
 
 
 def grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
@@ -53,9 +53,9 @@ def brilliant(radius: float = 1.15) -> wrt.Mesh:
     points = np.concatenate([ring(8, 0.53, 0.47 * crown, 0.0), middle, ring(16, 1.0, 0.0, 0.0), [[0.0, -0.86, 0.0]]])
     faces = [[0, i, i + 1] for i in range(1, 7)]
     for i in range(8):
-        table, after, mid, before = i, (i + 1) % 8, 8 + i, 8 + (i - 1) % 8
+        table, next_table, mid, previous_mid = i, (i + 1) % 8, 8 + i, 8 + (i - 1) % 8
         corner, half, far = (16 + (2 * i + k) % 16 for k in range(3))
-        faces += [[table, mid, after], [table, before, corner], [table, corner, mid]]
+        faces += [[table, mid, next_table], [table, previous_mid, corner], [table, corner, mid]]
         faces += [[mid, corner, half], [mid, half, far], [32, half, corner], [32, far, half]]
     slope = np.degrees(np.arctan2(0.86, np.cos(0.5 * turn)))
     stone = wrt.Mesh(radius * points, np.array(faces), name="brilliant")

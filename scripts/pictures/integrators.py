@@ -6,7 +6,6 @@ Balls of glass and mirror float over a checkered floor, as in the picture by whi
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from wrt.rendering.layer_colors import layer_colors
 from wrt.scene.layers import LAYERS
 
 from .bodies import checkered
-from .picture import How, Picture, contact_sheet
+from .picture import DevelopedSheet, Drawing, Picture, Pixels
 
 
 def sky() -> wrt.ImageEnvironment:
@@ -49,45 +48,27 @@ def make_scene(*, moving: bool = False) -> wrt.Scene:
     return scene
 
 
-@dataclass(frozen=True)
-class LayerSheet:
-    """All layers of one picture, each above its name."""
-
-    picture: Picture
-    columns: int = 5
-
-    @property
-    def about(self) -> str:
-        """Size and samples, in words."""
-        return f"{len(LAYERS)} layers, each {self.picture.about}"
-
-    def draw(self, name: str, how: How) -> Any:
-        """Return a Pillow image; `name` is what progress is reported by."""
-        layers = self.picture.rendered(name, how).layers()
-        tiles = [
-            (develop_image(layer_colors(layer, values), tone="none", exposure=0.0), (layer,))
-            for layer, values in layers.items()
-        ]
-        return contact_sheet(tiles, self.columns)
+def layers_of(name: str, renderer: wrt.Renderer) -> list[tuple[Pixels, tuple[str]]]:
+    """Return all layers of a picture, and their names."""
+    del name
+    return [
+        (develop_image(layer_colors(layer, values), tone="none", exposure=0.0), (layer,))
+        for layer, values in renderer.layers().items()
+    ]
 
 
-def shown_by(integrator: str, spp: int, **given: Any) -> Picture:
+def shown_by(integrator: str, spp: int, **options: Any) -> Picture:
     """Return the scene as an integrator shows it."""
-    return Picture(make_scene, 480, 288, spp, {"integrator": integrator, **given})
+    return Picture(make_scene, 480, 288, spp, {"integrator": integrator, **options})
 
 
-PICTURES: dict[str, Picture | LayerSheet] = {
+ALL_LAYERS = {"integrator": "aov", "layers": tuple(LAYERS)}
+PICTURES: dict[str, Drawing] = {
     "integrator-whitted": shown_by("whitted", 128, max_depth=12),
     "integrator-path": shown_by("path", 256, max_depth=32),
     "integrator-direct": shown_by("direct", 256),
     "integrator-ao": shown_by("ao", 512, ao_distance=2.0),
-    "layers": LayerSheet(
-        Picture(
-            functools.partial(make_scene, moving=True),
-            320,
-            192,
-            32,
-            {"integrator": "aov", "layers": tuple(LAYERS)},
-        )
+    "layers": DevelopedSheet(
+        {"layers": Picture(functools.partial(make_scene, moving=True), 320, 192, 32, ALL_LAYERS)}, layers_of, 5
     ),
 }

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
-from wrt.scene.lights import FALLOFFS
+from wrt.scene.lights.punctual import FALLOFFS
 
 from .picture import Picture
 
@@ -63,7 +63,7 @@ def color_bars(height: int = 180, width: int = 320) -> NDArray[np.float32]:
 
 
 def screen() -> wrt.Scene:
-    """A screen that shines by an image."""
+    """A screen that emits an image."""
     scene = stage()
     image = wrt.ImageTexture(color_bars(), factor=1.6)
     pane = wrt.quad((-1.5, 1.0, -1.3), (3.0, 0.0, 0.0), (0.0, 1.05, 0.0))

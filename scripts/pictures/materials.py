@@ -7,7 +7,7 @@ kernel, which is compiled once.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import wrt
 
 from .bodies import ball, brilliant, facing, grid_faces
-from .picture import Picture, Sheet
+from .picture import Picture, Sheet, Tiles
 
 Array = NDArray[np.float64]
 
@@ -75,8 +75,7 @@ def dimples() -> wrt.NormalMap:
 # --- Tiles -----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Tile:
+class Tile(NamedTuple):
     """One picture of the sheet.
 
     Attributes:
@@ -110,11 +109,7 @@ def tiles() -> tuple[Tile, ...]:
         Tile("glossy", "side 0.4", wrt.Glossy(0.9, side=0.4)),
         Tile("gold", "gold", wrt.Conductor(metal="gold")),
         Tile("titanium", "titanium", wrt.Conductor(metal="titanium")),
-        Tile(
-            "brushed-aluminium",
-            "aluminium, alpha 0.4 0.08",
-            wrt.RoughConductor((0.4, 0.08), metal="aluminium"),
-        ),
+        Tile("brushed-aluminium", "aluminium, alpha 0.4 0.08", wrt.RoughConductor((0.4, 0.08), metal="aluminium")),
         # Rough metals
         Tile("copper-ggx", "copper, ggx, alpha 0.25", wrt.RoughConductor(0.25, metal="copper")),
         Tile(
@@ -257,13 +252,13 @@ def make_scene(tile: Tile) -> wrt.Scene:
     """
     scene = stage()
     scene.add(brilliant() if tile.cut else ball(), material=tile.material, name=tile.name)
-    for other in tiles():
-        if not any(other.material.emission):
-            scene.add(speck(), material=other.material, name=other.name)
+    for each in tiles():
+        if not any(each.material.emission):
+            scene.add(speck(), material=each.material, name=each.name)
     return scene
 
 
-def pictures() -> dict[str, tuple[Picture, tuple[str, str]]]:
+def pictures() -> Tiles:
     """Return each tile's picture, and its material's type and caption."""
     return {
         tile.name: (

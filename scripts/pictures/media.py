@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 import wrt
 
 from .bodies import checkered, facing, sweep, turned
-from .clouds import cloud
 from .picture import Picture
 
 AIM = (0.0, 0.06, 0.0)
@@ -83,30 +83,28 @@ def coloured_glass() -> wrt.Scene:
 
 
 def fog() -> wrt.Scene:
-    """A hall full of haze, into which a low lamp shines through three windows."""
+    """A hall full of haze, lit by a low lamp through three windows."""
     camera = wrt.PerspectiveCamera((1.0, 1.35, 4.6), (-0.1, 1.25, -1.5), fov_degrees=44.0)
     scene = wrt.Scene(camera=camera)
     scene.settings.max_depth = 4
     scene.settings.exposure = 0.4
-    left, right, front, back, top = -2.6, 2.6, 5.5, -4.0, 3.4
-    # The lamp stands in clear air: near it, haze would shine without bound, and few paths would find that.
+    west, east, front, back, top = -2.6, 2.6, 5.5, -4.0, 3.4
+    # The lamp stands in clear air: near it, the radiance of haze has no bound, and few paths would find that.
     haze = wrt.Null(interior=wrt.Medium.from_albedo((0.93, 0.94, 0.95), 0.14, g=0.5))
-    scene.add(
-        wrt.box((left - 0.5, -0.5, back - 0.5), (right + 0.5, top + 0.5, front + 0.5)), material=haze, name="haze"
-    )
+    scene.add(wrt.box((west - 0.5, -0.5, back - 0.5), (east + 0.5, top + 0.5, front + 0.5)), material=haze, name="haze")
     stone = wrt.Diffuse((0.24, 0.225, 0.21))
-    scene.add(wrt.quad((left, 0, front), (right - left, 0, 0), (0, 0, back - front)), material=stone, name="floor")
-    scene.add(wrt.quad((left, top, back), (right - left, 0, 0), (0, 0, front - back)), material=stone, name="ceiling")
-    scene.add(wrt.quad((left, 0, back), (right - left, 0, 0), (0, top, 0)), material=stone, name="wall")
-    scene.add(wrt.quad((right, 0, back), (0, 0, front - back), (0, top, 0)), material=stone, name="wall")
+    scene.add(wrt.quad((west, 0, front), (east - west, 0, 0), (0, 0, back - front)), material=stone, name="floor")
+    scene.add(wrt.quad((west, top, back), (east - west, 0, 0), (0, 0, front - back)), material=stone, name="ceiling")
+    scene.add(wrt.quad((west, 0, back), (east - west, 0, 0), (0, top, 0)), material=stone, name="wall")
+    scene.add(wrt.quad((east, 0, back), (0, 0, front - back), (0, top, 0)), material=stone, name="wall")
     sill, lintel, width, thick = 0.7, 2.9, 0.95, 0.25
     windows = (-2.9, -1.4, 0.1)
     edges = [back, *(z + side for z in windows for side in (-0.5 * width, 0.5 * width)), front]
     for low, high in zip(edges[::2], edges[1::2], strict=True):
-        scene.add(wrt.box((left - thick, 0, low), (left, top, high)), material=stone, name="pier")
+        scene.add(wrt.box((west - thick, 0, low), (west, top, high)), material=stone, name="pier")
     for z in windows:
         for low, high in ((0.0, sill), (lintel, top)):
-            part = wrt.box((left - thick, low, z - 0.5 * width), (left, high, z + 0.5 * width))
+            part = wrt.box((west - thick, low, z - 0.5 * width), (west, high, z + 0.5 * width))
             scene.add(part, material=stone, name="sill")
     scene.add(wrt.box((0.1, 0.0, -1.75), (0.45, 1.0, -1.4)), material=wrt.Diffuse((0.35, 0.2, 0.12)), name="plinth")
     ball = wrt.sphere((0.275, 1.22, -1.575), 0.22, subdivisions=5)
@@ -143,6 +141,64 @@ def subsurface() -> wrt.Scene:
         (0.105, wrt.RoughDielectric(1.5, alpha=0.25, interior=jade)),
     ):
         scene.add(turned(KING, 60.0).translated((x, 0, 0)), material=material, name="king")
+    return scene
+
+
+# --- A cumulus cloud on a grid ---------------------------------------------------------------------
+
+CELLS = (96, 72, 128)
+"""Numbers of cells along z, y and x."""
+
+
+def noise(shape: tuple[int, int, int], frequency: float, seed: int) -> NDArray[np.float32]:
+    """Return random values on a coarse lattice, 0 to 1, interpolated smoothly at the centres of cells.
+
+    Args:
+        shape: numbers of cells.
+        frequency: lattice steps along the last axis; along the others as many for each cell.
+        seed: of the random values.
+    """
+    step = frequency / shape[2]
+    places = [(np.arange(n) + 0.5) * step for n in shape]
+    values = np.random.default_rng(seed).random([int(p[-1]) + 2 for p in places], dtype=np.float32)
+    for axis, place in enumerate(places):
+        first = place.astype(int)
+        t = (place - first).astype(np.float32)
+        weight = (t * t * (3.0 - 2.0 * t)).reshape([-1 if k == axis else 1 for k in range(3)])
+        values = values.take(first, axis) * (1.0 - weight) + values.take(first + 1, axis) * weight
+    return values
+
+
+def cumulus() -> NDArray[np.float32]:
+    """Return the densities, 0 to 1, of a cloud: balls that grow out of one another, frayed by noise, on a flat base."""
+    places = [((np.arange(n) + 0.5) / CELLS[2]).astype(np.float32) for n in CELLS]
+    z, y, x = np.meshgrid(*places, indexing="ij")
+    rng = np.random.default_rng(11)
+    depth = np.full(CELLS, -1.0, np.float32)
+    for _ in range(60):
+        across, height = rng.normal(0.0, 1.0, 2), rng.random() ** 1.6
+        center = (0.5 + 0.15 * across[0] * (1.0 - 0.7 * height), 0.13 + 0.3 * height, 0.375 + 0.1 * across[1])
+        radius = (0.12 - 0.05 * height) * (0.6 + 0.5 * rng.random())
+        distance = np.sqrt((x - center[0]) ** 2 + (y - center[1]) ** 2 + (z - center[2]) ** 2)
+        depth = np.maximum(depth, 1.0 - distance / radius)
+    frayed = sum(2.0**-k * (noise(CELLS, 9.0 * 2.0**k, k) - 0.5) for k in range(4))
+    above_base = np.clip((y - 0.085 + 0.03 * noise(CELLS, 7.0, 9)) / 0.03, 0.0, 1.0)
+    return np.asarray(np.clip(4.0 * (depth + 1.1 * frayed - 0.05), 0.0, 1.0) * above_base, np.float32)
+
+
+def cloud() -> wrt.Scene:
+    """A cumulus half a kilometre wide in the light of a low sun."""
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 20.0, 900.0), (-15.0, 232.0, 0.0), fov_degrees=25.0))
+    sky = wrt.SunSkyEnvironment(elevation_degrees=28.0, azimuth_degrees=-115.0, turbidity=2.5, ground_albedo=0.25)
+    scene.environment = sky
+    nz, ny, nx = CELLS
+    size = 640.0
+    lower = np.array([-0.5 * size, 80.0, -0.5 * size * nz / nx])
+    grid = wrt.DensityGrid(cumulus(), lower, lower + size * np.array([nx, ny, nz]) / nx, name="cumulus")
+    droplets = wrt.Medium.from_albedo(1.0, 0.09, g=0.5, density=grid)
+    scene.add(grid.boundary, material=wrt.Null(interior=droplets), name="cloud")
+    scene.settings.exposure = -5.0
+    scene.settings.max_depth = 8
     return scene
 
 

@@ -127,7 +127,4 @@ def _at(place: Array) -> Array:
     return m
 
 
-PICTURES = {
-    "motion-forest": Picture(forest, 720, 405, 576),
-    "motion-toys": Picture(toys, 640, 360, 512),
-}
+PICTURES = {"motion-forest": Picture(forest, 720, 405, 576), "motion-toys": Picture(toys, 640, 360, 512)}

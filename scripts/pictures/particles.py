@@ -19,7 +19,7 @@ def heap() -> wrt.Scene:
     scene.add(wrt.quad((-90, 0, 5), (180, 0, 0), (0, 0, -180)), material=wrt.Diffuse((0.25, 0.23, 0.21)))
     radii = rng.uniform(0.004, 0.008, GRAINS)
     turn = rng.uniform(0.0, 2.0 * np.pi, GRAINS)
-    # Only the grains near the surface of the cone are there; each lies at its own depth below it.
+    # The cone has grains near its surface only, each at a random depth below it.
     out = 1.05 * np.sqrt(rng.random(GRAINS))
     high = 0.62 * (1.05 - out) - rng.uniform(0.0, 0.02, GRAINS)
     kind = rng.random(GRAINS)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -27,7 +25,7 @@ LARGE, SMALL = (16, (240, 240, 240)), (13, (165, 168, 172))
 
 @dataclass(frozen=True)
 class How:
-    """What the command line asks for.
+    """Options of the command line.
 
     Attributes:
         spp: samples per pixel, in place of each picture's own.
@@ -45,10 +43,6 @@ class How:
 class Drawing(Protocol):
     """What makes one file: a `Picture`, or a sheet of several."""
 
-    @property
-    def about(self) -> str:
-        """Size and samples, in words."""
-
     def draw(self, name: str, how: How) -> Any:
         """Return a Pillow image; `name` is what progress is reported by."""
 
@@ -62,36 +56,24 @@ class Picture:
         width: pixels.
         height: pixels.
         spp: samples per pixel, as many as its noise wants.
-        given: what else `wrt.Renderer` is told.
+        options: further options of `wrt.Renderer`.
     """
 
     make: Callable[[], wrt.Scene]
     width: int = 480
     height: int = 270
     spp: int = 128
-    given: Mapping[str, Any] = field(default_factory=dict)
-
-    @property
-    def about(self) -> str:
-        """Size and samples, in words."""
-        return f"{self.width} x {self.height}, {self.spp} spp"
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     def rendered(self, name: str, how: How) -> wrt.Renderer:
-        """Return a renderer that has all samples, and print what they cost."""
-        started = time.perf_counter()
+        """Return a renderer that has all samples, and print its noise."""
         width = how.size or self.width
         size = {"width": width, "height": max(1, round(width * self.height / self.width))}
-        renderer = wrt.Renderer(self.make(), **size, device=how.device, threads=how.threads, **self.given)
-        compiled = time.perf_counter()
+        renderer = wrt.Renderer(self.make(), **size, device=how.device, threads=how.threads, **self.options)
         noise = None
         for progress in renderer.passes(spp=how.spp or self.spp):
             noise = progress.noise
-        print(
-            f"{name}: {renderer.width} x {renderer.height}, {renderer.spp} spp, "
-            f"noise {'unknown' if noise is None else format(noise, '.1%')}, "
-            f"{compiled - started:.1f} s to set up, {time.perf_counter() - compiled:.1f} s to render",
-            flush=True,
-        )
+        print(f"{name}: noise {'unknown' if noise is None else format(noise, '.1%')}", flush=True)
         return renderer
 
     def pixels(self, name: str, how: How) -> Pixels:
@@ -107,29 +89,48 @@ class Picture:
         return Image.fromarray(self.pixels(name, how))
 
 
+Tiles = Mapping[str, tuple[Picture, Sequence[str]]]
+"""By name, a picture and its one or two labels; ASCII, as Pillow's own font has little more."""
+
+
 @dataclass(frozen=True)
 class Sheet:
-    """Pictures in rows, each above its labels.
+    """Pictures in rows of `columns`, each above its labels; `tiles` returns them."""
 
-    Attributes:
-        tiles: returns, by name, a picture and its one or two labels; ASCII, as Pillow's own font has little more.
-        columns: tiles in a row.
-    """
-
-    tiles: Callable[[], Mapping[str, tuple[Picture, Sequence[str]]]]
+    tiles: Callable[[], Tiles]
     columns: int = 5
-
-    @functools.cached_property
-    def about(self) -> str:
-        """Size and samples, in words."""
-        pictures = [picture for picture, _ in self.tiles().values()]
-        least, most = (f(picture.spp for picture in pictures) for f in (min, max))
-        return f"{len(pictures)} tiles of {pictures[0].width} x {pictures[0].height}, {least} to {most} spp"
 
     def draw(self, name: str, how: How) -> Any:
         """Return a Pillow image; `name` is what progress is reported by."""
         tiles = self.tiles()
         drawn = [(picture.pixels(f"{name}/{tile}", how), labels) for tile, (picture, labels) in tiles.items()]
+        return contact_sheet(drawn, self.columns)
+
+
+@dataclass(frozen=True)
+class DevelopedSheet:
+    """Several tiles of each rendered picture, in rows of `columns`.
+
+    Attributes:
+        pictures: by name.
+        tiles: returns pixels and labels of a picture's tiles, for its name and the renderer that has its samples.
+        columns: tiles in a row.
+    """
+
+    pictures: Mapping[str, Picture]
+    tiles: Callable[[str, wrt.Renderer], Sequence[tuple[Pixels, Sequence[str]]]]
+    columns: int
+
+    @property
+    def picture(self) -> Picture:
+        """The first picture."""
+        return next(iter(self.pictures.values()))
+
+    def draw(self, name: str, how: How) -> Any:
+        """Return a Pillow image; `name` is what progress is reported by."""
+        drawn = []
+        for label, picture in self.pictures.items():
+            drawn += self.tiles(label, picture.rendered(f"{name}/{label}", how))
         return contact_sheet(drawn, self.columns)
 
 

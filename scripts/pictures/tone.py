@@ -2,50 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
-
 import wrt
 from wrt.develop.picture import develop
 
 from .lights import sky
-from .picture import How, Picture, contact_sheet
+from .picture import DevelopedSheet, Picture, Pixels
 
 TONES = ("none", "soft", "neutral", "agx", "aces", "ocio")
 
 
-@dataclass(frozen=True)
-class Curves:
-    """A sheet of pictures, each developed by several tone curves with automatic exposure.
-
-    Attributes:
-        pictures: makes the scenes, by name.
-        columns: tiles in a row.
-    """
-
-    pictures: Callable[[], Mapping[str, Picture]]
-    columns: int = 3
-
-    @property
-    def picture(self) -> Picture:
-        """The first scene."""
-        return next(iter(self.pictures().values()))
-
-    @property
-    def about(self) -> str:
-        """Size and samples, in words."""
-        return f"{len(self.pictures())} scenes in {len(TONES)} tiles each, {self.picture.about}"
-
-    def draw(self, name: str, how: How) -> Any:
-        """Return a Pillow image; `name` is what progress is reported by."""
-        tiles = []
-        for scene, picture in self.pictures().items():
-            radiance = picture.rendered(f"{name}/{scene}", how).image()
-            for tone in TONES:
-                developed = develop(radiance, tone=tone, exposure="auto")
-                tiles.append((developed.codes, (tone, f"{scene}, {developed.stops:+.1f} stops")))
-        return contact_sheet(tiles, self.columns)
+def developed(name: str, renderer: wrt.Renderer) -> list[tuple[Pixels, tuple[str, str]]]:
+    """Return a picture by every tone curve with automatic exposure, and labels."""
+    tiles = []
+    for tone in TONES:
+        result = develop(renderer.image(), tone=tone, exposure="auto")
+        tiles.append((result.codes, (tone, f"{name}, {result.stops:+.1f} stops")))
+    return tiles
 
 
 def day() -> wrt.Scene:
@@ -69,8 +41,5 @@ def room() -> wrt.Scene:
     return scene
 
 
-def _scenes() -> dict[str, Picture]:
-    return {"a day": Picture(day, 400, 225, 256), "a room": Picture(room, 400, 225, 512)}
-
-
-PICTURES = {"tone-curves": Curves(_scenes)}
+SCENES = {"a day": Picture(day, 400, 225, 256), "a room": Picture(room, 400, 225, 512)}
+PICTURES = {"tone-curves": DevelopedSheet(SCENES, developed, 3)}

@@ -1,4 +1,4 @@
-"""The steps of docs/tutorial.md, rendered from the scene files that the page shows."""
+"""The steps of docs/tutorial.md, from the scene files that it shows, and the options of docs/first-pictures.md."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import re
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import wrt
 
-from .picture import Picture, Sheet
+from .picture import Drawing, Picture, Sheet, Tiles
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "tutorial.md"
@@ -18,7 +19,7 @@ MESH = ROOT / "meshes" / "teapot.ply"
 
 
 def scene_files() -> list[str]:
-    """Return the scene files of the page, in their order."""
+    """Return the scene files of the page, in order."""
     return re.findall(r"^```toml\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 
 
@@ -31,7 +32,7 @@ def make_scene(step: int) -> wrt.Scene:
         return wrt.load(path)
 
 
-def noise() -> dict[str, tuple[Picture, tuple[str, ...]]]:
+def noise() -> Tiles:
     """Return the last scene with few and with many samples."""
     make = functools.partial(make_scene, 2)
     label = "{} sample{} per pixel"
@@ -41,10 +42,25 @@ def noise() -> dict[str, tuple[Picture, tuple[str, ...]]]:
     }
 
 
-PICTURES: dict[str, Picture | Sheet] = {
+def studio(spp: int, options: dict[str, dict[str, Any]]) -> Tiles:
+    """Return the teapot of docs/first-pictures.md, by name, each loaded with its options, which labels show."""
+    return {
+        name: (
+            Picture(functools.partial(wrt.load, MESH, **keywords), 300, 225, spp),
+            (" ".join(f"--{key} {value}" for key, value in keywords.items()),),
+        )
+        for name, keywords in options.items()
+    }
+
+
+VIEWS = {view: {"view": view} for view in ("three-quarter", "front", "right", "back", "top", "-60,35")}
+LOOKS = {"gold": {"material": "gold"}, "glass": {"material": "glass"}, "sky": {"environment": "sky", "view": "20,4"}}
+PICTURES: dict[str, Drawing] = {
     "tutorial-studio": Picture(lambda: wrt.load(MESH), 480, 360, 128),
     "tutorial-camera": Picture(functools.partial(make_scene, 0), 480, 360, 128),
     "tutorial-materials": Picture(functools.partial(make_scene, 1), 480, 360, 128),
     "tutorial-light": Picture(functools.partial(make_scene, 2), 480, 360, 512),
     "tutorial-noise": Sheet(noise, 3),
+    "studio-views": Sheet(functools.partial(studio, 128, VIEWS), 3),
+    "studio-looks": Sheet(functools.partial(studio, 512, LOOKS), 3),
 }

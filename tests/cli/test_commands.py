@@ -51,9 +51,9 @@ def write_unusable(folder: Path) -> list[Path]:
     return sorted(folder.rglob("*"))
 
 
-def assert_one_line(said: str, mention: str) -> None:
-    assert re.fullmatch(r"wrt: error: [^\n]+\n", said), said
-    assert mention in said
+def assert_one_line(printed: str, mention: str) -> None:
+    assert re.fullmatch(r"wrt: error: [^\n]+\n", printed), printed
+    assert mention in printed
 
 
 @pytest.mark.parametrize("mention", ERRORS)
@@ -159,7 +159,7 @@ def test_short_answers_import_nothing_heavy(arguments: list[str]) -> None:
         # Of wrt itself just what reads the options: everything else may grow heavy imports of its own.
         heavy |= {"numpy", "json", "logging"}
         own = {name for name in imported if name.startswith("wrt.") and not name.startswith("wrt.cli.arguments")}
-        allowed = ("_version", "errors", "cli", "cli.process", "cli.exit_status", "cli.streams")
+        allowed = ("_notebook", "_version", "errors", "cli", "cli.process", "cli.exit_status", "cli.streams")
         assert own <= {f"wrt.{name}" for name in allowed}
     assert "wrt.cli" in imported
     assert not imported & heavy

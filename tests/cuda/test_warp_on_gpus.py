@@ -14,11 +14,11 @@ from support.emulated_cuda.backend import GPU, emulated_cuda
 from support.kernels import upload
 
 from wrt.backend import current_backend
+from wrt.backend.backend import Backend, Kernel
 from wrt.backend.cuda import warp_errors
 from wrt.backend.cuda.staging import LEAST_PINNED
 from wrt.backend.cuda.warp_errors import on_device
 from wrt.backend.device import Device
-from wrt.backend.warp_backend import WarpBackend
 from wrt.cli import main
 from wrt.errors import NotEnoughMemory
 
@@ -123,7 +123,7 @@ def test_other_errors_stay_what_they_are_and_a_launch_may_lack_memory_for_its_st
 
     monkeypatch.setattr(wp, "launch", fail)
     with pytest.raises(NotEnoughMemory, match="memory ran out on cuda:1; "):
-        WarpBackend().queue(None, 0, 1, [], "cuda:1")
+        Backend().queue(Kernel("", "", lambda: None), 0, 1, [], "cuda:1")
 
 
 @pytest.mark.machinery
@@ -178,10 +178,10 @@ class OnGpu:
         self.dtype, self.capacity = wp.float32, numbers.nbytes
 
 
-def test_what_is_fetched_again_and_again_pins_memory_once(second_gpu: StandIn) -> None:
+def test_what_is_fetched_again_and_again_pins_memory_once(second_gpu: StandIn, monkeypatch: pytest.MonkeyPatch) -> None:
     second_gpu.stream = "the current stream"  # type: ignore[attr-defined]
-    backend, warp, gpu = WarpBackend(), FetchedWarp(), second_gpu
-    backend._wp = warp
+    backend, warp, gpu = Backend(), FetchedWarp(), second_gpu
+    monkeypatch.setattr(Backend, "_wp", warp)
     numbers = np.random.default_rng(1).random((5, 40, 30), np.float32)
     found = [backend.fetch(OnGpu(gpu, each)) for each in numbers]
     np.testing.assert_array_equal(found, numbers)  # none shares the memory of the next

@@ -47,19 +47,19 @@ def test_what_once_failed_does_not_any_more_and_every_seed_is_read_without_a_war
     # As textures of a mesh NumPy files are left out with a warning.
     warned = {"npy": "not an image of a known format", "stl": "the STL file has no normals", "dae": "bind pose"}
     for number, kind, _, outcome in fuzz.run(inputs):
-        said = f"{files[number].name}: {outcome.reason}"
+        message = f"{files[number].name}: {outcome.reason}"
         if files[number].parent.name == "failures":
-            assert outcome.verdict != "failed", said
+            assert outcome.verdict != "failed", message
         else:
-            assert outcome.verdict == "fine", said
-            assert (warned[kind] in said) if kind in warned else not outcome.reason, said
+            assert outcome.verdict == "fine", message
+            assert (warned[kind] in message) if kind in warned else not outcome.reason, message
 
 
 @pytest.mark.slow
 def test_damaged_files_are_read_or_refused(report):
     """Hypothesis makes the same inputs every time, and of one that fails the least damage that does it."""
     corpus = fuzz.Corpus()
-    worker = fuzz.Worker("fuzz:readers", corpus.seeds, fuzz.SECONDS, fuzz.MEGABYTES)
+    worker = fuzz.Worker()
     count: collections.Counter[str] = collections.Counter()
 
     @settings(

@@ -217,9 +217,6 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
 def test_files_that_cannot_be_read_are_refused_in_one_line(tmp_path):
     for name, content, message in REFUSED:
         check_refused(message, load_mesh, write(tmp_path, name, content))
-    check_refused("no such file", load_mesh, tmp_path / "none.obj")
-    (tmp_path / "folder.obj").mkdir()
-    check_refused("is a directory", load_mesh, tmp_path / "folder.obj")
 
 
 def test_broken_files_load_or_are_refused_in_one_line(assets):

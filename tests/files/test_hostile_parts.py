@@ -72,7 +72,7 @@ def test_a_file_of_tone_curves_is_opened_only_where_the_person_names_it(
     with Path("changed.wrt").open("wb") as file:
         np.savez(file, **{**arrays, "header": np.array(json.dumps(header))})
     opened: list[str] = []
-    monkeypatch.setattr("wrt.develop.curves.ocio.find_view", opened.append)
+    monkeypatch.setattr("wrt.develop.picture.find_view", opened.append)
     with pytest.raises(wrt.InputError, match="a file, which is opened only where a tone is given here"):
         merge(["changed.wrt"]).save("a.png")
     assert main(["merge", "changed.wrt", "-o", "a.png", "--checkpoint", "a.ckpt"]) == 2

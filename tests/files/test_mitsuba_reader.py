@@ -17,8 +17,8 @@ import wrt
 import wrt.scene.materials.presets
 from wrt.cli import main
 from wrt.errors import InputWarning
-from wrt.io.mitsuba.materials.coats import as_in_mitsuba
-from wrt.io.mitsuba.materials.metals import named_conductor
+from wrt.io.mitsuba.coats import as_in_mitsuba
+from wrt.io.mitsuba.optics import named_conductor
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres

@@ -1,4 +1,4 @@
-"""Samplers: uniform, independent where they must be, and as even as they promise."""
+"""Samplers: uniform, independent across pixels, blocks and seeds, and stratified as documented."""
 
 import itertools
 
@@ -35,7 +35,7 @@ def elementary(m):
 
 
 def test_sobols_dimensions_are_the_published_ones(device):
-    """Against SciPy's, which come in the order of the Gray code."""
+    """Against SciPy's, which are in Gray-code order."""
     n = 2**12
     expected = qmc.Sobol(5, scramble=False, bits=32).random(n)
     index = np.arange(n, dtype=np.uint32)
@@ -49,7 +49,7 @@ def test_sobols_dimensions_are_the_published_ones(device):
 
 @pytest.mark.parametrize("block", [LIGHT, BSDF])
 def test_sobol_pairs_have_one_point_in_every_elementary_interval(block, device):
-    """Of a prefix of 2^m, and of every later run of as many that starts at a multiple of it."""
+    """For the first 2^m points, and for each later run of 2^m that starts at a multiple of 2^m."""
     u = samples("sobol", block, np.arange(40), 2**10, device)
     for m in range(1, 11):
         runs = u.reshape(40, -1, 2**m, 4)[:, :8]
@@ -74,9 +74,9 @@ def test_stratified_pairs_have_one_point_in_every_cell(block, device):
         runs = u.reshape(40, -1, 4**k, 4)[:, :8]
         assert is_net(runs[..., :2], [(k, k)])
         assert is_net(runs[..., 2:], [(k, k)])
-    within = np.modf(u[:, : 4**3] * 2**3)[0]
-    counts = np.bincount((within.ravel() * BINS).astype(int), minlength=BINS)
-    assert chi_square_test(counts, np.full(BINS, within.size / BINS)).passed, "not uniform within the cells"
+    offsets = np.modf(u[:, : 4**3] * 2**3)[0]
+    counts = np.bincount((offsets.ravel() * BINS).astype(int), minlength=BINS)
+    assert chi_square_test(counts, np.full(BINS, offsets.size / BINS)).passed, "not uniform within the cells"
 
 
 def square_p(a, b):
@@ -87,7 +87,7 @@ def square_p(a, b):
 @pytest.mark.parametrize("sampler", SAMPLERS)
 @pytest.mark.parametrize("axis", ["pixel", pytest.param("seed", marks=pytest.mark.slow)])
 def test_numbers_and_pairs_are_uniform_over_pixels_and_seeds(sampler, axis, device, report):
-    """For samples early and late; of the camera, where no index is shuffled, and of a vertex."""
+    """For early and late samples, of the camera, whose index is not shuffled, and of a vertex."""
     n, p = 2**18, {}
     for block, index in itertools.product((CAMERA, LIGHT), (0, 5, 1_000_003)):
         names = {"seed": 3, "pixel": 77, axis: np.arange(n)}
@@ -96,20 +96,20 @@ def test_numbers_and_pairs_are_uniform_over_pixels_and_seeds(sampler, axis, devi
             p[block, index, i] = chi_square_test(np.bincount((u[:, i] * 1021).astype(int)), np.full(1021, n / 1021)).p
         for i, j in itertools.combinations(range(4), 2):
             p[block, index, i, j] = square_p(u[:, i], u[:, j])
-    worst = min(p, key=p.__getitem__)
-    report(f"{sampler}, along {axis}: least uniform of {len(p)}: {worst}", p[worst], p=p[worst])
-    assert p[worst] > sidak(ALPHA, len(p) * len(SAMPLERS) * 2)
+    least = min(p, key=p.__getitem__)
+    report(f"{sampler}, along {axis}: least uniform of {len(p)}: {least}", p[least], p=p[least])
+    assert p[least] > sidak(ALPHA, len(p) * len(SAMPLERS) * 2)
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_numbers_of_several_blocks_fill_the_square_together(sampler, device, report):
-    """Over the samples of one pixel: numbers that are even by themselves must not move in step."""
+    """Over the samples of one pixel: dimensions that are stratified by themselves must not be correlated."""
     blocks = [samples(sampler, block, 4321, 2**18, device)[0] for block in (CAMERA, LIGHT, BSDF, 10)]
     rows = [u[:, i] for u in blocks for i in range(4)]
     p = {(i, j): square_p(rows[i], rows[j]) for i, j in itertools.combinations(range(len(rows)), 2)}
-    worst = min(p, key=p.__getitem__)
-    report(f"{sampler}: least uniform of {len(p)} pairs: {worst}", p[worst], p=p[worst])
-    assert p[worst] > sidak(ALPHA, len(p) * len(SAMPLERS))
+    least = min(p, key=p.__getitem__)
+    report(f"{sampler}: least uniform of {len(p)} pairs: {least}", p[least], p=p[least])
+    assert p[least] > sidak(ALPHA, len(p) * len(SAMPLERS))
 
 
 def inside_disk(u):
@@ -123,18 +123,18 @@ def test_errors_of_pixels_blocks_and_seeds_are_independent(sampler, device, repo
     def error(pixels, block, seed):
         return inside_disk(samples(sampler, block, pixels, 16, device, seed)).mean(axis=1) - np.pi / 4.0
 
-    others = {
+    partners = {
         "next pixel": (pixel + 1, LIGHT, 5),
         "pixel below": (pixel + 768, LIGHT, 5),
         "next seed": (pixel, LIGHT, 6),
         "other block": (pixel, BSDF, 5),
         "next vertex": (pixel, LIGHT + 4, 5),
     }
-    here = error(pixel, LIGHT, 5)
-    for name, there in others.items():
-        r, p = stats.pearsonr(here, error(*there))
+    errors = error(pixel, LIGHT, 5)
+    for name, partner in partners.items():
+        r, p = stats.pearsonr(errors, error(*partner))
         report(f"{sampler}: correlation with the {name}", float(r), 0.0, p=float(p))
-        assert p > sidak(ALPHA, 3 * len(others))
+        assert p > sidak(ALPHA, 3 * len(partners))
 
 
 SLOPES = {
@@ -143,9 +143,9 @@ SLOPES = {
     "sobol": ((-3.2, -2.5), (-1.8, -1.4)),
     "blue-noise": ((-2.2, -1.9), (-1.8, -1.4)),
 }
-"""Powers of N by which the variance of a smooth function falls, and that of a step. 1/N for independent samples; N^-2
-and N^-1.5 for jittered grids (Mitchell 1996); N^-3, but for a logarithm, for scrambled nets on smooth functions (Owen
-1997), and N^-1.5 on steps. The pixels of blue noise shift one net instead of scrambling it, which breaks its balance at
+"""Powers of N by which the variance of a smooth function and of a step falls. 1/N for independent samples; N^-2 and
+N^-1.5 for jittered grids (Mitchell 1996); N^-3, up to a logarithm, for scrambled nets on smooth functions (Owen 1997),
+and N^-1.5 on steps. The pixels of blue noise shift one net instead of scrambling it, which breaks its balance at
 the border: N^-2."""
 
 
@@ -163,7 +163,7 @@ def test_the_variance_over_seeds_falls_as_fast_as_it_should(sampler, device, rep
 
 
 def test_film_and_lens_are_even_together(device, report):
-    """An edge out of focus is a step across both: the camera's four numbers are one point, and not two pairs."""
+    """An edge out of focus is a step in film and lens: the camera's four numbers are one 4D point, not two pairs."""
     for normal, limit in (((1.0, 0.0, 0.8, 0.0), 0.5), ((0.0, 1.0, 0.0, 0.8), 0.5), ((1.0, 0.6, 0.8, 0.5), 1.0)):
         one, two = (
             (samples("sobol", block, np.arange(2000), 256, device) @ normal < 0.55 * sum(normal)).mean(axis=1).var()
@@ -178,7 +178,7 @@ def test_film_and_lens_are_even_together(device, report):
     [("sobol", 1, 0.85, 1.15), ("blue-noise", 1, 0.0, 0.5), ("blue-noise", 4, 0.0, 0.7)],
 )
 def test_errors_of_blue_noise_have_few_low_frequencies(sampler, count, least, most, device, report):
-    """The power of the error at frequencies below 0.08 a pixel, over that of all; 1 for white noise."""
+    """The mean power of the error at frequencies below 0.08 a pixel, over the mean of all; 1 for white noise."""
     side = 64
     x, y = (a.ravel().astype(np.uint32) for a in np.meshgrid(np.arange(side), np.arange(side)))
     pixel = map_function(ld.morton_code, x, y, device=device) if sampler == "blue-noise" else y * side + x

@@ -1,4 +1,4 @@
-"""The film: its sums lose nothing, and its mean, variance and noise are those of the samples."""
+"""The film: its sums are exact, and its mean, variance and noise are those of the samples."""
 
 import numpy as np
 import pytest
@@ -16,16 +16,16 @@ ALPHA = 0.01
 SKY = np.random.default_rng(1).random((4, 8, 3)).astype(np.float32)
 
 
-def wall(left):
-    """Every sample sees the same radiance from x = left on, and black before."""
+def wall(edge):
+    """Return a scene that has the same radiance everywhere right of x = edge, and is black left of it."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0)))
     scene.environment = wrt.ImageEnvironment(np.zeros((1, 1, 3)))
-    scene.add(wrt.quad((left, -99, 0), (198, 0, 0), (0, 198, 0)), material=wrt.Diffuse(0.0), emission=EMISSION)
+    scene.add(wrt.quad((edge, -99, 0), (198, 0, 0), (0, 198, 0)), material=wrt.Diffuse(0.0), emission=EMISSION)
     return scene
 
 
 def mottled():
-    """A block on a floor under a mottled sky: every pixel has noise, and none has outliers."""
+    """Return a block on a floor under a mottled sky: every pixel has noise, without outliers."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin=(1.0, 3.0, 2.0), target=(0.0, 0.2, 0.0)))
     scene.environment = wrt.ImageEnvironment(SKY)
     scene.add(wrt.quad((-9, 0, 9), (18, 0, 0), (0, 0, -18)), material=wrt.Diffuse(0.5))
@@ -70,7 +70,7 @@ def test_mean_variance_and_noise_are_those_of_the_samples(device):
 
 
 def test_noise_of_uneven_counts(device):
-    """Pixels without two samples are left out of the sums; the rest is plain arithmetic."""
+    """Pixels with fewer than two samples are excluded."""
     rng = np.random.default_rng(2)
     film = Film(5, 3, Device(device))
     state = film.state()
@@ -113,7 +113,7 @@ def test_a_state_is_a_copy_and_restores_the_film(device):
 
 
 def test_samples_that_overflow_are_counted_and_black(device):
-    """Either of two suns, over the chance of choosing it, is more than a float32 holds; the sky is not."""
+    """The radiance of a sun over the probability of choosing it overflows float32; that of the sky does not."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 3.0, 3.0), (0.0, 0.0, 0.0)))
     scene.add(wrt.quad((0, 0, 99), (99, 0, 0), (0, 0, -198)), material=wrt.Diffuse(1.0))
     scene.environment = wrt.ImageEnvironment(np.full((1, 1, 3), 0.5))
@@ -131,7 +131,7 @@ def test_samples_that_overflow_are_counted_and_black(device):
 
 @pytest.mark.slow
 def test_pictures_of_other_seeds_spread_as_stated_and_share_no_noise(device, report):
-    """The stated variance is unbiased; pixels side by side and pictures of consecutive seeds are independent."""
+    """The stated variance is unbiased; neighbouring pixels and consecutive seeds are independent."""
     seeds, spp = 96, 4
     how = {"sampler": "independent", "max_depth": 4, "filter": "box", "device": device}
     pictures = [finish(wrt.Renderer(mottled(), width=32, height=24, seed=seed, **how), spp) for seed in range(seeds)]

@@ -1,4 +1,4 @@
-"""What passes need of a film is counted on the device: the film is fetched when somebody asks for it, and only then."""
+"""Passes count samples on the device: the host fetches the film only for a picture."""
 
 import gc
 import weakref
@@ -6,7 +6,7 @@ import weakref
 import numpy as np
 import pytest
 import warp as wp
-from support.device_memory import allocations
+from support.device_memory import allocations, memory_of
 from support.emulated_cuda.backend import emulated_cuda
 
 import wrt
@@ -26,7 +26,7 @@ def gpu():
 
 @pytest.fixture
 def fetched(gpu, monkeypatch):
-    """Return of every array whose numbers the host reads, as they are read: its bytes, and whether `fetch` reads it."""
+    """Return a list that gets the size of each array that the host reads, and whether `fetch` reads it."""
     reads, numpy, fetch, inside = [], wp.array.numpy, type(gpu).fetch, []
 
     def by_fetch(self, array, **how):
@@ -42,7 +42,7 @@ def fetched(gpu, monkeypatch):
 
 
 def renderer_of(width=WIDTH, height=HEIGHT):
-    """Return a renderer of a floor under a lamp: most of the picture is dark, and a little of it is noisy."""
+    """Return a renderer of a floor under a lamp: most of the picture is dark, and little of it is noisy."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 2, 5), (0, 0, 0)))
     scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)))
     scene.add(wrt.sphere((0, 1, 0), 0.5, subdivisions=2))
@@ -73,7 +73,7 @@ def test_passes_fetch_no_film_and_wait_for_no_other_stream(fetched):
 
 @pytest.mark.machinery
 def test_later_passes_take_no_memory_of_a_gpu(gpu):
-    """Nor release any, for which a GPU ends all work of all streams first."""
+    """They release none either: a GPU would finish all work of all streams first."""
     renderer = renderer_of(24, 16)
     passes = renderer.passes(spp=40, pass_seconds=1e-9)
     for _ in range(3):
@@ -92,26 +92,28 @@ def test_later_passes_take_no_memory_of_a_gpu(gpu):
 def test_snapshots_that_are_still_needed_keep_their_picture(gpu):
     film = Film(20, 10, Device(GPU))
     film.data.count.numpy()[:] = 1  # the emulated GPU's memory
-    kept = []
+    snapshots = []
     for value in (1.0, 2.0, 3.0):
         film.data.total.numpy()[:] = value
-        kept.append(film.snapshot())
-    assert [float(each().mean()) for each in kept] == [1.0, 2.0, 3.0]
-    first = kept[0]()
+        snapshots.append(film.snapshot())
+    assert [float(each().mean()) for each in snapshots] == [1.0, 2.0, 3.0]
+    first = snapshots[0]()
     with allocations() as counted:
-        for gone, value in ((0, 4.0), (1, 5.0)):
-            kept[gone] = None  # frees the image of one
+        for freed, value in ((0, 4.0), (1, 5.0)):
+            snapshots[freed] = None  # frees the image of one
             film.data.total.numpy()[:] = value
-            kept[gone] = film.snapshot()
+            snapshots[freed] = film.snapshot()
     assert counted.peak == 0
-    assert [float(each().mean()) for each in kept] == [4.0, 5.0, 3.0]
+    assert [float(each().mean()) for each in snapshots] == [4.0, 5.0, 3.0]
     assert (first == 1.0).all()
 
 
 @pytest.mark.parametrize("place", ["cpu", GPU])
 def test_the_film_on_the_device_outlives_its_renderer(place, gpu):
     film = Film(20, 10, Device(place))
-    owner = weakref.ref(film.data.count)
+    counts = film.data.count
+    owner = weakref.ref(memory_of(counts.rows) if place == "cpu" else counts)
+    del counts
     shared = film.on_device()
     del film
     gc.collect()
@@ -140,13 +142,13 @@ def test_counts_are_those_of_the_host(size, share, gpu):
 @pytest.mark.parametrize("place", ["cpu", GPU])
 def test_hidden_pixels_take_no_samples_and_keep_their_own(place, gpu):
     film = Film(20, 10, Device(place))
-    own = RNG.integers(0, 9, 200, dtype=np.int32)
-    film.data.count.numpy()[:] = own
+    counts = RNG.integers(0, 9, 200, dtype=np.int32)
+    film.data.count.numpy()[:] = counts
     first, second = RNG.random((2, 200)) < 0.4
     for hidden in (first, second, second, first):
         with film.leaving_out(hidden, 50):
-            np.testing.assert_array_equal(film.fetch("count"), np.where(hidden, 50, own))
-        np.testing.assert_array_equal(film.fetch("count"), own)
+            np.testing.assert_array_equal(film.fetch("count"), np.where(hidden, 50, counts))
+        np.testing.assert_array_equal(film.fetch("count"), counts)
     with pytest.raises(KeyboardInterrupt), film.leaving_out(first, 50):
         raise KeyboardInterrupt
-    np.testing.assert_array_equal(film.fetch("count"), own)
+    np.testing.assert_array_equal(film.fetch("count"), counts)

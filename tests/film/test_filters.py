@@ -1,4 +1,4 @@
-"""Reconstruction filters: samples are spread as each filter's profile says."""
+"""Reconstruction filters: sample offsets follow the profile of each filter."""
 
 import itertools
 

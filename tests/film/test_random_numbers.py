@@ -1,4 +1,4 @@
-"""Independent random numbers are those of the published hash; `test_even_samplers.py` shows that they are uniform."""
+"""Independent random numbers are the published hash; `test_even_samplers.py` shows that they are uniform."""
 
 import numpy as np
 from support.kernels import draw, map_function

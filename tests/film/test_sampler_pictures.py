@@ -1,4 +1,4 @@
-"""Pictures by every sampler: one expectation, and errors that fall as they should."""
+"""Pictures by every sampler: the same expectation, and the expected rate of convergence."""
 
 import functools
 
@@ -16,7 +16,7 @@ SKY = np.random.default_rng(1).random((4, 8, 3)).astype(np.float32)
 
 
 def scene():
-    """A block and a moving, blurring camera under a lamp and a mottled sky: every block of dimensions is in use."""
+    """Return a block under a lamp and a sky, and a moving camera with a lens: all blocks of dimensions are in use."""
     motion = wrt.Motion.translation((0.2, 0.0, 0.0))
     lens = {"aperture_radius": 0.05, "shutter_close": 1.0, "motion": motion}
     result = wrt.Scene(camera=wrt.PerspectiveCamera((1.0, 1.5, 2.5), (0.0, 0.3, 0.0), **lens))
@@ -30,7 +30,7 @@ def scene():
 
 @pytest.mark.slow
 def test_every_sampler_has_the_expectation_of_independent_samples(device, report):
-    """By the spread between seeds, as the samples of a pixel say nothing of it."""
+    """The error is estimated from several seeds, as samples of a pixel are not independent."""
 
     def of_seeds(sampler):
         how = {**SIZE, "sampler": sampler, "device": device}
@@ -87,8 +87,8 @@ def test_errors_fall_faster_for_stratified_samples(sampler, device, report):
     exact = exact_picture(device)
     falls = []
     for seed in range(8):
-        few, many = (soft_shadow(sampler, spp, device, seed) - exact for spp in (FEW, MANY))
-        falls.append(np.log((few**2).mean() / (many**2).mean()))
+        early, late = (soft_shadow(sampler, spp, device, seed) - exact for spp in (FEW, MANY))
+        falls.append(np.log((early**2).mean() / (late**2).mean()))
     margin = 4.0 * np.std(falls, ddof=1) / np.sqrt(len(falls))
     report(f"{sampler}: the squared error falls by", float(np.exp(np.mean(falls))), "16 or 64")
     side = -1.0 if sampler == "independent" else 1.0

@@ -1,4 +1,4 @@
-"""The helpers that decide over all other statistical tests hold their level and have power."""
+"""The helpers of all statistical tests hold their significance level and have power."""
 
 import numpy as np
 import pytest
@@ -72,8 +72,8 @@ def test_a_right_sampler_passes_and_a_slightly_wrong_one_fails(report):
     assert result.passed, result.message
     wrong = right * [1.02, 1.0, 1.0]
     wrong /= np.linalg.norm(wrong, axis=1, keepdims=True)
-    for other in (wrong, right[:, [0, 2, 1]]):
-        assert not chi_square_test(sphere_histogram(other, resolution), expected).passed
+    for directions in (wrong, right[:, [0, 2, 1]]):
+        assert not chi_square_test(sphere_histogram(directions, resolution), expected).passed
     with pytest.raises(ValueError, match="unit length"):
         sphere_histogram([[0.0, 0.0, 1.1]])
 
@@ -94,7 +94,7 @@ def test_means_are_told_apart():
 
 
 def noisy_picture(rng, truth, samples, skewed=True):
-    """Mean and variance of the mean of `samples` samples: normal, or skewed as radiance is."""
+    """Return the mean of samples and its variance: normal, or skewed as radiance is."""
     shape = (*truth.shape, samples)
     relative = rng.gamma(0.5, 2.0, shape) if skewed else rng.normal(1.0, 1.0, shape)
     x = truth[..., None] * relative

@@ -1,4 +1,4 @@
-"""Exact cylinders that shine are sampled where they are seen, by the density that is stated, with little noise."""
+"""Exact cylinders that emit are sampled on their visible part, by the stated density, with little noise."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PLACES = {
 """Places in the space of the unit cylinder, whose radius is 1 and whose height is 1."""
 
 SIDES = {"outwards": (1.0, 0), "inwards": (-1.0, 0), "both": (1.0, 1)}
-"""By what a cylinder shines: its side, and whether it has two."""
+"""The side that emits, and whether both do."""
 
 
 @wp.kernel(enable_backward=False)
@@ -47,7 +47,7 @@ def draw(
     wi_out: wp.array(dtype=wp.vec3),
     numbers_out: wp.array(dtype=wp.vec3),
 ):
-    """Write texture coordinates and directions of samples; their distances, densities, and those of the same hits."""
+    """Write texture coordinates, directions, distances and densities of samples, and the density of the same hit."""
     i = wp.tid()
     sample = sample_mesh_quadric(light, quadric, receiver, u[i])
     place_out[i] = wp.vec2(sample.point.u, sample.point.v)
@@ -67,31 +67,31 @@ def drawn(at: NDArray, side: float, two_sided: int, u: NDArray, device: str) -> 
     return [array.numpy().astype(np.float64) for array in out]
 
 
-@pytest.mark.parametrize("shines", SIDES)
+@pytest.mark.parametrize("emits", SIDES)
 @pytest.mark.parametrize(
     "name", [name if name == "beside" else pytest.param(name, marks=pytest.mark.slow) for name in PLACES]
 )
-def test_samples_have_their_density(name: str, shines: str, device: str, report: Report) -> None:
-    """Over samples in a cell of the wall 1 / density by area sums to its area; nothing is sampled that is not seen."""
-    (side, two_sided), place = SIDES[shines], np.array(PLACES[name])
+def test_samples_have_their_density(name: str, emits: str, device: str, report: Report) -> None:
+    """In each cell of the wall 1 / density by area sums to its area; invisible cells get no samples."""
+    (side, two_sided), place = SIDES[emits], np.array(PLACES[name])
     found, wi, numbers = drawn(CENTER + place @ AXES, side, two_sided, uniforms(N, 2, seed=5), device)
     distance, pdf, pdf_of_hit = numbers.T
     d = float(np.hypot(*place[:2]))
-    near = d > 1.0 and shines != "inwards"
-    far = shines != "outwards" and (d < 1.0 or abs(place[2]) > 0.5)
+    near = d > 1.0 and emits != "inwards"
+    far = emits != "outwards" and (d < 1.0 or abs(place[2]) > 0.5)
     if not near and not far:
         assert (pdf == 0.0).all()
         return
     sampled = pdf > 0.0
     assert sampled.mean() > 0.999
-    # A path that meets the light there is weighed by the same density.
+    # A path that hits the light there is weighted by the same density.
     np.testing.assert_allclose(pdf_of_hit[sampled], pdf[sampled], rtol=1e-6)
     turn = 2.0 * np.pi * found[:, 0]
     normal = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ AXES[:2] / RADIUS
     area = np.zeros(N)
     area[sampled] = (distance**2 / np.abs((wi * normal).sum(axis=1)))[sampled] / pdf[sampled]
     turn = (turn - math.atan2(place[1], place[0]) + np.pi) % (2.0 * np.pi) - np.pi
-    # Ways are uniform in the angle about the axis under which the cylinder is seen.
+    # Directions are uniform in the angle about the axis that the cylinder subtends.
     x, y = (wi @ np.linalg.inv(AXES))[:, :2].T
     angle = (np.arctan2(y, x) - math.atan2(-place[1], -place[0]) + np.pi) % (2.0 * np.pi) - np.pi
     half = math.asin(1.0 / d) if d > 1.0 else np.pi
@@ -110,7 +110,7 @@ def test_samples_have_their_density(name: str, shines: str, device: str, report:
     def chance(expected: NDArray) -> float:
         return float(stats.chi2.sf(((sums - expected)[some] ** 2 / squares[some]).sum(), some.sum()))
 
-    report(f"{name}, {shines}: cells", int(some.sum()), "", p=chance(expected))
+    report(f"{name}, {emits}: cells", int(some.sum()), "", p=chance(expected))
     assert chance(expected) > sidak(0.01, 18)
     # A density that is 6 % larger at one end would not do.
     assert chance(expected * np.linspace(0.94, 1.06, 11)) < 1e-4

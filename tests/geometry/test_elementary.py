@@ -1,4 +1,4 @@
-"""Elementary functions without calls, against those of NumPy in double precision."""
+"""Elementary functions without calls, against those of NumPy in double precision, and frames around normals."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import warp as wp
 from conftest import Report
 from support.kernels import map_function
 
+from wrt.kernels.geometry.rays import TURNS, make_frame
 from wrt.kernels.math.exponential import exponential, logarithm
 from wrt.kernels.math.trigonometry import arc_tangent, sine_cosine
 
@@ -34,9 +35,9 @@ BOTH_SIGNS = GENERATOR.normal(size=(2, 200_000))
 def test_errors_in_the_last_place(
     function: wp.Function, exact: np.ufunc, inputs: Any, units: float, device: str, report: Report
 ) -> None:
-    given = [x.astype(np.float32) for x in inputs]
-    expected = exact(*(x.astype(np.float64) for x in given))
-    found = map_function(function, *given, device=device)
+    inputs = [x.astype(np.float32) for x in inputs]
+    expected = exact(*(x.astype(np.float64) for x in inputs))
+    found = map_function(function, *inputs, device=device)
     off = float(np.max(np.abs(found - expected) / np.spacing(np.abs(expected).astype(np.float32))))
     report("units of the last place", off, f"at most {units:g}")
     assert off <= units
@@ -46,7 +47,7 @@ def test_sine_and_cosine(device: str) -> None:
     angles = GENERATOR.uniform(-8192.0, 8192.0, 200_000).astype(np.float32)
     found = map_function(sine_cosine, angles, device=device)
     exact = np.stack([np.sin(angles.astype(np.float64)), np.cos(angles.astype(np.float64))], axis=1)
-    # Of one: near a root what is left of the angle is as exact as the angle's parts are.
+    # Relative to 1: near a root the reduced angle is as accurate as the angle.
     assert np.abs(found - exact).max() <= UNITS * np.spacing(np.float32(1.0))
 
 
@@ -57,3 +58,29 @@ def test_where_they_end(device: str) -> None:
     np.testing.assert_array_equal(map_function(logarithm, x, device=device), [*[-np.inf] * 4, 0.0])
     zero = np.zeros(1, np.float32)
     assert map_function(arc_tangent, zero, zero, device=device)[0] == 0.0
+
+
+@wp.func
+def axes(n: wp.vec3) -> wp.mat33:
+    frame = make_frame(n)
+    return wp.matrix_from_rows(frame.s, frame.t, frame.n)
+
+
+def test_axes_are_orthonormal_and_right_handed(device: str) -> None:
+    normals = np.random.default_rng(5).normal(size=(30_000, 3))
+    # A third of them are about as steep as the normals at which frames turn.
+    normals[::3, 2] = float(TURNS) * np.linspace(-3.0, 3.0, 10_000) * np.linalg.norm(normals[::3, :2], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    found = map_function(axes, normals, device=device).astype(np.float64)
+    products = found @ found.transpose(0, 2, 1)
+    np.testing.assert_allclose(products, np.broadcast_to(np.eye(3), products.shape), atol=1e-6)
+    np.testing.assert_allclose(np.cross(found[:, 0], found[:, 1]), found[:, 2], atol=1e-6)
+    np.testing.assert_allclose(found[:, 2], normals, atol=1e-6)
+
+
+def test_frames_of_upright_walls_do_not_depend_on_rounding(device: str) -> None:
+    angles = np.linspace(0.0, 2.0 * np.pi, 1_000)
+    exact = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
+    expected = map_function(axes, exact, device=device)
+    for z in (-0.0, -1e-10, 1e-10, -3e-7, 3e-7):
+        np.testing.assert_allclose(map_function(axes, exact + (0.0, 0.0, z), device=device), expected, atol=1e-6)

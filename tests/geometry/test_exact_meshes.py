@@ -1,4 +1,4 @@
-"""Exact shapes as meshes: their files, their triangles, what is refused, and what they become where they are moved."""
+"""Exact shapes as meshes: their files, their triangles, refused values, and shapes after transforms."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from support.exact_shapes import QUADRICS, ellipse, local
 
 import wrt
 from wrt.backend.device import Device
-from wrt.io.arrays import arrays_of_exact
+from wrt.io.npy import arrays_of_exact
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
 from wrt.upload.scene_data import build_scene
 
 
 def test_scene_files_keep_exact_shapes(tmp_path: Path) -> None:
-    """To the bit, turned and inverted ones too; and their own types of shape make them."""
+    """To the bit, turned and inverted ones too; types of shape for them make the same."""
     rng = np.random.default_rng(2)
     grains = wrt.spheres(rng.random((5, 3)), rng.uniform(0.1, 0.2, 5), colors=rng.random((5, 4)))
     ball, tube = wrt.sphere((1, 2, 3), 0.5, exact=True).rotated((1, 2, 3), 40.0), QUADRICS["cylinder"]
@@ -52,7 +52,7 @@ def test_scene_files_keep_exact_shapes(tmp_path: Path) -> None:
 
 
 def with_normal(normal: Any) -> dict[str, Any]:
-    """Return the arrays of two disks, the second of which has another normal."""
+    """Return the arrays of two disks, the second one with another normal."""
     arrays = [arrays_of_exact(mesh) for mesh in (wrt.disk((1, 2, 3), (1, 2, 2), 0.5), wrt.disk((0, 0, 1), (0, 0, 1)))]
     joined = {key: np.concatenate([each[key] for each in arrays]) for key in ("boxes", "axes")}
     joined["axes"][1, 2] = normal
@@ -75,7 +75,7 @@ BALL = arrays_of_exact(wrt.sphere(exact=True))
     ],
 )
 def test_wrong_arrays_are_refused(kind: str, arrays: dict[str, Any], cause: str, tmp_path: Path) -> None:
-    """By their file, the key in the scene, the array and what is wrong with it."""
+    """The message names the file, the key in the scene, the array and the fault."""
     np.savez(tmp_path / "bad.npz", **arrays)
     (tmp_path / "bad.toml").write_text(f'[[shapes]]\ntype = "{kind}"\nfile = "bad.npz"\n')
     with pytest.raises(wrt.InputError, match=rf"bad\.toml: shapes\[0\]\.file: .*bad\.npz: {cause}"):
@@ -85,11 +85,16 @@ def test_wrong_arrays_are_refused(kind: str, arrays: dict[str, Any], cause: str,
 BALL_ASIDE = wrt.sphere((5, 0, 1), 2.0, exact=True)
 
 
-@pytest.mark.parametrize("whole", [BALL_ASIDE, QUADRICS["disk"], ellipse(), QUADRICS["cylinder"]])
-def test_triangles_in_their_place_face_alike(whole: Any) -> None:
+@pytest.mark.parametrize("shape", [BALL_ASIDE, QUADRICS["disk"], ellipse(), QUADRICS["cylinder"]])
+def test_triangles_in_their_place_face_alike(shape: Any) -> None:
     """Corners lie on the shapes, and faces and normals turn to the front, also of mirrored and inverted ones."""
-    one = whole.transformed(np.diag([-1.0, 1.0, 1.0, 1.0]))
-    for mesh, side in ((whole, 1.0), (one, 1.0), (whole.turned_inside_out(), -1.0), (one.turned_inside_out(), -1.0)):
+    mirrored = shape.transformed(np.diag([-1.0, 1.0, 1.0, 1.0]))
+    for mesh, side in (
+        (shape, 1.0),
+        (mirrored, 1.0),
+        (shape.turned_inside_out(), -1.0),
+        (mirrored.turned_inside_out(), -1.0),
+    ):
         cut = mesh.tessellated(64)
         a, b, c = (cut.vertices[cut.faces[:, k]].astype(np.float64) for k in range(3))
         normal, out = np.cross(b - a, c - a), a - mesh.centers[0]
@@ -108,12 +113,11 @@ def test_triangles_in_their_place_face_alike(whole: Any) -> None:
 
 
 def test_the_front_of_a_mapped_disk_is_that_of_its_triangles() -> None:
-    """Under any map, mirrored ones too."""
     rng = np.random.default_rng(11)
-    whole = wrt.disk((0.1, 0.2, 0.3), (1, 2, -1), 0.8)
+    disk = wrt.disk((0.1, 0.2, 0.3), (1, 2, -1), 0.8)
     for _ in range(20):
         matrix = np.vstack([rng.standard_normal((3, 4)), [0.0, 0.0, 0.0, 1.0]])
-        mapped, cut = whole.transformed(matrix), whole.tessellated(64).transformed(matrix)
+        mapped, cut = disk.transformed(matrix), disk.tessellated(64).transformed(matrix)
         a, b, c = (cut.vertices[cut.faces[:, k]].astype(np.float64) for k in range(3))
         normal = np.cross(b - a, c - a)
         assert (normal @ mapped.fronts[0] > (1.0 - 1e-4) * np.linalg.norm(normal, axis=1)).all()
@@ -140,7 +144,7 @@ def test_mistakes(make: Callable[[], wrt.Mesh], message: str) -> None:
 
 @pytest.mark.parametrize("make", [wrt.disk, wrt.cylinder])
 def test_what_float32_does_not_resolve_where_it_is_moved_is_triangles(make: Any) -> None:
-    """In meshes and in scenes; one that emits has a light for each triangle."""
+    """In meshes and in scenes; an emitting one has a light for each triangle."""
     far = np.eye(4)
     far[0, 3] = 3e5
     mesh = make(radius=0.1)
@@ -154,7 +158,7 @@ def test_what_float32_does_not_resolve_where_it_is_moved_is_triangles(make: Any)
 
 
 def test_a_motion_keeps_all_that_its_keys_keep() -> None:
-    """A shear that one key bears and a motion does not would make lights of other shapes' triangles."""
+    """A shear that is allowed in one key but not in a motion would shift the numbers of lights."""
     sheared = np.eye(4)
     sheared[0, 1] = 0.8e-5
     mesh = wrt.cylinder(radius=0.5)

@@ -9,31 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Report
-from numpy.typing import NDArray
-from support.exact_pictures import (
-    ROLL,
-    check_furnace,
-    check_irradiance,
-    check_like_triangles,
-    differences,
-    motion,
-)
+from numpy.typing import ArrayLike, NDArray
+from support.irradiance import check, disk_irradiance, floor_scene, irradiance, pixel_mean
 from support.ray_trees import unit
+from support.small_scenes import rendered
+from support.statistics import image_z_test, t_test_mean
+from support.wide_scenes import differences, needs_lanes
 
 import wrt
-from wrt.backend.lanes import lanes_of
-from wrt.backend.processor import processor_flags
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
 from wrt.upload.accel import instancing
 
-LANES = lanes_of(processor_flags())
-needs_lanes = pytest.mark.skipif(not LANES, reason="the processor has neither AVX-512 nor AVX2")
-
 SPP = {"mis": 1024, "light": 512, "bsdf": 4096}
 HEIGHT = 1.2
 ABOVE = (0.4, -0.3)
-"""Place of lamps above the floor."""
+"""The place of lamps above the floor."""
 TEXELS = np.float32([[1.0, 9.0, 0.5, 3.0], [6.0, 0.2, 4.0, 12.0], [0.3, 5.0, 15.0, 1.0]])
 
 
@@ -44,18 +35,15 @@ def of_sphere(x: NDArray, z: NDArray) -> NDArray:
 
 
 def of_disk(radius: float, x: NDArray, z: NDArray) -> NDArray:
-    """A disk parallel to the floor: E = π L ½ (1 − (h² + s² − r²) / √((h² + s² + r²)² − 4 r² s²)) (Howell, B-13)."""
-    s2, h2, r2 = (x - ABOVE[0]) ** 2 + (z - ABOVE[1]) ** 2, HEIGHT**2, radius**2
-    root = np.sqrt((h2 + s2 + r2) ** 2 - 4.0 * r2 * s2)
-    # 1 − a / root without the difference of nearly equal numbers
-    return np.asarray(0.5 * math.pi * 2.0 / r2 * 4.0 * h2 * r2 / (root * (root + h2 + s2 - r2)))
+    """A disk parallel to the floor, for L = 2 / r²."""
+    return 2.0 / radius**2 * disk_irradiance(x - ABOVE[0], z - ABOVE[1], HEIGHT, radius)
 
 
 def of_points(points: NDArray, normals: NDArray, flux: NDArray, x: NDArray, z: NDArray) -> NDArray:
-    """Return the sum over points of a lamp's surface, each of which stands for radiance times area."""
-    way = points - np.stack([x, np.zeros_like(x), z], axis=-1)[..., None, :]
-    cosines = way[..., 1] * np.maximum(-np.einsum("...sk,sk->...s", way, normals), 0.0)
-    return np.asarray(cosines / (way**2).sum(axis=-1) ** 2 @ flux)
+    """Return the sum over points of a lamp's surface with their radiance times area."""
+    segments = points - np.stack([x, np.zeros_like(x), z], axis=-1)[..., None, :]
+    cosines = segments[..., 1] * np.maximum(-np.einsum("...sk,sk->...s", segments, normals), 0.0)
+    return np.asarray(cosines / (segments**2).sum(axis=-1) ** 2 @ flux)
 
 
 def squares(u_count: int, v_count: int) -> tuple[NDArray, NDArray]:
@@ -65,7 +53,7 @@ def squares(u_count: int, v_count: int) -> tuple[NDArray, NDArray]:
 
 
 def textured_sphere() -> tuple[wrt.Mesh, Any, Any, Any]:
-    """Whoever finds the lamp, its light is that of the texel there."""
+    """Its light is read from the texel, whichever strategy finds the lamp."""
     center, radius = np.array([ABOVE[0], HEIGHT, ABOVE[1]]), 0.6
     u, v = squares(72, 72)
     sine = np.sin(np.pi * v)
@@ -91,7 +79,7 @@ def tube() -> tuple[wrt.Mesh, Any, Any, Any]:
 
 
 def lamp_of(kind: str, radius: float) -> tuple[wrt.Mesh, Any, Any, Any]:
-    """Return a lamp, its radiance, the irradiance that it sheds on the floor, and where it hides that."""
+    """Return a lamp, its radiance, its irradiance on the floor, and the place, height and radius of what it hides."""
     place, shadow = (ABOVE[0], HEIGHT, ABOVE[1]), (ABOVE, HEIGHT, radius)
     if kind == "sphere":
         return wrt.sphere(place, radius, exact=True), 2.0 / radius**2, of_sphere, shadow
@@ -111,8 +99,14 @@ def lamp_of(kind: str, radius: float) -> tuple[wrt.Mesh, Any, Any, Any]:
 )
 def test_irradiance(kind: str, strategy: str, radius: float, device: str, report: Report) -> None:
     """In closed form, or summed over the lamp by the midpoint rule."""
-    lamp, radiance, expected, shadow = lamp_of(kind, radius)
-    check_irradiance(lamp, radiance, expected, shadow, SPP[strategy], report, strategy=strategy, device=device)
+    lamp, radiance, expected, (center, height, shadow) = lamp_of(kind, radius)
+    scene = floor_scene()
+    scene.add(lamp, material=wrt.Diffuse(0.0), emission=radiance)
+    where, measured, variance = irradiance(scene, device, SPP[strategy], strategy=strategy)
+    hidden = np.hypot(*(where - 50.0 * np.array(center)[:, None, None] / (50.0 - height))) <= shadow * 1.1 + 0.15
+    assert hidden.mean() < 0.7
+    exact = pixel_mean(expected, where)
+    check(kind, measured[~hidden], variance[~hidden], exact[~hidden], SPP[strategy], report)
 
 
 @pytest.mark.slow
@@ -128,7 +122,14 @@ def test_no_light_leaks_out_of_closed_shapes(
         low, high = tuple(middle - axis), tuple(middle + axis)
         lids = [wrt.disk(low, tuple(axis), 0.8001), wrt.disk(high, tuple(-axis), 0.8001)]
         shapes = [wrt.cylinder(low, high, 0.8).turned_inside_out(), *lids]
-    check_furnace(shapes, middle, device, report)
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera(middle + (0.3, -0.2, 0.5), middle + (-0.4, 0.3, -1), fov_degrees=90))
+    for mesh in shapes:
+        scene.add(mesh, material=wrt.Diffuse(0.8), emission=1.0)
+    renderer = rendered(scene, 256, width=32, height=32, seed=1, max_depth=1000, device=device)
+    mean = float(renderer.image().astype(np.float64).mean())
+    error = float(np.sqrt(renderer.variance()[..., 0].sum())) / (32 * 32)
+    report("radiance within", mean, 5.0, p=t_test_mean(mean, error**2, 32 * 32 * 256, 5.0))
+    assert abs(mean - 5.0) < 3.0 * error
 
 
 # --- Against triangles -------------------------------------------------------------------------------
@@ -139,10 +140,21 @@ def cut(mesh: wrt.Mesh, exact: bool, segments: int = 256) -> wrt.Mesh:
     return mesh if exact else mesh.tessellated(segments if len(mesh.faces) == 1 else 48)
 
 
+def motion(start: ArrayLike, end: ArrayLike, last: ArrayLike) -> wrt.Motion:
+    """Return a motion in a second from one place to another, where the linear map has become `last`."""
+    keys = np.stack([np.eye(4)] * 2)
+    keys[0, :3, 3], keys[1, :3, 3], keys[1, :3, :3] = start, end, last
+    return wrt.Motion(np.array([0.0, 1.0]), keys)
+
+
+ROLL = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""A quarter of a turn."""
+
+
 def varied(exact: bool) -> wrt.Scene:
     """Shapes that roll, grow and become ellipses, shared meshes, one place mirrored, lamps, glass with absorption.
 
-    Tubes shine outwards, inwards and to both sides.
+    Tubes emit outwards, inwards and on both sides.
     """
     rng = np.random.default_rng(4)
     image = wrt.ImageTexture(rng.random((4, 8, 3)).astype(np.float32), filter="nearest")
@@ -154,16 +166,18 @@ def varied(exact: bool) -> wrt.Scene:
     rise = motion((0.1, 0.9, -0.8), (-0.4, 1.2, -0.6), 0.8 * ROLL)
     tube, plate = wrt.cylinder((-0.1, -0.1, -0.3), (0.1, 0.1, 0.3), 0.35), wrt.disk((0, 0, 0), (1, 1, 2), 0.3)
     ball = wrt.spheres([(0, 0, 0)], 0.4)
-    for mesh, transform, shine in ((tube, roll, 0.0), (plate, grow, image), (ball, rise, 0.0)):
-        scene.add(cut(mesh, exact), material=wrt.Diffuse(image), transform=transform, emission=shine)
-    places, ways = rng.uniform(-0.4, 0.4, (18, 3)), rng.standard_normal((18, 3))
-    many = [wrt.cylinder(tuple(a), tuple(a + 0.3 * b), 0.03) for a, b in zip(places[:9], ways[:9], strict=True)]
-    many += [wrt.disk(tuple(a), tuple(b), 0.1) for a, b in zip(places[9:], ways[9:], strict=True)]
-    many.append(wrt.spheres(rng.uniform(-0.4, 0.4, (20, 3)), rng.uniform(0.02, 0.08, 20)))
+    for mesh, transform, emission in ((tube, roll, 0.0), (plate, grow, image), (ball, rise, 0.0)):
+        scene.add(cut(mesh, exact), material=wrt.Diffuse(image), transform=transform, emission=emission)
+    places, axes = rng.uniform(-0.4, 0.4, (18, 3)), rng.standard_normal((18, 3))
+    group: list[wrt.Mesh] = [
+        wrt.cylinder(tuple(a), tuple(a + 0.3 * b), 0.03) for a, b in zip(places[:9], axes[:9], strict=True)
+    ]
+    group += [wrt.disk(tuple(a), tuple(b), 0.1) for a, b in zip(places[9:], axes[9:], strict=True)]
+    group.append(wrt.spheres(rng.uniform(-0.4, 0.4, (20, 3)), rng.uniform(0.02, 0.08, 20)))
     for x, mirror in ((1.2, 1.0), (-1.4, -1.0)):
         place = np.diag([mirror, 1.0, 1.0, 1.0])
         place[:3, 3] = x, 0.5, -0.3
-        for k, mesh in enumerate(cut(each, exact) for each in many):
+        for k, mesh in enumerate(cut(each, exact) for each in group):
             scene.add(mesh, material=wrt.Diffuse((0.7, 0.3, 0.2)), transform=place, emission=4.0 if k % 7 == 0 else 0.0)
     scene.add(cut(wrt.disk((0.0, 2.0, 0.3), (0.2, -1, 0), 0.3), exact), emission=6.0)
     inward = wrt.cylinder((0.0, 0.3, 0.0), (0.1, 0.9, 0.6), 0.3).turned_inside_out()
@@ -178,7 +192,10 @@ def varied(exact: bool) -> wrt.Scene:
 @pytest.mark.slow
 def test_shapes_look_as_fine_triangles_do(device: str, report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
-    check_like_triangles(varied, "shapes", device, report, 512)
+    a, b = (rendered(varied(exact), 512, seed=1 + exact, device=device, filter="box") for exact in (True, False))
+    result = image_z_test(a.image(), a.variance(), b.image(), b.variance(), n_a=512, n_b=512)
+    report("against triangles, per cent", f"{100.0 * result.relative_difference[1]:+.3f}", 0, p=result.mean_p)
+    assert result.agrees(), result.message
 
 
 # --- Both kernels ------------------------------------------------------------------------------------
@@ -202,5 +219,5 @@ def from_afar(distance: float) -> wrt.Scene:
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [1e4, 1e5, 1e6])
 def test_both_kernels_see_the_same_from_afar(distance: float) -> None:
-    """A hit that is rounded out of the box around its shape counts in neither."""
-    assert differences(from_afar(distance), LANES) == []
+    """Neither counts a hit that is rounded out of the box around its shape."""
+    assert differences(from_afar(distance)) == []

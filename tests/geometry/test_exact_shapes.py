@@ -19,7 +19,7 @@ EPS = 2.0**-24
 
 
 class Place(NamedTuple):
-    """A sphere, disk or cylinder: where it is, and the rows to which the vectors of the unit shape map."""
+    """A sphere, disk or cylinder: its centre, and the images of the unit vectors as rows."""
 
     kind: str
     center: NDArray
@@ -37,7 +37,7 @@ class Place(NamedTuple):
 
     @property
     def reach(self) -> float:
-        """The longest of its vectors, but for the unit normal of a disk."""
+        """The length of its longest vector, without the unit normal of a disk."""
         return float(np.linalg.norm(self.axes[: 2 if self.kind == "disk" else 3], axis=1).max())
 
     def hits(self, origins: NDArray, directions: NDArray) -> NDArray:
@@ -51,8 +51,8 @@ class Place(NamedTuple):
             n = 3 if self.kind == "sphere" else 2
             square = (d[:, :n] ** 2).sum(axis=1)
             middle = -(o[:, :n] * d[:, :n]).sum(axis=1) / square
-            left = 1.0 - ((o[:, :n] + middle[:, None] * d[:, :n]) ** 2).sum(axis=1)
-            half = np.sqrt(np.where(left >= 0.0, left, np.nan) / square)
+            inside = 1.0 - ((o[:, :n] + middle[:, None] * d[:, :n]) ** 2).sum(axis=1)
+            half = np.sqrt(np.where(inside >= 0.0, inside, np.nan) / square)
             ts = np.stack([middle - half, middle + half], axis=1)
             beyond = n == 2 and np.abs(o[:, 2:] + ts * d[:, 2:]) > 0.5
             ts[beyond | (ts < 0.0)] = np.nan
@@ -61,7 +61,7 @@ class Place(NamedTuple):
     def hits_of_moved(self, origins: NDArray, directions: NDArray, step: float) -> tuple[NDArray, NDArray]:
         """Return by how much distances differ for rays that begin `step` aside, and which rays hit as often there.
 
-        Of rays along a disk, or the axis of a cylinder, some hit between those that begin aside and miss.
+        Some rays along a disk, or along the axis of a cylinder, hit though their moved copies miss.
         """
         expected = self.hits(origins, directions)
         steps = step * np.concatenate([np.eye(3), -np.eye(3)])
@@ -73,15 +73,15 @@ class Place(NamedTuple):
             certain &= slant > 4.0 * step / np.linalg.norm(self.axes[:2], axis=1).min()
         return np.abs(moved - expected).max(axis=0), certain
 
-    def point(self, turn: NDArray, other: NDArray) -> NDArray:
-        """Return the points, from the centre, of texture coordinates: turns, and the others."""
-        r = {"sphere": np.sin(np.pi * other), "disk": other, "cylinder": np.ones_like(other)}[self.kind]
-        z = {"sphere": np.cos(np.pi * other), "disk": np.zeros_like(other), "cylinder": other - 0.5}[self.kind]
+    def point(self, turn: NDArray, second: NDArray) -> NDArray:
+        """Return the points, from the centre, of texture coordinates, the first in turns."""
+        r = {"sphere": np.sin(np.pi * second), "disk": second, "cylinder": np.ones_like(second)}[self.kind]
+        z = {"sphere": np.cos(np.pi * second), "disk": np.zeros_like(second), "cylinder": second - 0.5}[self.kind]
         angle = 2.0 * np.pi * turn
         return np.asarray(np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1) @ self.axes)
 
     def rays(self, n: int, distance: float) -> tuple[NDArray, NDArray]:
-        """Return rays from all around to places in and near the shape, half of them to its outline or its ends."""
+        """Return rays from all around to points in and near the shape, half of them near its outline or ends."""
         rng = np.random.default_rng(7)
         out = unit(rng.standard_normal((n, 3)))
         origins = (self.center + distance * self.reach * out).astype(np.float32)
@@ -126,7 +126,7 @@ CASES = [
 
 @pytest.mark.parametrize(("name", "distance"), CASES)
 def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str, report: Report) -> None:
-    """The error of a hit is that of a ray in float32: a few roundings of its length and of the coordinates.
+    """The error of a hit is a few roundings of the ray's length and of the coordinates in float32.
 
     From 0.6 many rays begin inside a cylinder.
     """
@@ -134,17 +134,17 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
     c, reach, axes = place.center, place.reach, place.axes
     size = np.abs(c).max() + reach
     origins, directions = place.rays(20_000, distance)
-    number, ts, position, normal, uv, left, edges = cast_rays([mesh], origins, directions, device)
+    number, ts, position, normal, uv, leaving, edges = cast_rays([mesh], origins, directions, device)
     expected = place.hits(origins, directions)
     aside = 4.0 * EPS * (distance * reach + size)
     error, certain = place.hits_of_moved(origins, directions, aside)
     assert certain.mean() > 0.3
     assert ((number >= 0) == np.isfinite(expected[:, 0]))[certain].all()
-    hit, seen = number >= 0, (number >= 0) & certain
-    assert seen.sum() > 500
+    hit, sure_hit = number >= 0, (number >= 0) & certain
+    assert sure_hit.sum() > 500
     for k in range(2):
-        both = seen & np.isfinite(expected[:, k])
-        off = np.abs(ts[both, k] - expected[both, k]) / (error[both, k] + aside)
+        compared = sure_hit & np.isfinite(expected[:, k])
+        off = np.abs(ts[compared, k] - expected[compared, k]) / (error[compared, k] + aside)
         report(f"error of distance {k} in what it may be", float(off.max(initial=0.0)), "< 1")
         assert (off <= 1.0).all()
     # Points lie on the shape, and normals are perpendicular to it.
@@ -156,23 +156,23 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
     # Texture coordinates are those of Mitsuba, in the shape's own space.
     turn, r, z = np.arctan2(at[:, 1], at[:, 0]) / (2.0 * np.pi) % 1.0, np.hypot(at[:, 0], at[:, 1]), at[:, 2]
     order = [1, 0] if place.kind == "disk" else [0, 1]
-    turn_found, other_found = uv[hit][:, order].T
-    other = {"sphere": np.arctan2(r, z) / np.pi, "disk": r, "cylinder": z + 0.5}[place.kind]
+    turn_found, second_found = uv[hit][:, order].T
+    second = {"sphere": np.arctan2(r, z) / np.pi, "disk": r, "cylinder": z + 0.5}[place.kind]
     tolerance, off = 2e-6 if place.kind == "sphere" else 1e-5, np.abs(turn_found - turn)
     assert (np.minimum(off, 1.0 - off) * r).max() < tolerance + roundings
     in_length = along / np.linalg.norm(axes[2]) if place.kind == "cylinder" else roundings
-    assert np.abs(other_found - other).max() < tolerance + in_length
+    assert np.abs(second_found - second).max() < tolerance + in_length
     # Tangents are the derivatives by them.
     clear, step = r > 0.05, 1e-4
-    for k, (by_turn, by_other) in zip(order, ((step, 0.0), (0.0, step)), strict=True):
-        change = place.point(turn + by_turn, other + by_other) - place.point(turn - by_turn, other - by_other)
+    for k, (by_turn, by_second) in zip(order, ((step, 0.0), (0.0, step)), strict=True):
+        change = place.point(turn + by_turn, second + by_second) - place.point(turn - by_turn, second - by_second)
         off = np.linalg.norm(edges[hit, k] - change / (2.0 * step), axis=1)[clear]
         assert off.max() < (1e-4 + 20.0 * roundings) * reach
     if place.kind == "disk":
         assert np.abs(at[:, 2]).max() < along
         assert np.abs(out - mesh.fronts[0]).max() < 1e-6
         # What leaves it does not meet it again. (A direction along it is rounded, and may rightly meet it far away.)
-        assert (left[hit][:, :3] == -1).all()
+        assert (leaving[hit][:, :3] == -1).all()
         return
     n = 3 if place.kind == "sphere" else 2
     assert np.abs(np.linalg.norm(at[:, :n], axis=1) - 1.0).max() < roundings
@@ -180,31 +180,33 @@ def test_hits_agree_with_the_closed_form(name: str, distance: float, device: str
     # What leaves it does not meet it again but on its other side; what goes in comes out there, or at an end.
     seen_front = (directions * normal).sum(axis=1) < 0.0
     outside, inside, sure = hit & seen_front, hit & ~seen_front, hit & seen_front & certain
-    assert (left[outside, 2] == -1).all()
-    assert (left[outside, 3] == 0).all()
-    assert (left[inside, :2] == -1).all()
-    assert ((left[sure, 0] >= 0) == np.isfinite(expected[sure, 1])).all()
+    assert (leaving[outside, 2] == -1).all()
+    assert (leaving[outside, 3] == 0).all()
+    assert (leaving[inside, :2] == -1).all()
+    assert ((leaving[sure, 0] >= 0) == np.isfinite(expected[sure, 1])).all()
     if place.kind == "sphere":
         assert outside[hit].all()
-        assert (left[outside, :2] == 0).all()
+        assert (leaving[outside, :2] == 0).all()
         assert np.abs(position[hit, 0] - (c + reach * out)).max() <= 4.0 * EPS * size
         for k in range(2):
-            points = origins[seen] + directions[seen].astype(np.float64) * expected[seen, k : k + 1]
-            assert (np.linalg.norm(points - position[seen, k], axis=1) <= error[seen, k] + aside + 1e-6 * reach).all()
+            points = origins[sure_hit] + directions[sure_hit].astype(np.float64) * expected[sure_hit, k : k + 1]
+            assert (
+                np.linalg.norm(points - position[sure_hit, k], axis=1) <= error[sure_hit, k] + aside + 1e-6 * reach
+            ).all()
 
 
 def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
-    """Among triangles, spheres, disks and cylinders the nearest that a ray meets is found, and the next after it."""
+    """Rays find the nearest and the second nearest of triangles, spheres, disks and cylinders."""
     rng = np.random.default_rng(3)
     n = 300
-    places, ways = rng.uniform(-1, 1, (2 * n, 3)), rng.standard_normal((2 * n, 3))
+    places, axes = rng.uniform(-1, 1, (2 * n, 3)), rng.standard_normal((2 * n, 3))
     made = [
-        wrt.disk(tuple(a), tuple(b), r) for a, b, r in zip(places[:n], ways, rng.uniform(0.02, 0.2, n), strict=False)
+        wrt.disk(tuple(a), tuple(b), r) for a, b, r in zip(places[:n], axes, rng.uniform(0.02, 0.2, n), strict=False)
     ]
-    ends = zip(places[n:], places[n:] + 0.2 * ways[n:], rng.uniform(0.01, 0.1, n), strict=True)
+    ends = zip(places[n:], places[n:] + 0.2 * axes[n:], rng.uniform(0.01, 0.1, n), strict=True)
     made += [wrt.cylinder(tuple(a), tuple(b), r) for a, b, r in ends]
     made = [made[k] for k in rng.permutation(2 * n)]
-    many = quadrics_of(
+    quadrics = quadrics_of(
         *(np.concatenate([getattr(m, k) for m in made]) for k in ("are_disks", "centers", "axes")), "many"
     )
     balls = wrt.spheres(rng.uniform(-1.0, 1.0, (n, 3)), rng.uniform(0.01, 0.05, n))
@@ -218,23 +220,23 @@ def test_many_shapes_in_one_tree(device: str, report: Report) -> None:
     table = np.concatenate([np.where(on_floor, t, np.nan)[:, None], *hits], axis=1)
     table[~(table > 0.0)] = np.inf
     columns = np.array([0, *np.repeat(np.arange(3 * n), 2) + 2])
-    for shapes, used in (([floor, balls, many], len(columns)), ([floor, balls], 1 + 2 * n)):
+    for shapes, used in (([floor, balls, quadrics], len(columns)), ([floor, balls], 1 + 2 * n)):
         some = np.where(np.arange(len(columns)) < used, table, np.inf)
         order = np.argsort(some, axis=1)[:, :2]
         first, second = np.take_along_axis(some, order, axis=1).T
         number, ts, *_ = cast_rays(shapes, origins, directions, device)
         with np.errstate(invalid="ignore"):
-            found, after = (np.where(number >= 0, ts[:, k], np.inf) for k in range(2))
+            found, following = (np.where(number >= 0, ts[:, k], np.inf) for k in range(2))
             different = ~((np.abs(found - first) < 1e-4) | (found == first))
             different |= np.isfinite(first) & (number > 1) & (number != columns[order[:, 0]])
-            same = (np.abs(after - second) < 1e-4) | ~np.isfinite(second)
+            same = (np.abs(following - second) < 1e-4) | ~np.isfinite(second)
         report("rays that meet another shape than in float64", int(different.sum()), f"of {len(origins)}")
         assert different.mean() < 0.002
         assert (~same & ~different).mean() < 0.002
 
 
 def test_no_triangle_is_taken_for_a_sphere(device: str) -> None:
-    """One whose third corner is its first is never hit, beside spheres as without."""
+    """A triangle whose third corner is its first is never hit, also beside spheres."""
     needle = wrt.Mesh([(-1, -1, 0), (1, 1, 0.5), (-1, -1, 0)], [[0, 1, 2]])
     ball = wrt.sphere((0, 0, -5), 0.1, exact=True)
     origins, down = np.array([(0, 0.1, 3), (0, 0, 3)], np.float32), np.tile(np.float32([0, 0, -1]), (2, 1))

@@ -1,4 +1,4 @@
-"""A GPU builds trees in many threads without waiting for the host, and the same ones in any order of its threads."""
+"""A GPU builds the same trees whatever the order of its threads."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ def built_by(backend: EmulatedBackend, corners: NDArray[np.float32]) -> Tree:
 @pytest.mark.parametrize("name", TREES)
 def test_trees_are_the_same_in_any_order_of_threads(name: str) -> None:
     corners = TREES[name]()
-    tree, other = built_by(EmulatedBackend(optimization=0), corners), built_by(ShuffledBackend(), corners)
+    tree, shuffled = built_by(EmulatedBackend(optimization=0), corners), built_by(ShuffledBackend(), corners)
     check(tree, corners)
     for field in ("lower", "upper", "children", "numbers", "corners"):
-        np.testing.assert_array_equal(getattr(other, field), getattr(tree, field))
+        np.testing.assert_array_equal(getattr(shuffled, field), getattr(tree, field))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gains", [(2.0, 1.0), (1.0, 2.0)])
 def test_of_two_moves_to_below_each_other_the_better_is_made(gains: tuple[float, float]) -> None:
-    """Their neighbours are apart, so locks exclude neither, and both together would cut a ring off the tree."""
+    """Their neighbours are distinct, so locks exclude neither, and both together would cut a cycle off the tree."""
     inner = {0: (1, 2), 1: (3, 4), 2: (5, 6), 3: (7, 8), 5: (9, 10), 7: (11, 12), 9: (13, 14)}
     rows, parents = np.zeros(15, BinaryNode.numpy_dtype()), np.full(15, -1)
     rows["count"] = 1

@@ -37,11 +37,11 @@ def test_every_answer_is_right_within_rounding(name: str, device: str) -> None:
     found = explain(corners, *rays, hits.triangle, woop)
     assert not (found.reason == Reason.NONE).any()
     assert (found.reason == Reason.SAME).mean() > 0.99
-    own = corners[hits.triangle[hit]].astype(np.float64)
-    exact, error = exact_distances(own, rays[0][hit], rays[1][hit], woop)
+    hit_corners = corners[hits.triangle[hit]].astype(np.float64)
+    exact, error = exact_distances(hit_corners, rays[0][hit], rays[1][hit], woop)
     assert (np.abs(hits.t[hit] - exact) <= error).all()
     u, v = hits.u[hit, None].astype(np.float64), hits.v[hit, None].astype(np.float64)
-    point = (1.0 - u - v) * own[:, 0] + u * own[:, 1] + v * own[:, 2]
+    point = (1.0 - u - v) * hit_corners[:, 0] + u * hit_corners[:, 1] + v * hit_corners[:, 2]
     size = float(np.linalg.norm(mesh.bounds[1] - mesh.bounds[0]))
     np.testing.assert_allclose(point, rays[0][hit] + exact[:, None] * rays[1][hit], atol=2e-5 * size)
     for share, blocked in ((0.999, False), (1.001, True)):
@@ -73,7 +73,7 @@ def test_packets_and_sorted_rays_find_what_single_rays_find(
 
 
 def tracer_of(kind: str, mesh: wrt.Mesh, device: str) -> wrt.Intersector:
-    """Return an intersector of a mesh, or of the same as two instances of a scaled one, one beside all rays."""
+    """Return an intersector of a mesh, or of two instances of it scaled down, one of them out of reach."""
     if kind != "instances":
         return wrt.Intersector(mesh, device=device)
     places = np.stack([np.diag([2.0, 2.0, 2.0, 1.0])] * 2)
@@ -97,11 +97,11 @@ def test_limits(mesh: wrt.Mesh, kind: str, device: str) -> None:
     least = float(np.median(near.t[hit]))
     assert (tracer.closest_hit(*rays, t_min=least).t >= least).all()
     assert (tracer.closest_hit(*rays, t_max=near.t.min() * 0.999).triangle == -1).all()
-    own = np.where(hit, np.where(even, near.t, near.t * 0.9999), 1.0).astype(np.float32)
-    alternate = tracer.closest_hit(*rays, t_max=own)
+    limits = np.where(hit, np.where(even, near.t, near.t * 0.9999), 1.0).astype(np.float32)
+    alternate = tracer.closest_hit(*rays, t_max=limits)
     np.testing.assert_array_equal(alternate.triangle[hit & even], near.triangle[hit & even])
     assert (alternate.triangle[hit & ~even] == -1).all()
-    np.testing.assert_array_equal(tracer.any_hit(*rays, t_max=own)[hit], even[hit])
+    np.testing.assert_array_equal(tracer.any_hit(*rays, t_max=limits)[hit], even[hit])
     assert_same(tracer.closest_hit(rays[0], 4.0 * rays[1]), near._replace(t=near.t / np.float32(4.0)))
 
 
@@ -141,7 +141,7 @@ def test_trimesh_objects(mesh: wrt.Mesh) -> None:
 
 @pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-3, 0.0), (1e6, 0.0), (1.0, 1e4)])
 def test_nothing_escapes_a_closed_mesh(scale: float, offset: float, device: str) -> None:
-    """A quarter of a million rays from inside, at faces, edges and corners, however large or far away the mesh is."""
+    """A quarter of a million rays from inside, at faces, edges and corners, at any scale and distance."""
     ball = wrt.sphere(subdivisions=6)
     p = ball.vertices.astype(np.float64)
     p *= 1.0 + 0.15 * (np.sin(9.0 * p[:, :1]) * np.sin(11.0 * p[:, 1:2]) * np.sin(7.0 * p[:, 2:]))
@@ -166,7 +166,7 @@ mesh_named_blob = functools.partial(wrt.Mesh, name="blob")
 
 
 @pytest.mark.parametrize(
-    ("function", "given", "message"),
+    ("function", "arguments", "message"),
     [
         (trace, (np.zeros((2, 2)), TWO), "origins must be"),
         (trace, (TWO, np.zeros((3, 3))), "2 origins but 3 directions"),
@@ -187,7 +187,7 @@ mesh_named_blob = functools.partial(wrt.Mesh, name="blob")
         (wrt.render, ((np.eye(3), FACE),), r"not tuple; wrt\.Mesh takes arrays"),
     ],
 )
-def test_what_cannot_be_traced_is_refused_by_name(function: Any, given: tuple[Any, ...], message: str) -> None:
+def test_what_cannot_be_traced_is_refused_by_name(function: Any, arguments: tuple[Any, ...], message: str) -> None:
     with pytest.raises(wrt.InputError, match=message) as error:
-        function(*given)
+        function(*arguments)
     assert "\n" not in str(error.value)

@@ -1,4 +1,4 @@
-"""Keyframed motion is where closed forms say, on the host and on the device."""
+"""Keyframed motion agrees with closed forms, on the host and on the device."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def about(axis: tuple[float, ...], degrees: float, center: tuple[float, ...], of
 
 
 def random_affine(rng: np.random.Generator, *, mirrored: bool = False) -> FloatArray:
-    """Return a random map of which no direction is squeezed by more than 5."""
+    """Return a random map that squeezes no direction by more than 5."""
     sizes = rng.uniform(0.4, 2.0, 3) * (-1.0 if mirrored else 1.0)
     return affine(rotation(rng) @ np.diag(sizes) @ rotation(rng), rng.uniform(-3.0, 3.0, 3))
 
@@ -154,7 +154,7 @@ def test_what_is_no_motion(times: list[float], transforms: object, message: str)
 
 
 def test_boxes_hold_what_moves(report: Report) -> None:
-    """Throughout each slice, and they are not much larger than they must be."""
+    """Throughout each slice, and they are nearly tight."""
     rng = np.random.default_rng(5)
     slack = []
     for case in range(24):
@@ -166,14 +166,14 @@ def test_boxes_hold_what_moves(report: Report) -> None:
         boxes = np.stack([centers - halves, centers + halves], axis=1)
         radius = float(np.linalg.norm(halves, axis=1).max())
         at = np.linspace(0.0, 1.0, 1601)
-        own = np.array([[np.interp(at, times, boxes[:, k, axis]) for axis in range(3)] for k in (0, 1)])
-        own = np.moveaxis(own, 2, 0)
-        corners = own[:, np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)]), np.arange(3)]
+        moving = np.array([[np.interp(at, times, boxes[:, k, axis]) for axis in range(3)] for k in (0, 1)])
+        moving = np.moveaxis(moving, 2, 0)
+        corners = moving[:, np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)]), np.arange(3)]
         moved = motion.at(at)
         points = np.einsum("kij,knj->kni", moved[:, :3, :3], corners) + moved[:, None, :3, 3]
         for k, (low, high) in enumerate(swept_boxes(motion, times, boxes, radius, (0.0, 1.0), 8).astype(np.float64)):
-            within = points[200 * k : 200 * k + 201]
-            least, most = within.min(axis=(0, 1)), within.max(axis=(0, 1))
+            of_slice = points[200 * k : 200 * k + 201]
+            least, most = of_slice.min(axis=(0, 1)), of_slice.max(axis=(0, 1))
             assert (low <= least).all()
             assert (high >= most).all()
             slack.append(float((high - low).sum() / (most - least).sum()))
@@ -182,7 +182,6 @@ def test_boxes_hold_what_moves(report: Report) -> None:
 
 
 def test_boxes_of_balls_are_those_of_balls() -> None:
-    """However they turn; stretched ones are held by the ball around them."""
     motion = wrt.Motion.rotation((1, 2, 3), 300.0, center=(1.0, 2.0, 3.0))
     box = np.array([[[0.5, 1.5, 2.5], [1.5, 2.5, 3.5]]])
     found = swept_boxes(motion, np.zeros(1), box, 0.5, (0.0, 1.0), 4)

@@ -1,4 +1,4 @@
-"""What moves while the shutter is open: times, cameras, and streaks as closed forms and many still pictures say."""
+"""Motion blur: shutter times, moving cameras, and streaks, against closed forms and the mean of still pictures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from support.cameras import camera_rays
-from support.exact_pictures import rendered
 from support.kernels import uniforms
+from support.small_scenes import rendered
 from support.statistics import image_z_test
 
 import wrt
@@ -25,7 +25,7 @@ OPEN, CLOSE = 0.5, 2.5
 
 
 def trapezoid_quantile(u: FloatArray, ramp: float) -> FloatArray:
-    """Return where u of the area lies under a density that rises over ramp / 2 of [0, 1], and falls over the last."""
+    """Return the quantile u of a density on [0, 1] that rises over the first ramp / 2 and falls over the last."""
     area = 1.0 - ramp / 2.0
     rise, fall = np.sqrt(u * area * ramp), 1.0 - np.sqrt((1.0 - u) * area * ramp)
     return np.where(u * area < ramp / 4.0, rise, np.where((1.0 - u) * area < ramp / 4.0, fall, u * area + ramp / 4.0))
@@ -51,14 +51,14 @@ def test_rays_start_where_the_camera_is(make: type[wrt.Camera], device: str) -> 
     where = {"films": rng.random((400, 2)) * 8.0, "lenses": rng.random((400, 2)), "shutters": rng.random(400)}
     lens = {"aperture_radius": 0.3} if make is wrt.PerspectiveCamera else {}
     camera = make((1, 2, 3), (0, 0, 0), shutter_open=OPEN - 0.5, shutter_close=CLOSE + 0.5, **lens)
-    rest = camera_rays(camera, 8, 8, **where, device=device)
+    resting = camera_rays(camera, 8, 8, **where, device=device)
     rays = camera_rays(dataclasses.replace(camera, motion=MOTION), 8, 8, **where, device=device)
-    np.testing.assert_array_equal(rays.times, rest.times)
-    np.testing.assert_array_equal(rays.footprints, rest.footprints)
+    np.testing.assert_array_equal(rays.times, resting.times)
+    np.testing.assert_array_equal(rays.footprints, resting.footprints)
     share = np.clip((rays.times - OPEN) / (CLOSE - OPEN), 0.0, 1.0)[:, None]
     turns = Rotation.from_rotvec(np.radians(300.0) * share * AXIS / np.linalg.norm(AXIS))
-    np.testing.assert_allclose(rays.origins, CENTER + turns.apply(rest.origins - CENTER) + share * OFFSET, atol=1e-5)
-    np.testing.assert_allclose(rays.directions, turns.apply(rest.directions), atol=3e-6)
+    np.testing.assert_allclose(rays.origins, CENTER + turns.apply(resting.origins - CENTER) + share * OFFSET, atol=1e-5)
+    np.testing.assert_allclose(rays.directions, turns.apply(resting.directions), atol=3e-6)
 
 
 # --- Streaks -----------------------------------------------------------------------------------------
@@ -70,7 +70,7 @@ QUAD = wrt.quad((-0.25, -0.5, 0.0), (0.5, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 def streak(shape: dict[str, object], device: str, **camera: object) -> FloatArray:
-    """Return one channel of a picture of a shining shape before black."""
+    """Return one channel of a picture of an emitting shape before black."""
     made = wrt.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), view_height=1.0, **camera)
     scene = wrt.Scene(camera=made)
     scene.add(emission=1.0, two_sided_emission=True, **shape)  # type: ignore[arg-type]
@@ -79,7 +79,7 @@ def streak(shape: dict[str, object], device: str, **camera: object) -> FloatArra
 
 
 def chance(found: FloatArray, expected: FloatArray) -> float:
-    """Return the probability of such a difference, were `expected` right (Pearson's χ²): a sample shines or not."""
+    """Return the p-value of Pearson's χ² if `expected` is right: a sample sees the shape or not."""
     expected = np.broadcast_to(expected, found.shape)
     certain = (expected < 1e-9) | (expected > 1.0 - 1e-9)
     if not np.allclose(found[certain], expected[certain], atol=3.0 / SPP):
@@ -107,16 +107,16 @@ def crossing(offset: float, start: float = -2.0) -> FloatArray:
 
 @pytest.mark.parametrize("what", ["shape", pytest.param("camera", marks=pytest.mark.slow)])
 def test_a_streak(what: str, device: str, report: Report) -> None:
-    """Its length, and the light along it: of four seconds a thing, or the camera, moves in one, and stands in three."""
-    way = 2.0 if what == "shape" else -2.0
-    moving = wrt.Motion.translation((way, 0.0, 0.0), times=(1.0, 2.0))
+    """Its length, and the light along it: the shape, or the camera, moves for one of four seconds."""
+    offset = 2.0 if what == "shape" else -2.0
+    moving = wrt.Motion.translation((offset, 0.0, 0.0), times=(1.0, 2.0))
     shape, camera = ({"transform": moving}, {}) if what == "shape" else ({}, {"motion": moving})
     found = streak({"mesh": QUAD, **shape}, device, shutter_open=0.0, shutter_close=4.0, **camera)
 
     def expected(length: float, first: float = 0.25, start: float = 0.0) -> FloatArray:
         middle = np.linspace(-4, 4, 2 * WIDTH + 1)[1::2]
-        before, after = (np.abs(middle - x) < 0.25 for x in (0.0, 2.0))
-        return np.asarray(0.25 * crossing(length, start) + first * before + (0.75 - first) * after)
+        at_start, at_end = (np.abs(middle - x) < 0.25 for x in (0.0, 2.0))
+        return np.asarray(0.25 * crossing(length, start) + first * at_start + (0.75 - first) * at_end)
 
     p = chance(found, expected(2.0))
     report("the light along it", "", "", p=p)
@@ -167,7 +167,7 @@ RAMP = 0.8
 
 
 def moving_scene(shutter: tuple[float, float], ramp: float = RAMP) -> wrt.Scene:
-    """A box that tumbles, a ball that changes its shape, a lamp that moves, things that stand; a camera that turns."""
+    """Return a tumbling box, a deforming ball, a moving lamp, shapes at rest, and a turning camera."""
     times = dict(zip(("shutter_open", "shutter_close"), shutter, strict=True))
     turn = wrt.Motion.rotation((0, 1, 0.5), 12.0, center=(0.5, 0.0, 3.0), offset=(0.2, 0.1, -0.3))
     camera = wrt.PerspectiveCamera((0.0, 2.0, 5.0), (0.0, 0.6, 0.0), fov_degrees=40.0, shutter_ramp=ramp, **times)
@@ -197,14 +197,14 @@ def test_motion_is_the_mean_of_still_pictures(device: str, report: Report) -> No
     options = {"width": 40, "height": 30, "max_depth": 4, "device": device}
     blurred = rendered(moving_scene((0.0, 1.0)), 1024, seed=1, **options)
     assert blurred._built.features.instances == "deforming"
-    # One time in each of 128 equal parts of the whole: so few pixels tell that there are not more of them.
+    # One time in each of 128 equal parts of the whole: with so few pixels more would change nothing.
     count, rng = 128, np.random.default_rng(4)
     mean, variance = np.zeros((30, 40, 3)), np.zeros((30, 40, 3))
     for i, time in enumerate(trapezoid_quantile((np.arange(count) + rng.random(count)) / count, RAMP)):
-        still = rendered(moving_scene((time, time)), 8, seed=100 + i, **options)
-        assert still._built.features.instances == "none"
-        mean += still.image() / count
-        variance += still.variance() / count**2
+        picture = rendered(moving_scene((time, time)), 8, seed=100 + i, **options)
+        assert picture._built.features.instances == "none"
+        mean += picture.image() / count
+        variance += picture.variance() / count**2
     test = image_z_test(blurred.image(), blurred.variance(), mean, variance, n_a=1024, n_b=7 * count)
     report("against still pictures", test.message)
     assert test.pass_fraction >= 0.995

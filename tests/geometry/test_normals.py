@@ -11,7 +11,7 @@ from support.meshes import SQUARE, triangles, write
 
 import wrt
 from wrt.io.load_mesh import load_mesh
-from wrt.io.mitsuba.fields.isosurface import isosurface
+from wrt.io.mitsuba.sdfgrid import isosurface
 from wrt.io.mitsuba.surfaces import is_closed
 from wrt.scene.normals import with_normals
 

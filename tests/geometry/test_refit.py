@@ -1,4 +1,4 @@
-"""A tree whose triangles have moved answers as one that was built where they are now."""
+"""A refitted tree answers as one that is built over the moved triangles."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ def assert_answers(tracer: wrt.Intersector, fresh: wrt.Intersector, mesh: wrt.Me
 
 
 def test_answers_are_those_of_a_fresh_tree(device: str, report: Report) -> None:
-    """Bit for bit, however far the vertices went, after any number of refits; arrays of NumPy are copied."""
+    """To the bit, however far the vertices move, after any number of refits; arrays of NumPy are copied."""
     tracer = wrt.Intersector(BALL, device=device)
     for number, (name, move) in enumerate(MOVES.items()):
         moved = wrt.Mesh(move(BALL.vertices), BALL.faces)
-        given = moved.vertices.copy()
-        tracer.refit(given.astype(np.float64).tolist() if number % 2 else given)
-        given[:] = 0.0
+        vertices = moved.vertices.copy()
+        tracer.refit(vertices.astype(np.float64).tolist() if number % 2 else vertices)
+        vertices[:] = 0.0
         hits = assert_answers(tracer, wrt.Intersector(moved, device=device), moved)
         report(f"{name}: rays that hit", hits)
         assert hits == 0 if name == "to one point" else hits > 500
@@ -62,7 +62,7 @@ def test_answers_are_those_of_a_fresh_tree(device: str, report: Report) -> None:
 
 @pytest.mark.not_emulated
 def test_vertices_as_a_warp_array_are_not_copied(device: str) -> None:
-    """A simulation may write them where they are, and call again."""
+    """A simulation may write to them in place, and call `refit` again."""
     tracer, points = wrt.Intersector(BALL, device=device), upload(BALL.vertices, wp.vec3, device)
     for move in (twisted, MOVES["far away"]):
         moved = wrt.Mesh(move(BALL.vertices), BALL.faces)
@@ -74,7 +74,7 @@ def test_vertices_as_a_warp_array_are_not_copied(device: str) -> None:
 
 @pytest.mark.parametrize("name", ["one triangle", "one more than a leaf", "soup", "large triangles", "needles"])
 def test_refitted_trees_are_whole_and_tight(name: str, device: str) -> None:
-    """What must hold of any tree, of one whose triangles went anywhere: boxes exact, unused places never hit."""
+    """Also when triangles moved anywhere: boxes are exact, and unused slots are never hit."""
     corners = HARD[name]()
     tree = build(corners, device)
     moved = soup(len(corners), seed=5, size=0.2)
@@ -91,9 +91,9 @@ def test_refitted_trees_are_whole_and_tight(name: str, device: str) -> None:
     check(read_back(tree.built), moved, pieces=False)
     # And back: not a bit is left of where they were.
     refit(corners)
-    again = read_back(tree.built)
+    refitted = read_back(tree.built)
     for field in ("lower", "upper", "corners", "children", "numbers"):
-        np.testing.assert_array_equal(getattr(again, field), getattr(tree, field))
+        np.testing.assert_array_equal(getattr(refitted, field), getattr(tree, field))
 
 
 def test_meshes_of_a_scene_one_after_the_other(device: str) -> None:
@@ -128,15 +128,15 @@ def test_what_is_refused_changes_nothing(placed: bool, kind: str, device: str) -
     rays = batches(BALL)["in turn"]
     before = tracer.closest_hit(*rays)
     for message, vertices in REFUSED.items():
-        given = upload(vertices, float if vertices.ndim == 1 else wp.vec3, device) if kind == "Warp" else vertices
+        array = upload(vertices, float if vertices.ndim == 1 else wp.vec3, device) if kind == "Warp" else vertices
         with pytest.raises(wrt.InputError, match=rf"^[^\n]*{message}[^\n]*$"):
-            tracer.refit(given)
+            tracer.refit(array)
     assert_same(tracer.closest_hit(*rays), before)
 
 
 @pytest.mark.not_emulated
 def test_instances_follow_their_mesh(device: str) -> None:
-    """Each of the meshes by itself, before instances move and after."""
+    """Each mesh by itself, before and after instances move."""
     meshes = [BALL, wrt.box()]
     rng = np.random.default_rng(8)
     numbers = np.array([0, 1, 0, 1, 1, 0])

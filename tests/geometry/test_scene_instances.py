@@ -1,4 +1,4 @@
-"""Meshes that stand in many places make the same picture as copies of them, for the memory of one."""
+"""Instances make the same picture as copies of a mesh, with the memory of one."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Report
-from support.exact_pictures import rendered
 from support.ray_trees import affine, rotation
+from support.small_scenes import rendered
 from support.statistics import image_z_test
 
 import wrt
@@ -20,7 +20,7 @@ from wrt.upload.scene_data import build_scene
 
 
 def materials() -> list[wrt.Material]:
-    """Matt, brushed along the texture, with a normal map, transparent in part, and glass."""
+    """Return matt, brushed, normal-mapped and partly transparent materials, and glass."""
     pattern = wrt.ImageTexture(np.random.default_rng(1).random((4, 4, 3)).astype(np.float32))
     bumps = np.full((8, 8, 3), (0.5, 0.5, 1.0), np.float32)
     bumps[::2, ::3, :2] = 0.7, 0.4
@@ -34,7 +34,7 @@ def materials() -> list[wrt.Material]:
 
 
 def many(instanced: bool, mirrored: bool = True) -> wrt.Scene:
-    """Smooth balls with textures and shining boxes, turned, stretched, mirrored, by transform or as copies."""
+    """Return smooth balls with textures and emitting boxes, turned, stretched and mirrored, as instances or copies."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.6, 5.0), (0.0, 0.7, 0.0), fov_degrees=42.0))
     scene.environment = wrt.ConstantEnvironment(0.3)
     scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse(0.6))
@@ -64,10 +64,10 @@ def test_a_picture_of_instances_is_that_of_copies(device: str, report: Report, m
     assert instancing.lay_out(copies).kind == "none"
     assert instancing.lay_out(instances).kind == "still"
     assert len(instancing.lay_out(instances).shared) == 2
-    # With the same random numbers all but a few paths find the same, but for rounding. (In copies of mirror images
-    # corners have another order, and so the points on lights.)
-    one, other = (rendered(many(instanced, False), 16, seed=1, device=device) for instanced in (False, True))
-    near = np.abs(one.image() - other.image()) <= 1e-3 * one.image()
+    # With the same random numbers nearly all paths agree to rounding. (In copies of mirror images corners have another
+    # order, and so have the points on lights.)
+    one, two = (rendered(many(instanced, False), 16, seed=1, device=device) for instanced in (False, True))
+    near = np.abs(one.image() - two.image()) <= 1e-3 * one.image()
     report("channels that differ by less than 0.1 %, same random numbers", near.mean())
     assert near.mean() > 0.9
     # With others: the same expectation.
@@ -105,19 +105,19 @@ def test_a_mesh_takes_memory_once(device: str, report: Report) -> None:
 
 
 def test_what_stands_in_one_place_lies_in_the_world() -> None:
-    ball, there = wrt.sphere(subdivisions=4), affine(np.eye(3), (1.0, 2.0, 3.0))
+    ball, aside = wrt.sphere(subdivisions=4), affine(np.eye(3), (1.0, 2.0, 3.0))
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(shutter_close=1.0))
     scene.add(ball)
-    for transform, kind in ((there, "none"), (np.eye(4), "still"), (wrt.Motion.translation((1, 0, 0)), "moving")):
+    for transform, kind in ((aside, "none"), (np.eye(4), "still"), (wrt.Motion.translation((1, 0, 0)), "moving")):
         scene.add(ball, transform=transform)
         assert instancing.lay_out(scene).kind == kind
     scene = wrt.Scene()
-    scene.add_instances(wrt.box(), [np.eye(4), there])  # too few triangles to share
+    scene.add_instances(wrt.box(), [np.eye(4), aside])  # too few triangles to share
     assert instancing.lay_out(scene).kind == "none"
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("options", "message"),
     [
         ({"transform": np.eye(3)}, r"a \(4, 4\) matrix or a wrt.Motion, not an array of"),
         ({"transform": np.diag([1.0, 0.0, 1.0, 1.0])}, "not invertible"),
@@ -126,20 +126,20 @@ def test_what_stands_in_one_place_lies_in_the_world() -> None:
         ({"deformation": wrt.Deformation((0.0, 1.0), np.zeros((2, 9, 3)))}, "9 vertices, but the mesh"),
     ],
 )
-def test_what_is_no_transform_or_deformation(given: Any, message: str) -> None:
+def test_what_is_no_transform_or_deformation(options: Any, message: str) -> None:
     with pytest.raises(wrt.InputError, match=message):
-        wrt.Shape(wrt.box(), **given)
+        wrt.Shape(wrt.box(), **options)
 
 
 def test_normals_follow_a_deformation(report: Report) -> None:
     """A smooth ball that becomes an ellipsoid has its normals; a box keeps its edges."""
     ball, stretch = wrt.sphere(subdivisions=4), np.array([2.0, 1.0, 0.5])
     deformation = wrt.Deformation((0.0, 1.0), np.stack([ball.vertices, ball.vertices * stretch]))
-    there = deformation.at(1.0, ball)
+    end = deformation.at(1.0, ball)
     exact = ball.vertices / stretch
     exact /= np.linalg.norm(exact, axis=1, keepdims=True)
-    assert there.normals is not None
-    error = np.degrees(np.arccos(np.clip((there.normals * exact).sum(axis=1), -1, 1)))
+    assert end.normals is not None
+    error = np.degrees(np.arccos(np.clip((end.normals * exact).sum(axis=1), -1, 1)))
     report("largest error of a normal, degrees", error.max())
     assert error.max() < 2.0
     half = deformation.at(0.5, ball)
@@ -147,12 +147,12 @@ def test_normals_follow_a_deformation(report: Report) -> None:
 
 
 def test_fingerprints_see_transforms_and_deformations() -> None:
-    box, there, motion = wrt.box(), affine(np.eye(3), (1.0, 0.0, 0.0)), wrt.Motion.translation((1.0, 0.0, 0.0))
+    box, aside, motion = wrt.box(), affine(np.eye(3), (1.0, 0.0, 0.0)), wrt.Motion.translation((1.0, 0.0, 0.0))
     corners = np.stack([box.vertices] * 2)
-    different = [None, np.eye(4), there, motion, wrt.Motion(motion.times, motion.transforms, (1.0, 0.0, 0.0))]
+    different = [None, np.eye(4), aside, motion, wrt.Motion(motion.times, motion.transforms, (1.0, 0.0, 0.0))]
     different += [wrt.Deformation(keys, corners) for keys in ((0.0, 1.0), (0.1, 1.1))]
     found = set()
-    for change in [*different, there.copy(), wrt.Motion.translation((1.0, 0.0, 0.0))]:
+    for change in [*different, aside.copy(), wrt.Motion.translation((1.0, 0.0, 0.0))]:
         scene = wrt.Scene()
         kind = "deformation" if isinstance(change, wrt.Deformation) else "transform"
         scene.add(box, **{kind: change})

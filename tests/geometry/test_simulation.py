@@ -1,4 +1,4 @@
-"""Frames of a simulation: vertices that move between pictures, on the device they are on."""
+"""Frames of a simulation: vertices on the device that move between pictures."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from support.kernels import upload
 
 import wrt
 from wrt.backend import current_backend
+from wrt.backend.backend import Kernel
 from wrt.scene.normals import vertex_normals, with_normals
 
 
@@ -55,25 +56,25 @@ def fresh(mesh: wrt.Mesh, device: str) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize(("smooth", "kind"), [(False, "numpy"), (True, "warp")])
 def test_a_frame_is_the_picture_of_a_new_scene(smooth: bool, kind: str, device: str) -> None:
-    before, after = hilly(0.1, smooth=smooth), hilly(0.25, smooth=smooth)
-    renderer = renderer_of(before, device)
+    start, end = hilly(0.1, smooth=smooth), hilly(0.25, smooth=smooth)
+    renderer = renderer_of(start, device)
     first = rendered(renderer)
-    given = wrt.Mesh(upload(after.vertices, wp.vec3, device), upload(after.faces, wp.vec3i, device))
-    np.testing.assert_array_equal(given.vertices, after.vertices)
-    np.testing.assert_array_equal(given.faces, after.faces)
-    renderer.update_vertices(1, after.vertices if kind == "numpy" else upload(after.vertices, wp.vec3, device))
+    mesh = wrt.Mesh(upload(end.vertices, wp.vec3, device), upload(end.faces, wp.vec3i, device))
+    np.testing.assert_array_equal(mesh.vertices, end.vertices)
+    np.testing.assert_array_equal(mesh.faces, end.faces)
+    renderer.update_vertices(1, end.vertices if kind == "numpy" else upload(end.vertices, wp.vec3, device))
     assert renderer.spp == 0
     moved = rendered(renderer)
     assert np.abs(moved - first).max() > 0.1
     # Normals are computed in float32 here, and in float64 there; a few paths go other ways.
-    same = np.isclose(moved, fresh(after, device), rtol=1e-3, atol=1e-4).all(axis=2)
+    same = np.isclose(moved, fresh(end, device), rtol=1e-3, atol=1e-4).all(axis=2)
     assert same.mean() > (0.99 if smooth else 0.999)
-    renderer.update_vertices(renderer.scene.shapes[1], before.vertices)
+    renderer.update_vertices(renderer.scene.shapes[1], start.vertices)
     np.testing.assert_allclose(rendered(renderer).mean(), first.mean(), rtol=1e-4)
 
 
 def test_given_normals_are_taken(device: str) -> None:
-    """By a flat mesh, too."""
+    """Also for a flat mesh."""
     smooth, up = hilly(0.2, smooth=True), np.tile(np.float32([0, 1, 0]), (400, 1))
     renderer = renderer_of(hilly(0.2), device)
     flat = rendered(renderer)
@@ -87,7 +88,7 @@ def test_given_normals_are_taken(device: str) -> None:
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_normals_follow_with_the_creases_that_there_were(device: str) -> None:
-    # A cube with creases: each corner is there three times, with a normal for each side.
+    # A cube with creases has each corner three times, with a normal for each side.
     cube = with_normals(wrt.box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)), 30.0)
     renderer = renderer_of(cube, device)
     turned = cube.rotated((1, 2, 3), 50.0)
@@ -115,37 +116,36 @@ def test_the_film_on_the_device_is_the_film(device: str) -> None:
     assert not film["count"].numpy().any()
 
 
-@pytest.mark.parametrize("way", ["numpy", "array interface", "jax", "torch"])
-def test_others_share_film_and_image_without_a_copy(way: str) -> None:
+@pytest.mark.parametrize("library", ["numpy", "array interface", "jax", "torch"])
+def test_others_share_film_and_image_without_a_copy(library: str) -> None:
     renderer = renderer_of(hilly(0.1), "cpu")
     image = rendered(renderer)
     on_device, total = renderer.device_image(), renderer.device_film()["total"]
     # The function that takes an array of Warp, and the one that returns the address of what it made of it.
-    if way == "jax":
+    if library == "jax":
         jax = pytest.importorskip("jax")
         jax.config.update("jax_enable_x64", True)
         take, address = jax.dlpack.from_dlpack, lambda array: array.unsafe_buffer_pointer()
-    elif way == "torch":
+    elif library == "torch":
         take, address = pytest.importorskip("torch").from_dlpack, lambda array: array.data_ptr()
     else:
-        take, address = np.from_dlpack if way == "numpy" else np.asarray, lambda array: array.ctypes.data
-    for own, expected in ((on_device, image), (total, renderer.film.fetch("total").reshape(36, 48, 3))):
-        shared = take(own)
-        assert address(shared) == own.ptr
+        take, address = np.from_dlpack if library == "numpy" else np.asarray, lambda array: array.ctypes.data
+    for array, expected in ((on_device, image), (total, renderer.film.fetch("total").reshape(36, 48, 3))):
+        shared = take(array)
+        assert address(shared) == array.ptr
         assert shared.shape == (36, 48, 3)
         np.testing.assert_array_equal(np.asarray(shared), expected)
 
 
 def test_launches_wait_for_the_current_stream_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A simulation on another stream goes on; what is launched on this one before comes first."""
-    backend, said = current_backend(), []
-    monkeypatch.setattr(wp, "launch", lambda kernel, dim, inputs, device: said.append(("launch", device)))
-    monkeypatch.setattr(wp, "synchronize_stream", lambda device: said.append(("wait for the stream of", device)))
+    """A simulation on another stream goes on; earlier launches on this stream come first."""
+    backend, calls = current_backend(), []
+    monkeypatch.setattr(wp, "launch", lambda kernel, dim, inputs, device: calls.append(("launch", device)))
+    monkeypatch.setattr(wp, "synchronize_stream", lambda device: calls.append(("wait for the stream of", device)))
     for name in ("synchronize", "synchronize_device"):
-        monkeypatch.setattr(wp, name, lambda *_: said.append("wait for the device"))
-    backend.launch(None, 0, 8, [], "cuda:0")
-    backend.launch(None, 0, 8, [], "cpu")
-    assert said == [("launch", "cuda:0"), ("wait for the stream of", "cuda:0"), ("launch", "cpu")]
+        monkeypatch.setattr(wp, name, lambda *_: calls.append("wait for the device"))
+    backend.launch(Kernel("", "", lambda: None), 0, 8, [], "cuda:0")
+    assert calls == [("launch", "cuda:0"), ("wait for the stream of", "cuda:0")]
 
 
 MESH = hilly(0.1)

@@ -1,4 +1,4 @@
-"""Rectangles, disks and spheres are sampled by the densities that are stated, wherever they are seen from."""
+"""Rectangles, disks and spheres are sampled with the stated densities, from any viewpoint."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy import stats
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test, sidak
 
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.sampling.solid_angle import (
     cone_pdf,
     disk_cone,
@@ -43,7 +43,7 @@ WIDTH, HEIGHT, RADIUS = 1.2, 0.7, wp.constant(0.8)
 
 
 @wp.kernel(enable_backward=False)
-def draw_ways(
+def draw_directions(
     kind: int,
     p: wp.vec3,
     size: wp.vec2,
@@ -52,7 +52,7 @@ def draw_ways(
     pdf_out: wp.array(dtype=wp.vec2),
     distance_out: wp.array(dtype=float),
 ):
-    """Write ways, their densities as sampled and as asked for, and their lengths."""
+    """Write directions, their densities from `sample` and from `pdf`, and distances."""
     i = wp.tid()
     x = wp.vec3(1.0, 0.0, 0.0)
     y = wp.vec3(0.0, 1.0, 0.0)
@@ -60,10 +60,10 @@ def draw_ways(
     if kind == RECTANGLE:
         r = rectangle_from(wp.vec3(0.0), x, y, size, p)
         xy = sample_rectangle(r, u[i])
-        way = wp.vec3(xy[0], xy[1], -p[2])
-        distance_out[i] = wp.length(way)
-        wi_out[i] = way / wp.max(wp.length(way), 1.0e-30)
-        pdf_out[i] = wp.vec2(rectangle_pdf(r, wp.length(way)))
+        segment = wp.vec3(xy[0], xy[1], -p[2])
+        distance_out[i] = wp.length(segment)
+        wi_out[i] = segment / wp.max(wp.length(segment), 1.0e-30)
+        pdf_out[i] = wp.vec2(rectangle_pdf(r, wp.length(segment)))
     elif kind == DISK:
         cone = disk_cone(wp.vec3(0.0), z, size[0], p)
         s = sample_disk(cone, u[i])
@@ -82,12 +82,14 @@ def draw_ways(
 def draw(kind: int, p: Any, size: tuple[float, float], u: NDArray, device: str) -> list[Array]:
     initialize_warp()
     out = [wp.zeros(len(u), dtype=dtype, device=device) for dtype in (wp.vec3, wp.vec2, float)]
-    wp.launch(draw_ways, len(u), [kind, wp.vec3(*p), wp.vec2(*size), upload(u, wp.vec2, device)], out, device=device)
+    wp.launch(
+        draw_directions, len(u), [kind, wp.vec3(*p), wp.vec2(*size), upload(u, wp.vec2, device)], out, device=device
+    )
     return [array.numpy().astype(np.float64) for array in out]
 
 
 def drawn(kind: int, p: Any, size: tuple[float, float], device: str, rtol: float = 1e-5) -> list[Array]:
-    """Return N ways, their densities, which are those that are asked for, and their lengths."""
+    """Return N directions, their densities, which `sample` and `pdf` agree on, and distances."""
     wi, pdf, distance = draw(kind, p, size, uniforms(N, 2, seed=1), device)
     np.testing.assert_allclose(pdf[:, 0], pdf[:, 1], rtol=rtol)
     return [wi, pdf[:, 0], distance]
@@ -134,7 +136,7 @@ QUICK = {"rectangle above the middle", "rectangle, grazing", "disk behind and as
     "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in FLAT]
 )
 def test_flat_lights(name: str, device: str, report: Report) -> None:
-    """Over samples in a cell 1 / density sums to its solid angle; cells lie between quantiles of x and of y."""
+    """In each cell, between quantiles of x and of y, 1 / density sums to its solid angle."""
     p = np.array(FLAT[name])
     h, is_disk = abs(p[2]), "disk" in name
     size = (RADIUS, 0.0) if is_disk else (WIDTH, HEIGHT)
@@ -191,22 +193,22 @@ def test_spheres_and_cones(name: str, device: str, report: Report) -> None:
         p = np.float32(ROUND[name]).astype(np.float64)
         sine = float(np.float32(RADIUS)) / np.linalg.norm(p)
         axis, kind, size = -p / np.linalg.norm(p), SPHERE, (RADIUS, 0.0)
-        whole = sine**2 / (1.0 + np.sqrt(1.0 - sine**2))
+        extent = sine**2 / (1.0 + np.sqrt(1.0 - sine**2))
     else:
-        whole = 2.0 * np.sin(0.5 * ROUND[name]) ** 2
+        extent = 2.0 * np.sin(0.5 * ROUND[name]) ** 2
         p = axis = np.array([0.48, 0.6, 0.64])
-        kind, size = CONE, (whole, 0.0)
+        kind, size = CONE, (extent, 0.0)
     wi, pdf, distance = drawn(int(kind), p, size, device)
-    np.testing.assert_allclose(pdf * 2.0 * np.pi * whole, 1.0, rtol=1e-3 if "touching" in name else 1e-5)
+    np.testing.assert_allclose(pdf * 2.0 * np.pi * extent, 1.0, rtol=1e-3 if "touching" in name else 1e-5)
     if "sphere" in name:
         error = np.abs(np.linalg.norm(p + wi * distance[:, None], axis=1) - RADIUS).max()
-        report(f"{name}: error of the point on the sphere over the way", float(error / distance.max()), "< 1e-6")
+        report(f"{name}: error of the point on the sphere over the distance", float(error / distance.max()), "< 1e-6")
         assert error < 1e-6 * max(distance.max(), RADIUS)
     side = np.cross(axis, [1.0, 0.0, 0.0])
     side /= np.linalg.norm(side)
     x, y = wi @ side, wi @ np.cross(axis, side)
     sine2 = x * x + y * y
-    height = np.where(wi @ axis > 0.0, sine2 / (1.0 + np.sqrt(np.maximum(1.0 - sine2, 0.0))), 1.0 - wi @ axis) / whole
+    height = np.where(wi @ axis > 0.0, sine2 / (1.0 + np.sqrt(np.maximum(1.0 - sine2, 0.0))), 1.0 - wi @ axis) / extent
     bins = np.linspace(0.0, 1.0, 21), np.linspace(-np.pi, np.pi, 33)
     counts, *_ = np.histogram2d(np.clip(height, 0.0, 1.0), np.arctan2(y, x), bins=bins)
     result = chi_square_test(counts, np.full(counts.shape, N / counts.size), tests=TESTS)
@@ -220,7 +222,7 @@ def test_spheres_and_cones(name: str, device: str, report: Report) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [int(RECTANGLE), int(DISK), int(SPHERE)])
 def test_nothing_is_infinite_or_no_number(kind: int, device: str) -> None:
-    """In the light's plane, on it, inside the sphere, nearly so, and at all distances: finite, or no density at all."""
+    """In or near the light's plane, on it, inside the sphere, at all distances: finite, or without a density."""
     rng = np.random.default_rng(4)
     corner = 1.0 - 2.0**-24
     u = np.float32([(a, b) for a in (0.0, 0.25, 0.5, corner) for b in (0.0, 0.5, corner)])
@@ -238,10 +240,10 @@ def test_nothing_is_infinite_or_no_number(kind: int, device: str) -> None:
             np.testing.assert_allclose(np.linalg.norm(wi[some], axis=1), 1.0, atol=1e-5)
 
 
-def test_there_is_no_way_to_what_has_no_solid_angle(device: str) -> None:
+def test_nothing_is_sampled_without_a_solid_angle(device: str) -> None:
     u = uniforms(64, 2, seed=5)
     for p in ((0.3, 0.2, 0.0), (7.0, 0.0, 0.0)):
         assert not draw(int(RECTANGLE), p, (WIDTH, HEIGHT), u, device)[1].any()
         assert not draw(int(DISK), p, (RADIUS, 0.0), u, device)[1].any()
-    for p, seen in (((0.0, 0.0, 0.0), False), ((0.5, 0.5, 0.1), False), ((0.5, 0.5, 0.5), True)):
-        assert (draw(int(SPHERE), p, (RADIUS, 0.0), u, device)[1] > 0.0).all() == seen
+    for p, is_outside in (((0.0, 0.0, 0.0), False), ((0.5, 0.5, 0.1), False), ((0.5, 0.5, 0.5), True)):
+        assert (draw(int(SPHERE), p, (RADIUS, 0.0), u, device)[1] > 0.0).all() == is_outside

@@ -1,4 +1,4 @@
-"""The ray tree's builder: trees are whole, tight and shallow for any triangles, cut ones and moved nodes included."""
+"""The builder of ray trees: trees are complete, tight and shallow, also with cut triangles and moved nodes."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_trees_are_whole_tight_and_shallow(name: str, device: str) -> None:
 
 
 def test_shared_vertices_and_equal_boxes(device: str) -> None:
-    """No plane parts equal boxes: the chunks of a node are halved by number."""
+    """No plane separates equal boxes: the chunks of a node are halved by number."""
     corners = grid(20, 1)
     points, inverse = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     check(build_indexed(points, inverse.reshape(-1), device), corners)
@@ -59,25 +59,28 @@ def test_shared_vertices_and_equal_boxes(device: str) -> None:
     check(build_indexed(points, indices, device), points[indices.reshape(-1, 3)])
 
 
-def assert_same_trees(one: Any, other: Any) -> None:
-    for a, b in ((one.nodes, other.nodes), (one.leaves, other.leaves)):
-        np.testing.assert_array_equal(a.numpy().view(np.int32), b.numpy().view(np.int32))
+COUNTS = [SUBTREE, SUBTREE + 1, CHUNK - 1, CHUNK + 1, 2 * CHUNK + 1]
+"""Where one triangle more or less gives a thread its own subtree or chunk."""
 
 
-@pytest.mark.parametrize("count", slow_but({SUBTREE + 1}, [SUBTREE, SUBTREE + 1, CHUNK - 1, CHUNK + 1, 2 * CHUNK + 1]))
-def test_trees_do_not_depend_on_threads(count: int) -> None:
-    """Where one triangle more or less gives a thread its own subtree or chunk."""
-    corners = soup(count, seed=4)
-    points, indices = upload(corners.reshape(-1, 3), wp.vec3, "cpu"), upload(np.arange(3 * count), int, "cpu")
+@pytest.mark.parametrize("count", slow_but({SUBTREE + 1}, [*COUNTS, "pieces"]))
+def test_trees_do_not_depend_on_threads(count: int | str) -> None:
+    corners = CUT["slivers among a ball"]() if isinstance(count, str) else soup(count, seed=4)
+    points = upload(corners.reshape(-1, 3), wp.vec3, "cpu")
+    indices = upload(np.arange(3 * len(corners)), int, "cpu")
     tree = build(corners, "cpu")
     check(tree, corners)
+    assert (tree.built.references > len(corners)) == (count == "pieces")
     for threads in (1, 3):
-        assert_same_trees(build_bvh(points, indices, Device("cpu", threads=threads)).data, tree.built.data)
+        built = build_bvh(points, indices, Device("cpu", threads=threads)).data
+        for name in ("nodes", "leaves"):
+            ours, theirs = (getattr(data, name).numpy().view(np.int32) for data in (tree.built.data, built))
+            np.testing.assert_array_equal(ours, theirs)
 
 
 @pytest.mark.parametrize("count", slow_but({700}, [700, 40_000]))
 def test_nodes_are_moved_to_where_boxes_are_smaller(count: int, device: str) -> None:
-    """Large triangles above many small ones: no plane parts them, but subtrees can be inserted elsewhere."""
+    """Large triangles above many small ones: no plane separates them, but subtrees can be inserted elsewhere."""
     corners, areas = scattered(count), []
     check(build(corners, device), corners)
     for reinserts in (True, False):
@@ -97,9 +100,9 @@ def test_nodes_are_moved_to_where_boxes_are_smaller(count: int, device: str) -> 
 # --- Triangles that are cut --------------------------------------------------------------------------
 
 
-def ball_in(*others: NDArray) -> NDArray[np.float32]:
+def ball_in(*meshes: NDArray) -> NDArray[np.float32]:
     mesh = wrt.sphere(subdivisions=5)
-    return np.concatenate([mesh.vertices[mesh.faces], *others])
+    return np.concatenate([mesh.vertices[mesh.faces], *meshes])
 
 
 def room() -> NDArray[np.float32]:
@@ -129,7 +132,7 @@ def forced(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_pieces_cover_their_triangles_and_change_no_hit(
     name: str, device: str, forced: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Bit for bit, by each of the ways to trace rays: packets, too, meet what follows two pieces of one triangle."""
+    """To the bit, for single rays, interleaved rays and packets."""
     corners = CUT[name]()
     tree = build(corners, device)
     assert len(corners) < tree.built.references <= 6 * len(corners)
@@ -164,18 +167,3 @@ def test_triangles_are_cut_only_where_it_pays(device: str) -> None:
         references = build(corners, device).built.references
         assert (references > len(corners)) == pays
         assert references <= (1.0 + MORE_PIECES) * len(corners)
-
-
-@pytest.mark.slow
-def test_trees_over_pieces_do_not_depend_on_threads_and_can_be_refitted(device: str) -> None:
-    mesh = mesh_of(CUT["slivers among a ball"]())
-    tracer = wrt.Intersector(mesh, device=device)
-    assert tracer._built.references > len(mesh.faces)
-    if device == "cpu":
-        for threads in (1, 3):
-            assert_same_trees(wrt.Intersector(mesh, threads=threads)._built.data, tracer._built.data)
-    moved = mesh.rotated((1.0, 1.0, 0.0), 40.0)
-    tracer.refit(moved.vertices)
-    fresh = wrt.Intersector(moved, device=device)
-    for rays in batches(moved).values():
-        assert_same(tracer.closest_hit(*rays), fresh.closest_hit(*rays))

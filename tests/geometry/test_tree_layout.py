@@ -1,4 +1,4 @@
-"""How rays go through the tree: one answer where many are right, children in any order, the stack, sides of boxes."""
+"""Traversal: one answer among equal ones, children in any order, the stack, and sides of boxes."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def cast_sorted(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["soup", "large triangles", "coincident pairs", "coplanar", "needles"])
 def test_the_order_of_children_changes_no_hit(name: str) -> None:
-    """Not a bit: the order in which a ray comes to boxes decides how fast it is, not what it hits."""
+    """To the bit: the order of boxes decides the speed, not the hit."""
     mesh = mesh_of(HARD[name]())
     tracer = wrt.Intersector(mesh, device="cpu")
     origins, directions = random_rays(mesh.bounds, 50_000, seed=14)
@@ -81,7 +81,7 @@ def deepest_tree(octant: int, device: str) -> tuple[Bvh, int]:
     """Return a tree of MAX_DEPTH levels in which a ray of an octant leaves seven children waiting on each.
 
     A node's first child for such rays is the next node, its others are leaves of one triangle. All boxes
-    hold the ray's origin, so none is left out; leaf after leaf, as they are come to, is nearer.
+    hold the ray's origin, so no box is left out; each leaf is nearer than the one before it.
     """
     nodes, order = np.zeros((sizes.MAX_DEPTH, sizes.NODE_FLOATS), np.float32), octant ^ np.arange(sizes.WIDTH)
     children, below = nodes.view(np.int32)[:, 48:], np.arange(sizes.MAX_DEPTH)[::-1]
@@ -118,7 +118,7 @@ KERNELS = {
 @pytest.mark.parametrize("octant", [0, 3])
 @pytest.mark.parametrize("kind", KERNELS)
 def test_all_kernels_follow_the_deepest_tree(kind: str, octant: int, device: str) -> None:
-    """Of a node's children all but the one entered wait, on every level; eight are written beyond the top."""
+    """On every level all children but the entered one wait; eight are written beyond the top."""
     assert sizes.STACK_SIZE >= (sizes.WIDTH - 1) * sizes.MAX_DEPTH + 1
     assert re.findall(r"\b(begins|waiting)\[STACK_SIZE \+ 8\]", text_of("traversal.h")) == ["begins", "waiting"]
     tree, count = deepest_tree(octant, device)
@@ -147,7 +147,7 @@ def test_all_kernels_follow_the_deepest_tree(kind: str, octant: int, device: str
 def test_rays_along_the_side_of_a_box_meet_what_it_holds(
     place: float, side: float, axis: int, count: int, device: str
 ) -> None:
-    """A border belongs to its triangle, whichever side of a plane that is parallel to the ray that lies on."""
+    """A border belongs to its triangle, on either side of a plane parallel to the ray."""
     corners = np.array([[place, -1.0, 0.0], [place, 1.0, 0.0], [place + side, 0.0, 0.0]], np.float32)
     mesh = wrt.Mesh(np.roll(corners, axis, axis=1), np.array([[0, 1, 2]]))
     origin, direction = np.roll([place, 0.25, 1.0], axis), np.roll([0.0, 0.0, -1.0], axis)
@@ -163,7 +163,7 @@ def test_rays_along_the_side_of_a_box_meet_what_it_holds(
 def test_of_flat_things_in_one_place_the_lowest_is_hit(kind: str, axis: int, distance: float, device: str) -> None:
     """Their boxes have no depth, and begin where the triangles are: rounding must not hide the lowest behind others.
 
-    But for a ray in ten thousand, if it is moved to the mesh of an instance.
+    One ray in ten thousand may hit another if it is moved to the mesh of an instance.
     """
     square = wrt.quad((-0.5, -0.5, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     linear = np.roll(np.eye(3), axis, axis=0) @ np.diag([2.98, 0.115, 0.17])

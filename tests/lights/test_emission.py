@@ -1,4 +1,4 @@
-"""Surfaces that shine by an image or by vertex colours do so as many small ones of one colour each would."""
+"""A surface that emits by an image or by vertex colours gives the light of many small ones of one colour each."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from support.media import render
 from support.statistics import image_z_test
 
 import wrt
+from wrt.linalg import weighted_sum
 from wrt.scene.scene import Shape
-from wrt.sums import weighted_sum
 from wrt.upload.lights.emission import mean_emissions
 from wrt.upload.lights.environment import LUMINANCE
 

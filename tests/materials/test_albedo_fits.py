@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import albedo_fits as quadrature  # scripts/albedo_fits.py, which has nothing to do with the kernels
 import numpy as np
 import pytest
 from conftest import Report
+from support import albedo_quadrature as quadrature
 from support import principled_reference as reference
 from support.bsdfs import viewer
 from support.kernels import map_function

@@ -12,7 +12,6 @@ import pictures.materials
 import pictures.tutorial
 import plot_figures
 import pytest
-import viewer_pairs
 from conftest import ROOT
 from PIL import Image
 
@@ -27,7 +26,7 @@ OWN_SCRIPT = ("benchmark", "cloth")
 """Pictures of examples, whose scripts render them."""
 
 SCREENSHOTS = ("view-dark", "view-light", "view-narrow", "view-notebook")
-"""Pictures of the live view in a browser: `scripts/view_pictures.py`, and a notebook in JupyterLab."""
+"""Pictures of the live view in a browser and in JupyterLab, which a person takes."""
 
 
 def test_docs_show_what_the_gallery_makes() -> None:
@@ -64,8 +63,8 @@ def test_a_picture_renders_as_the_docs_show_it(tmp_path) -> None:
 def test_every_camera_integrator_material_and_preset_has_its_picture() -> None:
     cameras = [PICTURES[name].make() for name in PICTURES if name.startswith("camera-")]
     assert {type(scene.camera) for scene in cameras} == set(CAMERAS.values())
-    given = [PICTURES[name].given["integrator"] for name in PICTURES if name.startswith("integrator-")]
-    assert set(given) == set(INTEGRATORS) - {"aov", "volpath"}
+    shown = [PICTURES[name].options["integrator"] for name in PICTURES if name.startswith("integrator-")]
+    assert set(shown) == set(INTEGRATORS) - {"aov", "volpath"}
     # What is measured needs a file, which the project does not have.
     built_in = {name for name, cls in MATERIALS.items() if cls.__module__.startswith("wrt.")} - {"measured"}
     tiles = pictures.materials.tiles()
@@ -103,13 +102,3 @@ def test_curves_are_finite_and_told_apart() -> None:
                 assert curve.y.shape == curve.x.shape
                 assert curve.y.min() >= 0.0
                 assert 0.0 < curve.y.max() < most
-
-
-# --- Comparisons with other viewers ----------------------------------------------------------------
-
-
-def test_colours_of_viewers_are_compared_in_cielab() -> None:
-    """sRGB white, black, grey, red and blue in CIELAB under D65, as printed by every colour calculator."""
-    codes = np.array([[255, 255, 255], [0, 0, 0], [119, 119, 119], [255, 0, 0], [0, 0, 255]], np.uint8)
-    expected = [[100, 0, 0], [0, 0, 0], [50.03, 0, 0], [53.24, 80.09, 67.20], [32.30, 79.19, -107.86]]
-    assert viewer_pairs.cielab(codes) == pytest.approx(np.array(expected), abs=0.1)

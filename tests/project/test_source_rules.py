@@ -118,14 +118,6 @@ ONE_WAY = {
 }
 """Arrows run one way: io -> scene <- upload -> kernels; rendering -> upload, backend, io; cli -> rendering."""
 
-EXCEPT = {
-    "wrt/scene/camera.py": ("wrt.kernels.camera",),
-    "wrt/scene/lights/__init__.py": ("wrt.kernels.lights",),
-    "wrt/scene/materials/__init__.py": ("wrt.kernels.bsdf",),
-    "wrt/scene/large_mesh_normals.py": ("wrt.backend",),
-}
-"""Imported only in calls: `register_material` and its like, and the normals of large meshes, which a kernel sums."""
-
 
 @pytest.mark.parametrize("part", ONE_WAY)
 def test_imports_run_one_way(part: str) -> None:
@@ -133,8 +125,7 @@ def test_imports_run_one_way(part: str) -> None:
     assert paths
     for path in paths:
         for name in imported(path, types=True):
-            allowed = within(name, EXCEPT.get(name_of(path), ())) or not within(name, ONE_WAY[part])
-            assert allowed, f"{name_of(path)} imports {name}"
+            assert not within(name, ONE_WAY[part]), f"{name_of(path)} imports {name}"
 
 
 def circles(graph: dict[str, set[str]]) -> list[str]:

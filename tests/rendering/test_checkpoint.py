@@ -1,4 +1,4 @@
-"""Checkpoints: whole or not there, and only for the scene and the settings they belong to."""
+"""Checkpoints: complete or absent, and only for their own scene and settings."""
 
 import gc
 import json
@@ -120,7 +120,7 @@ def test_foreign_files_are_refused(name, path):
 
 @pytest.mark.parametrize("flip", [0xFF, pytest.param(0x01, marks=pytest.mark.slow)])
 def test_damaged_and_truncated_files(flip, path, recwarn):
-    """With any one byte changed, a checkpoint is refused, or read right where the byte does not count."""
+    """A checkpoint with any one byte changed is refused, or read right if the byte does not matter."""
     write_checkpoint(path, HEADER, ARRAYS)
     data = path.read_bytes()
     for length in [*range(0, len(data), 13), len(data) - 1]:
@@ -146,17 +146,17 @@ def test_damaged_and_truncated_files(flip, path, recwarn):
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_a_scene_that_differs_is_refused_by_its_parts(film, path):
-    """Which changes show in which part is in tests/files/test_fingerprint.py."""
+    """tests/files/test_fingerprint.py has the parts that each change shows in."""
     film.save_checkpoint(path)
-    other = block_scene(lights=[], camera=wrt.PerspectiveCamera((0.0, 1.0, 4.5), (0.0, 0.0, 0.0)))
-    text = refusal(wrt.Renderer.resume, path, other)
+    changed = block_scene(lights=[], camera=wrt.PerspectiveCamera((0.0, 1.0, 4.5), (0.0, 0.0, 0.0)))
+    text = refusal(wrt.Renderer.resume, path, changed)
     assert text == f"{path}: cannot resume, these differ: the scene's lights, the scene's camera"
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_settings_that_differ_are_named(film, path):
     film.save_checkpoint(path)
-    for key, there, here in (
+    for key, stored, value in (
         ("width", 6, 8),
         ("seed", 0, 1),
         ("max_depth", 3, 4),
@@ -165,11 +165,11 @@ def test_settings_that_differ_are_named(film, path):
         ("strategy", "mis", "bsdf"),
         ("crop", None, [1, 0, 6, 3]),
     ):
-        other = renderer_of(**{key: here})
-        before = other.film.state()
-        text = refusal(other.load_checkpoint, path)
-        assert text == f"{path}: cannot resume, these differ: {key} ({there} there, {here} here)"
-        assert_same_arrays(other.film.state(), before)
+        renderer = renderer_of(**{key: value})
+        before = renderer.film.state()
+        text = refusal(renderer.load_checkpoint, path)
+        assert text == f"{path}: cannot resume, these differ: {key} ({stored} there, {value} here)"
+        assert_same_arrays(renderer.film.state(), before)
 
 
 def test_other_versions_and_nonsense_in_the_header_are_refused(film, path):
@@ -188,8 +188,7 @@ def test_wrong_arrays_are_refused(film, path):
         for change in (lambda array: None, lambda array: array[:-1], lambda array: array.astype(np.float32)):
             state = film.film.state()
             state[name] = change(state[name])
-            kept = {key: array for key, array in state.items() if array is not None}
-            write_checkpoint(path, identity_of(film), kept)
+            write_checkpoint(path, identity_of(film), {k: array for k, array in state.items() if array is not None})
             assert repr(name) in refusal(wrt.Renderer.resume, path, block_scene())
 
 
@@ -206,7 +205,7 @@ def test_wrong_arrays_are_refused(film, path):
     ],
 )
 def test_impossible_numbers_are_refused(name, value, reason, film, path):
-    """Like an edited archive: its checksums are right, its numbers are wrong."""
+    """As in an edited archive, whose checksums are right and whose numbers are wrong."""
     film.save_checkpoint(path)
     before = film.film.state()
     header, arrays = read_checkpoint(path)

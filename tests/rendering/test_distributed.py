@@ -2,7 +2,9 @@
 
 import contextlib
 import gc
+import itertools
 import os
+import re
 import signal
 
 import numpy as np
@@ -13,13 +15,10 @@ import wrt
 import wrt.distributed
 from wrt.backend import arithmetic
 from wrt.cli import main
-from wrt.distributed import head
-from wrt.distributed.clients import client_of
-from wrt.distributed.dask_cluster import DaskCluster
+from wrt.distributed.dask_cluster import DaskCluster, client_of
 from wrt.distributed.processes import devices_of
-from wrt.distributed.windows import windows_of_pass
+from wrt.distributed.spread import Pass, windows_of_pass
 from wrt.parts import render
-from wrt.rendering.sharing import sharing
 
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
@@ -49,7 +48,7 @@ def client():
         distributed.Client(cluster) as client,
     ):
         yield client
-    gc.collect()  # Dask's tasks log when they are deleted, and in Python 3.11 no parser may run meanwhile
+    gc.collect()  # Dask's tasks log when they are deleted, and in Python 3.11 no parser may run at that time
 
 
 @pytest.fixture(scope="module")
@@ -57,14 +56,36 @@ def one():
     return wrt.Renderer(block_scene(), **SIZE)
 
 
+@pytest.fixture
+def after_window(monkeypatch):
+    """Return a function that installs a callback, which gets the number of windows whenever the film gets one."""
+
+    def install(react):
+        keep, numbers = Pass.keep, itertools.count(1)
+
+        def keep_and_react(self, window, rendered):
+            keep(self, window, rendered)
+            react(next(numbers))
+
+        monkeypatch.setattr(Pass, "keep", keep_and_react)
+
+    return install
+
+
+def kill(processes):
+    """Kill the first of the processes that live."""
+    for pool in list(processes._pools.values())[:1]:
+        os.kill(next(iter(pool._processes)), signal.SIGKILL)
+
+
 @pytest.mark.parametrize("workers", [0, 3, 1000])
 @pytest.mark.parametrize("seconds", [0.0, 1e-9, 1e-3, 10.0])
 def test_windows_cover_a_pass_once_and_shrink(workers, seconds):
-    seen, heights = np.zeros((100, 64), int), []
+    covered, heights = np.zeros((100, 64), int), []
     for x0, y0, x1, y1 in windows_of_pass((3, 5, 67, 105), lambda: workers, lambda: seconds):
-        seen[y0 - 5 : y1 - 5, x0 - 3 : x1 - 3] += 1
+        covered[y0 - 5 : y1 - 5, x0 - 3 : x1 - 3] += 1
         heights.append(y1 - y0)
-    assert (seen == 1).all()
+    assert (covered == 1).all()
     assert heights[-1] <= heights[0]
     if workers == 3 and seconds == 0.0:
         assert (heights[0], heights[-1]) == (100 // 6, 1)
@@ -75,11 +96,11 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
     film_of(renderer, 3)
     renderer.save_checkpoint(tmp_path / "a.ckpt")
     film_of(one, 9)
-    again = spread(client)
-    again.load_checkpoint(tmp_path / "a.ckpt")
+    resumed = spread(client)
+    resumed.load_checkpoint(tmp_path / "a.ckpt")
     single = wrt.Renderer.resume(tmp_path / "a.ckpt", block_scene())
-    for other in (renderer, again, single):
-        assert_same_arrays(film_of(other, 9), one.film.state())
+    for each in (renderer, resumed, single):
+        assert_same_arrays(film_of(each, 9), one.film.state())
     assert renderer.rays == one.rays
     assert renderer.noise() == one.noise()
 
@@ -87,7 +108,7 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
 @pytest.mark.slow
 @pytest.mark.parametrize("adaptive", [True, "unbiased"])
 def test_a_target_of_noise(client, adaptive, tmp_path):
-    """Samples at which it ends, and tiles that stop before, follow from the film, or from that of the pilot."""
+    """The samples at which it ends, and the tiles that stop before, follow from the film, or from the pilot's film."""
     limits = {"noise": 0.08, "adaptive": adaptive}
     single = finish(wrt.Renderer(block_scene(), **SIZE), **limits)
     picture = wrt.distributed.render(block_scene(), client=client, **SIZE, **limits)
@@ -96,16 +117,16 @@ def test_a_target_of_noise(client, adaptive, tmp_path):
     renderer = spread(client)
     next(iter(renderer.passes(**limits, pass_seconds=1e-3)))
     renderer.save_checkpoint(tmp_path / "a.ckpt")
-    again = spread(client)
-    again.load_checkpoint(tmp_path / "a.ckpt")
-    assert_same_arrays(film_of(again, **limits), single.film.state())
+    resumed = spread(client)
+    resumed.load_checkpoint(tmp_path / "a.ckpt")
+    assert_same_arrays(film_of(resumed, **limits), single.film.state())
     if adaptive == "unbiased":
-        assert_same_arrays(again._pilot.film.state(), single._pilot.film.state())
-        assert again._pilot.film.counts.any()
+        assert_same_arrays(resumed.pilot.film.state(), single.pilot.film.state())
+        assert resumed.pilot.film.counts.any()
 
 
 def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, monkeypatch):
-    """Every two seconds a client's own copy of what the scheduler knows is replaced by one without workers."""
+    """Every two seconds a client replaces its copy of the scheduler's state by one without workers."""
     sync = client.sync
 
     def sync_and_renew(*arguments, **options):
@@ -118,7 +139,7 @@ def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, mon
 
 
 def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
-    """It would make other bits; what it has made is rendered again."""
+    """It would make other bits; its windows are rendered again."""
     strange = sorted(client.scheduler_info()["workers"])[0]
     arithmetic_of = arithmetic.arithmetic_of
 
@@ -132,7 +153,7 @@ def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
     warning = rf"^worker {strange} renders nothing, these differ: processor \(z80"
     with pytest.warns(wrt.errors.InputWarning, match=warning):
         found = film_of(renderer, 9)
-    assert_same_arrays(found, film_of(sharing(one), 9))
+    assert_same_arrays(found, film_of(one.sharing(), 9))
     assert set(renderer.spread.crew.refused) == {strange}
     monkeypatch.setattr("wrt._version.__version__", "0.0.1")  # of both workers, since they are here
     with (
@@ -143,7 +164,7 @@ def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
 
 
 def test_errors_are_one_line(client, monkeypatch, capsys):
-    monkeypatch.setattr("wrt.distributed.clients.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("wrt.distributed.dask_cluster.CONNECT_SECONDS", 0.5)
     assert main(["render", "cornell-box", "--dask", "tcp://127.0.0.1:9", "--quiet"]) == 2
     error = capsys.readouterr().err
     assert error.startswith("wrt: error: tcp://127.0.0.1:9: there is no scheduler of Dask")
@@ -156,45 +177,44 @@ def test_errors_are_one_line(client, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_processes_of_several_devices_render_one_picture(one, monkeypatch):
-    """Two processes, each with a core here; one is killed meanwhile."""
+def test_processes_of_several_devices_render_one_picture(one, monkeypatch, after_window):
+    """Two processes, each with a core here; the first is killed."""
     processes = wrt.distributed.Processes(["cpu", "cpu"])
+    windows = []
+
+    def react(number):
+        windows.append(number)
+        if number == 9:
+            kill(processes)
+
     try:
         renderer = spread(processes, threads=1)
-        seen, keep = [], head._keep
-
-        def keep_and_kill(*arguments):
-            keep(*arguments)
-            seen.append(arguments[2])
-            if len(seen) == 9:
-                os.kill(next(iter(processes._pools["0:cpu"]._processes)), signal.SIGKILL)
-
-        monkeypatch.setattr(head, "_keep", keep_and_kill)
-        monkeypatch.setattr("wrt.distributed.windows.SHORTEST_SECONDS", 0.0)
-        assert_same_arrays(film_of(renderer, 3, 9), film_of(sharing(one), 3, 9))
-        assert len(seen) > 9
+        after_window(react)
+        monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.0)
+        assert_same_arrays(film_of(renderer, 3, 9), film_of(one.sharing(), 3, 9))
+        assert len(windows) > 9
         assert processes.addresses() == ["1:cpu"]
     finally:
         processes.close()
 
 
 def test_names_of_several_devices(monkeypatch, capsys):
-    monkeypatch.setattr("wrt.backend.warp_backend.WarpBackend.gpus", lambda _: 0)
+    monkeypatch.setattr("wrt.backend.backend.Backend.gpus", lambda _: 0)
     assert main(["render", "cornell-box", "--device", "cuda:0,1", "--quiet"]) == 2
-    said = capsys.readouterr().err  # no driver, or no GPU
-    assert said.startswith("wrt: error: device 'cuda:0,1': no ")
-    assert said.endswith(" was found; use cpu\n")
-    monkeypatch.setattr("wrt.backend.warp_backend.WarpBackend.gpus", lambda _: 3)
+    error = capsys.readouterr().err  # no driver, or no GPU
+    assert error.startswith("wrt: error: device 'cuda:0,1': no ")
+    assert error.endswith(" was found; use cpu\n")
+    monkeypatch.setattr("wrt.backend.backend.Backend.gpus", lambda _: 3)
     assert devices_of("cuda:all") == ["cuda:0", "cuda:1", "cuda:2"]
     assert devices_of("cuda:2,0") == ["cuda:2", "cuda:0"]
     assert [devices_of(name) for name in ("cpu", "cuda", "cuda:1", "cuda:0,", "cuda:0-2")] == [None] * 5
-    for name, why in (("cuda:0,3", "only cuda:0 to cuda:2"), ("cuda:1,1", "named twice")):
-        with pytest.raises(wrt.InputError, match=why):
+    for name, message in (("cuda:0,3", "only cuda:0 to cuda:2"), ("cuda:1,1", "named twice")):
+        with pytest.raises(wrt.InputError, match=message):
             devices_of(name)
 
 
 @pytest.fixture
-def lost_scheduler(monkeypatch):
+def lost_scheduler(monkeypatch, after_window):
     """A client whose scheduler is lost after the fourth window."""
     how = {"processes": False, "dashboard_address": ":0", "silence_logs": 50}
     with (
@@ -202,16 +222,8 @@ def lost_scheduler(monkeypatch):
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, **how) as cluster,
         distributed.Client(cluster.scheduler_address, timeout=0.2) as client,
     ):
-        keep, kept = head._keep, []
-
-        def keep_and_lose(*arguments):
-            keep(*arguments)
-            kept.append(arguments[2])
-            if len(kept) == 4:
-                cluster.close()
-
-        monkeypatch.setattr(head, "_keep", keep_and_lose)
-        monkeypatch.setattr("wrt.distributed.windows.SHORTEST_SECONDS", 0.0)
+        after_window(lambda number: cluster.close() if number == 4 else None)
+        monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.0)
         yield client
 
 
@@ -222,7 +234,7 @@ def test_a_lost_scheduler_leaves_the_film(lost_scheduler, one, tmp_path):
     assert 0 < renderer.film.counts.max() < 64
     renderer.save_checkpoint(tmp_path / "a.ckpt")
     resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", block_scene())
-    assert_same_arrays(film_of(resumed, 64), film_of(sharing(one), 64))
+    assert_same_arrays(film_of(resumed, 64), film_of(one.sharing(), 64))
 
 
 def test_the_command_line_saves_what_there_is_when_the_scheduler_is_lost(lost_scheduler, tmp_path, monkeypatch, capsys):
@@ -230,25 +242,16 @@ def test_the_command_line_saves_what_there_is_when_the_scheduler_is_lost(lost_sc
     monkeypatch.setattr("wrt.cli.load._client", lambda _: lost_scheduler)
     options = ("--dask", "there", "--spp", "64", "--size", "20x30", "--checkpoint", "a.ckpt", "-o", "a.png", "--quiet")
     assert main(["render", "cornell-box", *options]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith("wrt: error: the connection to the scheduler of Dask is lost; stopped at ")
-    assert said.endswith("; a.png and a.ckpt saved\n")
-    assert said.count("\n") == 1
+    pattern = "wrt: error: the connection to the scheduler of Dask is lost; stopped at .*; a.png and a.ckpt saved\n"
+    assert re.fullmatch(pattern, capsys.readouterr().err)
     assert wrt.load_image("a.png").shape == (30, 20, 3)
     assert wrt.Renderer.resume("a.ckpt", wrt.load("cornell-box")).film.counts.any()
 
 
-def test_processes_that_die_one_after_the_other_leave_the_film(monkeypatch):
+def test_processes_that_die_one_after_the_other_leave_the_film(after_window):
     processes = wrt.distributed.Processes(["cpu", "cpu"])
+    after_window(lambda _: kill(processes))
     try:
-        keep = head._keep
-
-        def keep_and_kill(*arguments):
-            keep(*arguments)
-            for pool in list(processes._pools.values())[:1]:
-                os.kill(next(iter(pool._processes)), signal.SIGKILL)
-
-        monkeypatch.setattr(head, "_keep", keep_and_kill)
         with pytest.raises(wrt.distributed.ClusterError, match="the processes that render have died") as caught:
             film_of(spread(processes, threads=1), 64)
         assert caught.value.renderer.film.counts.any()
@@ -259,7 +262,7 @@ def test_processes_that_die_one_after_the_other_leave_the_film(monkeypatch):
 def test_what_a_worker_raises_is_an_error_of_the_cluster(client, monkeypatch):
     renderer = film = spread(client)
     film_of(renderer, 1)
-    for error, said in (
+    for error, message in (
         (RuntimeError("CUDA error"), r"a worker failed: RuntimeError\('CUDA error'\)"),
         (wrt.InputError("too large"), "too large"),
     ):
@@ -268,7 +271,7 @@ def test_what_a_worker_raises_is_an_error_of_the_cluster(client, monkeypatch):
             raise error
 
         monkeypatch.setattr(render, "render_windows", fail)
-        with pytest.raises(wrt.distributed.ClusterError, match=said) as caught:
+        with pytest.raises(wrt.distributed.ClusterError, match=message) as caught:
             film_of(renderer, 64)
         assert caught.value.renderer is film
 
@@ -279,37 +282,29 @@ def test_a_person_is_told_that_there_is_no_worker(monkeypatch):
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", protocol="inproc://") as cluster,
         distributed.Client(cluster) as client,
-        pytest.warns(wrt.errors.InputWarning, match="the scheduler has no worker; waiting for one") as told,
+        pytest.warns(wrt.errors.InputWarning, match="the scheduler has no worker; waiting for one") as warned,
         pytest.raises(wrt.distributed.ClusterError, match="has had no worker for"),
     ):
         film_of(spread(client), 1)
-    assert len(told) == 1
+    assert len(warned) == 1
 
 
 @pytest.mark.slow
-def test_workers_die_come_late_and_stop(monkeypatch):
-    """In processes of their own: one is killed, one is added, one is stopped by a signal and wakes up at the end."""
+def test_workers_die_come_late_and_stop(monkeypatch, after_window):
+    """Processes: one is killed, one is added, one is stopped by a signal and continues at the end."""
     size = {**SIZE, "width": 48, "height": 36}
     expected = film_of(wrt.Renderer(block_scene(), **size), 96)
     how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}
     with (
-        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs is there to the end
+        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs stays to the end
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, **how) as cluster,
         distributed.Client(cluster) as client,
     ):
         pids = list(client.run(os.getpid).values())
         events = {4: lambda: os.kill(pids[0], signal.SIGKILL), 8: lambda: cluster.scale(3)}
         events[12] = lambda: os.kill(pids[1], signal.SIGSTOP)
-        keep, kept = head._keep, []
-
-        def keep_and_hurt(*arguments):
-            keep(*arguments)
-            kept.append(arguments[2])
-            if len(kept) in events:
-                events.pop(len(kept))()
-
-        monkeypatch.setattr(head, "_keep", keep_and_hurt)
-        monkeypatch.setattr("wrt.distributed.windows.SHORTEST_SECONDS", 0.05)  # many windows
+        after_window(lambda number: events.pop(number, lambda: None)())
+        monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.05)  # many windows
         monkeypatch.setattr("wrt.distributed.dask_cluster.ANSWER_SECONDS", 1.0)
         monkeypatch.setattr("wrt.distributed.crew.LATE_SECONDS", 1.0)
         try:

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import warp as wp
 from support.small_scenes import block_scene, finish, image_of
 
 import wrt
@@ -34,16 +33,16 @@ def everything():
 
 
 @pytest.fixture(scope="module")
-def whole(make):
+def expected(make):
     return image_of(make(), 16)
 
 
-def test_threads_slices_and_seeds(make, whole, monkeypatch):
+def test_threads_slices_and_seeds(make, expected, monkeypatch):
     for threads in (1, 2, 7):
-        np.testing.assert_array_equal(image_of(make(threads=threads), 16), whole)
-    assert (image_of(make(seed=8), 16) != whole).any()
+        np.testing.assert_array_equal(image_of(make(threads=threads), 16), expected)
+    assert (image_of(make(seed=8), 16) != expected).any()
     monkeypatch.setattr("wrt.backend.slices.SLICES_PER_THREAD", 97)
-    np.testing.assert_array_equal(image_of(make(), 16), whole)
+    np.testing.assert_array_equal(image_of(make(), 16), expected)
 
 
 def test_passes_do_not_matter(make, device):
@@ -61,10 +60,11 @@ def test_stop_and_resume_do_not_matter(make, device, tmp_path):
     np.testing.assert_array_equal(image_of(first, 16), image_of(make(device=device), 16))
 
 
-def test_an_interrupted_pass_goes_on_where_it_was(make, whole, monkeypatch):
+def test_an_interrupted_pass_goes_on_where_it_was(make, expected, monkeypatch):
     """Some pixels then have more samples than others; each continues from its own count."""
     renderer = finish(make(threads=2), 3)
-    launch, launches = wp.launch, []
+    backend = renderer.device.backend
+    launch, launches = backend.launch, []
 
     def interrupted(*args, **kwargs):
         launches.append(1)
@@ -72,10 +72,10 @@ def test_an_interrupted_pass_goes_on_where_it_was(make, whole, monkeypatch):
             raise KeyboardInterrupt
         launch(*args, **kwargs)
 
-    monkeypatch.setattr(wp, "launch", interrupted)
+    monkeypatch.setattr(backend, "launch", interrupted)
     with pytest.raises(KeyboardInterrupt):
         finish(renderer, 16)
-    monkeypatch.setattr(wp, "launch", launch)
+    monkeypatch.setattr(backend, "launch", launch)
     assert renderer.spp == 3
     assert renderer.film.counts.max() > 3
-    np.testing.assert_array_equal(image_of(renderer, 16), whole)
+    np.testing.assert_array_equal(image_of(renderer, 16), expected)

@@ -1,4 +1,4 @@
-"""Kernels read the last elements of arrays of many gigabytes, most pages of which stay unused; larger ones are refused.
+"""Kernels read the last elements of arrays of many gigabytes, whose pages stay mostly unused; larger ones are refused.
 
 The arrays have as many elements as 32 bits can number. What is stored at their ends is looked up, and must be the same
 as from small arrays, bit for bit.
@@ -60,11 +60,13 @@ def moved_to_the_end(tree, device):
     nodes = tree.nodes.numpy().reshape(-1, NODE_FLOATS).copy()
     leaves = tree.leaves.numpy().reshape(-1, LEAF_FLOATS)
     most = MOST_ELEMENTS // NODE_FLOATS, MOST_ELEMENTS // LEAF_FLOATS
-    more = [count - len(rows) for count, rows in zip(most, (nodes, leaves), strict=True)]
+    offsets = [count - len(rows) for count, rows in zip(most, (nodes, leaves), strict=True)]
     children = nodes[:, 48:].view(np.int32)
-    children[...] = np.where(children > 0, children + more[0], np.where(children < 0, children - more[1], children))
+    children[...] = np.where(
+        children > 0, children + offsets[0], np.where(children < 0, children - offsets[1], children)
+    )
     end, moved = Bvh(), []
-    for count, rows, first in zip(most, (nodes, leaves), more, strict=True):
+    for count, rows, first in zip(most, (nodes, leaves), offsets, strict=True):
         numbers, array = sparse(count * rows.shape[1], wp.float32, device)
         numbers[: rows.size] = rows.ravel()  # the root, and others that nothing leads to
         numbers[rows.shape[1] * first :] = rows.ravel()
@@ -183,7 +185,7 @@ ROOM = wrt.Scene([wrt.Shape(wrt.box())], environment=wrt.ConstantEnvironment(1.0
     ],
 )
 def test_larger_arrays_are_refused(make, message):
-    """By shapes alone: the arrays have no elements of their own, or one."""
+    """By their shapes alone: the arrays hold one element, or none."""
     require_countable(MOST_ELEMENTS, "things")
     with pytest.raises(wrt.InputError, match=message):
         make()

@@ -59,7 +59,7 @@ def test_limits_of_control_groups(cgroup, files, limit, tmp_path):
         (groups / name).parent.mkdir(parents=True, exist_ok=True)
         (groups / name).write_text(text)
     assert memory_left(proc, groups) == limit - RESIDENT
-    assert memory_left(tmp_path / "none", tmp_path / "none") == MACHINE  # where the system says nothing
+    assert memory_left(tmp_path / "none", tmp_path / "none") == MACHINE  # without limits
 
 
 @pytest.mark.parametrize("kind", [resource.RLIMIT_AS, pytest.param(resource.RLIMIT_DATA, marks=pytest.mark.slow)])
@@ -67,5 +67,5 @@ def test_limits_of_the_process_are_known(kind, tmp_path):
     command = ("render", "cornell-box", "--size", "8000x8000", "--spp", "1", "-o", "x.png", "--quiet")
     result = run(tmp_path, *command, before=lambda: resource.setrlimit(kind, (2 << 30, 2 << 30)))
     assert result.returncode == 1, result.stderr
-    said = r"wrt: error: a picture of 8000x8000 needs 7\.7 GB, more than the [0-2]\.\d GB that cpu has left\n"
-    assert re.fullmatch(said, result.stderr)
+    message = r"wrt: error: a picture of 8000x8000 needs 7\.7 GB, more than the [0-2]\.\d GB that cpu has left\n"
+    assert re.fullmatch(message, result.stderr)

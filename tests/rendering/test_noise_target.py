@@ -1,4 +1,4 @@
-"""A render ends at its target of noise, at the same samples however it is cut into passes, killed or resumed."""
+"""A render ends at its noise target, with the same samples whatever the passes, kills and resumes."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from support.small_scenes import finish, image_of
 
 import wrt
 from wrt.rendering.noise.noise_target import NoiseEstimate
-from wrt.rendering.noise.tile_budget import SIDE, Tiles, tiles_to_stop
+from wrt.rendering.noise.tile_budget import SIDE
 
 TARGET = 0.002
 
@@ -42,9 +42,9 @@ def test_the_true_noise_is_the_target(report):
 
 @pytest.mark.slow
 def test_adaptive_sampling_is_less_work_for_the_same_noise(report):
-    whole, adaptive = finish(ball(), noise=TARGET), finish(ball(), noise=TARGET, adaptive=True)
+    uniform, adaptive = finish(ball(), noise=TARGET), finish(ball(), noise=TARGET, adaptive=True)
     counts = adaptive.film.counts
-    gain = whole.film.counts.sum() / counts.sum()
+    gain = uniform.film.counts.sum() / counts.sum()
     report("samples without over those with adaptive sampling", gain)
     assert gain > 1.5
     truth = image_of(ball(seed=5), 2048, pass_seconds=5.0)
@@ -61,8 +61,8 @@ def test_adaptive_sampling_is_less_work_for_the_same_noise(report):
 @pytest.mark.parametrize("adaptive", [False, True, "unbiased"])
 def test_the_end_does_not_depend_on_passes_threads_or_interruptions(adaptive, tmp_path):
     limits = {"noise": TARGET, "adaptive": adaptive}
-    whole = finish(ball(threads=1), **limits, pass_seconds=5.0)
-    assert adaptive or whole.spp & (whole.spp - 1)  # it may end between powers of two
+    expected = finish(ball(threads=1), **limits, pass_seconds=5.0)
+    assert adaptive or expected.spp & (expected.spp - 1)  # it may end between powers of two
     first = ball(threads=2)
     for progress in first.passes(**limits, pass_seconds=1e-6):
         if progress.spp >= 150:
@@ -72,8 +72,8 @@ def test_the_end_does_not_depend_on_passes_threads_or_interruptions(adaptive, tm
     second = ball()
     second.load_checkpoint(tmp_path / "state")
     for renderer in (first, second, second):  # the last time it has ended
-        np.testing.assert_array_equal(image_of(renderer, **limits, pass_seconds=1e-6), whole.image())
-        np.testing.assert_array_equal(renderer.film.counts, whole.film.counts)
+        np.testing.assert_array_equal(image_of(renderer, **limits, pass_seconds=1e-6), expected.image())
+        np.testing.assert_array_equal(renderer.film.counts, expected.film.counts)
 
 
 @pytest.mark.slow
@@ -82,9 +82,9 @@ def test_other_limits_come_first():
     assert finish(box(), time=1e-6, noise=0.01).spp == 1
     scene = wrt.load("cornell-box")
     scene.settings = wrt.RenderSettings(width=32, height=32, noise=0.5)
-    own = finish(wrt.Renderer(scene))
-    assert 8 <= own.spp < 64
-    assert finish(own, 70).spp == 70
+    by_settings = finish(wrt.Renderer(scene))
+    assert 8 <= by_settings.spp < 64
+    assert finish(by_settings, 70).spp == 70
     adaptive = finish(ball(), noise=TARGET, adaptive=True)
     assert len(np.unique(adaptive.film.counts)) > 1
     assert np.isfinite(image_of(adaptive, noise=0.9 * TARGET, adaptive=True)).all()
@@ -94,12 +94,12 @@ def test_other_limits_come_first():
 
 
 def test_progress_tells_the_way_to_the_target():
-    seen = list(box().passes(noise=0.12, pass_seconds=1e-6))
-    assert all(progress.target_noise == 0.12 for progress in seen)
-    assert seen[0].target_spp is seen[0].noise is None
-    assert seen[-1].target_spp == seen[-1].spp
-    assert seen[-1].noise <= 0.12
-    assert all(progress.seconds_left is not None for progress in seen if progress.target_spp is not None)
+    passes = list(box().passes(noise=0.12, pass_seconds=1e-6))
+    assert all(progress.target_noise == 0.12 for progress in passes)
+    assert passes[0].target_spp is passes[0].noise is None
+    assert passes[-1].target_spp == passes[-1].spp
+    assert passes[-1].noise <= 0.12
+    assert all(progress.seconds_left is not None for progress in passes if progress.target_spp is not None)
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
@@ -126,10 +126,10 @@ def test_a_black_picture_ends():
 
 def test_damaged_states_are_refused():
     renderer = finish(box(), noise=0.3)
-    good = renderer._noise_estimate.state()
-    again = NoiseEstimate(renderer.film)
-    again.restore(good)
-    assert again.noise(20) == renderer._noise_estimate.noise(20)
+    good = renderer.noise_estimate.state()
+    estimate = NoiseEstimate(renderer.film)
+    estimate.restore(good)
+    assert estimate.noise(20) == renderer.noise_estimate.noise(20)
     for change in (
         {"noise_mean": good["noise_mean"][1:]},
         {"noise_mean": good["noise_mean"] * np.nan},
@@ -137,7 +137,7 @@ def test_damaged_states_are_refused():
         {"noise_target": np.array([2.0])},
     ):
         with pytest.raises(wrt.InputError, match="noise"):
-            again.restore({**good, **change})
+            estimate.restore({**good, **change})
 
 
 @pytest.mark.parametrize("adaptive", [pytest.param(True, marks=pytest.mark.slow), "unbiased"])
@@ -151,30 +151,11 @@ def test_with_a_pilot_the_picture_decides_nothing(adaptive):
     assert np.array_equal(changed.film.counts, clean.film.counts) == (adaptive == "unbiased")
     assert clean.film.counts.min() < clean.film.counts.max()
     if adaptive == "unbiased":  # a pilot takes a quarter more samples of its own
-        pilot, own = clean._pilot.film, clean.film
+        pilot, film = clean.pilot.film, clean.film
         measured = pilot.counts > 0
         assert measured.mean() == 0.25
-        np.testing.assert_array_equal(pilot.counts[measured], own.counts[measured])
-        means = (film.data.total.numpy().reshape(72, 96, 3)[measured] for film in (pilot, own))
+        np.testing.assert_array_equal(pilot.counts[measured], film.counts[measured])
+        means = (each.data.total.numpy().reshape(72, 96, 3)[measured] for each in (pilot, film))
         noisy = clean.variance().min(axis=2)[measured] > 1e-9
         assert noisy.sum() > 100
         assert np.equal(*means).any(axis=1)[noisy].mean() < 0.05  # at edges of the sky by chance
-
-
-def test_the_last_sample_of_each_pixel_removes_as_much_error():
-    """Without regard to neighbours: half of the tiles have errors of 1, half of 27, which is 1 to 9 samples at a = 1/2.
-
-    Where the noisy ones are to have nine times their samples, the others have just as many as they need.
-    """
-    tiles = Tiles(2 * 9 * SIDE, SIDE)
-    errors = np.where(np.arange(18) < 9, 1.0, 27.0)
-    going = np.zeros(18, bool)
-    for noisy, stopped in ((1.5, True), (9.0, True), (9.0 * 1.35, True), (9.0 * 1.5, False)):
-        others = max(noisy / 9.0, 1.0)
-        border = max(noisy * (10 / 27) ** (2 / 3), 1.0)
-        budget = float(9.0 * 27.0 / np.sqrt(noisy) + 8.0 / np.sqrt(others) + 10.0 / np.sqrt(border))
-        stop = tiles_to_stop(tiles, errors, going, 0.5, budget, budget)
-        assert (stop[:8] == stopped).all(), noisy  # the ninth has a noisy neighbour
-        assert not stop[9:].any()
-    enough = float(errors.sum()) * 1.5
-    assert not tiles_to_stop(tiles, errors, going, 0.5, enough, enough).any()  # all end before the next power of two

@@ -1,4 +1,4 @@
-"""Parts of a render merge to the picture of one machine, bit for bit; what does not fit together is refused by name."""
+"""Parts of a render merge to the picture of one machine, to the bit; parts that do not fit are refused by name."""
 
 import dataclasses
 import os
@@ -11,7 +11,6 @@ import wrt
 from wrt.cli import main
 from wrt.parts.cut import pixels_of, put, take, windows_of_part
 from wrt.parts.render import render_part
-from wrt.rendering.sharing import sharing
 
 SIZE = {"width": 24, "height": 37, "max_depth": 3}
 LAYERS = ("albedo", "depth", "object", "material")
@@ -23,38 +22,38 @@ def renderer():
 
 
 @pytest.fixture(scope="module")
-def whole(renderer):
-    return finish(sharing(renderer), 5)
+def single(renderer):
+    return finish(renderer.sharing(), 5)
 
 
 @pytest.mark.parametrize("crop", [(0, 0, 24, 37), (3, 5, 20, 6), (0, 0, 1, 100)])
 def test_windows_cover_a_picture_once_and_evenly(crop):
     x0, y0, x1, y1 = crop
     for of in (1, 2, 3, 7, 16):
-        seen = np.zeros((y1 - y0) * (x1 - x0), np.int32)
+        counts = np.zeros((y1 - y0) * (x1 - x0), np.int32)
         windows = [windows_of_part(crop, number, of) for number in range(1, of + 1)]
         for number, each in enumerate(windows, start=1):
-            put(seen, crop, each, take(seen, crop, each) + number)
-        counts = [pixels_of(each) for each in windows]
-        assert sorted(np.unique(seen)) == list(range(1, of + 1))
-        assert sum(counts) == seen.size
-        assert 0 < min(counts) <= max(counts) <= min(counts) + max(4 * (x1 - x0), 2)
+            put(counts, crop, each, take(counts, crop, each) + number)
+        sizes = [pixels_of(each) for each in windows]
+        assert sorted(np.unique(counts)) == list(range(1, of + 1))
+        assert sum(sizes) == counts.size
+        assert 0 < min(sizes) <= max(sizes) <= min(sizes) + max(4 * (x1 - x0), 2)
     tops = [y for _, y, _, _ in windows_of_part((0, 0, 64, 1024), 16, 16)]  # bands of the whole height
     assert len(tops) == 4
     assert np.ptp(tops) >= 512
 
 
 @pytest.mark.parametrize("of", [1, 3, 50])
-def test_merged_parts_are_the_film_of_one_machine(renderer, whole, of):
-    """In any order, and of a crop window; 50 parts of 37 rows are pieces of rows."""
+def test_merged_parts_are_the_film_of_one_machine(renderer, single, of):
+    """In any order, also of a crop window; 50 parts of 37 rows are pieces of rows."""
     merged = wrt.merge(reversed([renderer.part(number, of, spp=5) for number in range(1, of + 1)]))
-    assert_same_arrays(merged.film.arrays(), whole.film.arrays())
-    np.testing.assert_array_equal(merged.image(), whole.image())
-    np.testing.assert_array_equal(merged.alpha(), whole.alpha())
-    assert_same_arrays(merged.layers(), whole.layers())
-    window = sharing(renderer, crop=(2, 3, 20, 31))
+    assert_same_arrays(merged.film.arrays(), single.film.arrays())
+    np.testing.assert_array_equal(merged.image(), single.image())
+    np.testing.assert_array_equal(merged.alpha(), single.alpha())
+    assert_same_arrays(merged.layers(), single.layers())
+    window = renderer.sharing(crop=(2, 3, 20, 31))
     merged = wrt.merge([window.part(number, of, spp=5) for number in range(1, of + 1)])
-    np.testing.assert_array_equal(merged.image(), whole.image()[3:31, 2:20])
+    np.testing.assert_array_equal(merged.image(), single.image()[3:31, 2:20])
 
 
 def test_a_part_goes_on_where_it_ended(renderer, tmp_path):
@@ -70,11 +69,11 @@ def test_a_part_goes_on_where_it_ended(renderer, tmp_path):
         render_part(renderer, 2, 50, spp=1, begun=begun)
 
 
-def test_a_merged_checkpoint_goes_on_with_the_scene(renderer, whole, tmp_path):
+def test_a_merged_checkpoint_goes_on_with_the_scene(renderer, single, tmp_path):
     wrt.merge([renderer.part(number, 2, spp=2) for number in (1, 2)]).save_checkpoint(tmp_path / "film.ckpt")
     resumed = wrt.Renderer.resume(tmp_path / "film.ckpt", block_scene())
     assert resumed.spp == 2
-    np.testing.assert_array_equal(image_of(resumed, 5), whole.image())
+    np.testing.assert_array_equal(image_of(resumed, 5), single.image())
 
 
 def changed(part, group, /, **values):
@@ -86,7 +85,7 @@ def changed(part, group, /, **values):
 def test_parts_that_do_not_fit_are_refused_by_name(renderer):
     first, second = (renderer.part(number, 2, spp=2) for number in (1, 2))
     broken = {**second.arrays, "total": second.arrays["total"] * np.nan}
-    for other, message in (
+    for part, message in (
         (changed(second, "identity", seed=9), r"does not fit .*, these differ: seed \(9, not 0\)"),
         (changed(second, "identity", scene={"camera": "0"}), r".* the scene's camera"),
         (changed(second, "arithmetic", device="cuda 90"), r".* device \(cuda 90, not cpu\)"),
@@ -95,14 +94,14 @@ def test_parts_that_do_not_fit_are_refused_by_name(renderer):
         (dataclasses.replace(second, arrays=broken, name="b.wrt"), "damaged, sums of samples are not finite"),
     ):
         with pytest.raises(wrt.InputError, match=rf"b\.wrt: {message}"):
-            wrt.merge([first, other])
+            wrt.merge([first, part])
 
 
 def test_missing_repeated_and_foreign_parts_are_refused(renderer, tmp_path):
     first = renderer.part(1, 9, spp=1)
-    path, other = tmp_path / "a.wrt", tmp_path / "b.wrt"
+    path, checkpoint = tmp_path / "a.wrt", tmp_path / "b.wrt"
     first.save(path)
-    sharing(renderer).save_checkpoint(other)
+    renderer.sharing().save_checkpoint(checkpoint)
     damaged = tmp_path / "c.wrt"
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
@@ -113,14 +112,14 @@ def test_missing_repeated_and_foreign_parts_are_refused(renderer, tmp_path):
         ([first, first], r"^part 1 of 9 and part 1 of 9 are the same part, 1 of 9; leave one out$"),
         ([path], r"^parts 2, 3, 4 and 5 more of 9 are missing$"),
         ([], "there are no parts"),
-        ([other], "not a part"),
+        ([checkpoint], "not a part"),
         ([damaged], r"c\.wrt: not a wrt part, or damaged"),
         ([old], r"a part of wrt 0\.0\.1; this is wrt"),
     ):
         with pytest.raises(wrt.InputError, match=message):
             wrt.merge(parts)
     with pytest.raises(wrt.InputError, match="exists"):
-        first.save(other)
+        first.save(checkpoint)
 
 
 def test_the_command_line(tmp_path, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""What no ray could meet is refused before it reaches the device; what a renderer saves says how it was made."""
+"""Scenes that cannot be rendered are refused before they reach the device; saved pictures name their settings."""
 
 import contextlib
 import re

@@ -1,4 +1,4 @@
-"""What a person types is checked, and what is wrong is said in one line that names it."""
+"""Values are checked, and a wrong one is refused in one line that names it."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def test_views_are_the_pictures_of_single_renders(monkeypatch):
 
 @pytest.mark.slow
 def test_views_in_media_begin_in_their_own_bodies():
-    """The bodies around the camera belong to the built scene; where it is set anew, they are found again."""
+    """The bodies around the camera are found again for each camera."""
     absorption = (0.5, 1.0, 2.0)
     outside = wrt.PerspectiveCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0))
     fog = wrt.Scene(camera=outside, environment=wrt.ConstantEnvironment(1.0))
@@ -103,11 +103,11 @@ def test_a_dataset_maps_points_to_the_pixels_that_show_them(tmp_path):
         np.testing.assert_allclose(np.linalg.inv(to_world[:3, :3]), to_world[:3, :3].T, atol=1e-6)
         assert np.linalg.det(to_world[:3, :3]) == pytest.approx(1.0)
         layers = np.load(folder / frame["layers_path"])
-        seen = layers["object"] > 0
-        assert 0.05 < seen.mean() < 0.9
-        points = np.c_[layers["position"][seen], np.ones(seen.sum())] @ np.linalg.inv(to_world).T
+        visible = layers["object"] > 0
+        assert 0.05 < visible.mean() < 0.9
+        points = np.c_[layers["position"][visible], np.ones(visible.sum())] @ np.linalg.inv(to_world).T
         places = points[:, :2] / -points[:, 2:3] / math.tan(written["camera_angle_x"] / 2.0)
-        rows, columns = np.nonzero(seen)
+        rows, columns = np.nonzero(visible)
         # A filter is wider than a pixel.
         assert np.abs(16.0 + 16.0 * places[:, 0] - columns - 0.5).max() < 1.5
         assert np.abs(16.0 - 16.0 * places[:, 1] - rows - 0.5).max() < 1.5

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from wrt.backend import cache_folders
-from wrt.backend.builds import Builds, NotCompiled
+from wrt.backend.artefacts import Artefacts
 from wrt.backend.kernel_cache import DIGEST, digest
 
 
@@ -63,17 +63,20 @@ def test_each_user_has_a_folder_in_a_shared_one(cache: Path) -> None:
     assert cache_folders.warp_folder() == cache / f"uid-{os.getuid()}" / "warp"
 
 
-def test_notes_cannot_name_code_where_others_write(cache: Path, tmp_path: Path) -> None:
+def test_no_table_names_code_where_others_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shared = tmp_path / "shared"
     shared.mkdir()
     code = shared / "module.o"
     code.write_bytes(b"machine code")
     Path(f"{code}{DIGEST}").write_bytes(digest(b"machine code") + b" meta")
-    builds = Builds(cache / "builds.json", Path("warp"), "1")
-    builds.notes["files"]["module"] = {"file": str(code), "bytes": 12, "kernels": {}}
+    artefacts = Artefacts()
+    artefacts.table["files"]["module"] = {"file": str(code), "bytes": 12, "kernels": {"kernel": ["symbol", 8, []]}}
+    loaded: list[str] = []
+    monkeypatch.setattr(artefacts, "load", lambda file, symbol: loaded.append(symbol) or symbol)
+    assert artefacts.kernel("module", "kernel") == ("symbol", [8, []])
     shared.chmod(0o777)
-    with pytest.raises(NotCompiled, match="others can replace it"):
-        builds.function("module", "kernel")
+    assert artefacts.kernel("module", "kernel") is None
+    assert loaded == ["symbol"]
 
 
 def test_checksums_do_not_depend_on_the_python() -> None:

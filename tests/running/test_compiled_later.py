@@ -14,16 +14,17 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
-from support.caches import copy_of_warm_cache, python, without_notes
+from support.caches import copy_of_warm_cache, python, without_artefacts
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
-from wrt.backend.builds import Builds
+from wrt.backend import cache_folders, current_backend
+from wrt.backend.artefacts import Artefacts
 from wrt.backend.lanes import SWITCH as WIDE
 from wrt.cli import main
 from wrt.compiling import kernel, later
 from wrt.compiling.general import general_features, is_general
-from wrt.compiling.later import BEGUN, BUILD_MACHINE, RETRY_SECONDS, SWITCH, is_done, request
+from wrt.compiling.later import BEGUN, BUILD_MACHINE, RETRY_SECONDS, SWITCH, is_done
 from wrt.describe.system import system_text
 from wrt.kernels.features import Features
 from wrt.rendering.guides import guide_features
@@ -44,13 +45,22 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
 
 
 @pytest.fixture
-def builds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Builds:
-    """Return notes in a folder of their own."""
-    known = Builds.known()
-    assert known is not None
-    found = Builds(tmp_path / "wrt" / known.path.name, known._warp, known.warp_version)
-    monkeypatch.setattr(Builds, "known", lambda: found)
-    return found
+def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the file of a table of artefacts in a folder of its own."""
+    artefacts = Artefacts()
+    assert artefacts.path is not None
+    artefacts.path = tmp_path / "wrt" / artefacts.path.name
+    artefacts.folders = [artefacts.path.parent]
+    artefacts.table["calls"].clear()
+    monkeypatch.setattr(current_backend(), "artefacts", artefacts)
+    return artefacts.path
+
+
+def request(features: Features, lanes: int, kernels: Path) -> Path | None:
+    """Request a kernel that goes into a folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cache_folders, "kernels_folder", lambda: kernels)
+        return later.request(features, lanes)
 
 
 @pytest.fixture
@@ -58,7 +68,7 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
     """Return what `main` has compiled, which it only notes here; diffuse surfaces cannot be translated."""
     features: list[Features] = []
 
-    def compile_kernel(asked: Features, lanes: int, builds: Builds, uses: Any) -> None:
+    def compile_kernel(asked: Features, lanes: int, uses: Any) -> None:
         assert (uses is not None) == is_general(asked)
         if asked == DIFFUSE:
             raise Unsupported("diffuse")
@@ -70,8 +80,8 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
     return features
 
 
-def serve(builds: Builds, kernels: Path) -> int:
-    return later.main(["", builds.path.stem, str(kernels)])
+def serve(table: Path, kernels: Path) -> int:
+    return later.main(["", table.stem, str(kernels)])
 
 
 @pytest.mark.parametrize(
@@ -85,27 +95,27 @@ def serve(builds: Builds, kernels: Path) -> int:
     ],
 )
 def test_build_machines_and_the_switch(
-    told: str, machine: str | None, wanted: bool, said: str, started, builds: Builds, tmp_path: Path, monkeypatch
+    told: str, machine: str | None, wanted: bool, said: str, started, table: Path, tmp_path: Path, monkeypatch
 ) -> None:
     monkeypatch.setenv(SWITCH, told)
     monkeypatch.setenv(WIDE, "8")
     if machine is not None:
         monkeypatch.setenv(BUILD_MACHINE, machine)
-    path = request(MIRROR, 8, builds, tmp_path)
+    path = request(MIRROR, 8, tmp_path)
     assert (path is not None, started) == (wanted, [tmp_path] * wanted)
     assert said in system_text()
 
 
-def test_what_is_requested_is_compiled_once(started, builds: Builds, compiled, tmp_path: Path) -> None:
+def test_what_is_requested_is_compiled_once(started, table: Path, compiled, tmp_path: Path) -> None:
     kernels, others = tmp_path / "kernels", tmp_path / "others"
-    path = request(MIRROR, 8, builds, kernels)
-    other = request(dataclasses.replace(MIRROR, opacity=True), 8, builds, others)
+    path = request(MIRROR, 8, kernels)
+    other = request(dataclasses.replace(MIRROR, opacity=True), 8, others)
     general = general_features(DIFFUSE)[0]
-    request(general, 8, builds, kernels)
+    request(general, 8, kernels)
     assert path is not None
     assert other is not None
     assert not is_done(path)
-    assert serve(builds, kernels) == serve(builds, kernels) == 0
+    assert serve(table, kernels) == serve(table, kernels) == 0
     assert sorted(compiled, key=str) == sorted([MIRROR, general], key=str)
     assert is_done(path)
     assert not is_done(other), "it belongs into another folder"
@@ -113,46 +123,46 @@ def test_what_is_requested_is_compiled_once(started, builds: Builds, compiled, t
 
 
 def test_what_cannot_be_compiled_is_left_for_an_hour_and_damaged_requests_are_removed(
-    started, builds: Builds, compiled, tmp_path: Path
+    started, table: Path, compiled, tmp_path: Path
 ) -> None:
-    path, other = request(DIFFUSE, 8, builds, tmp_path), request(MIRROR, 8, builds, tmp_path)
+    path, other = request(DIFFUSE, 8, tmp_path), request(MIRROR, 8, tmp_path)
     assert path is not None
     assert other is not None
     other.write_text("{")
-    assert serve(builds, tmp_path) == 0
+    assert serve(table, tmp_path) == 0
     assert compiled == []
     assert not other.exists()
-    assert request(DIFFUSE, 8, builds, tmp_path) is None
+    assert request(DIFFUSE, 8, tmp_path) is None
     before = time.time() - RETRY_SECONDS - 1.0
     os.utime(path.with_suffix(BEGUN), (before, before))
-    assert request(DIFFUSE, 8, builds, tmp_path) == path
+    assert request(DIFFUSE, 8, tmp_path) == path
     assert len(started) == 3
 
 
 def test_one_process_compiles_and_serves_what_comes_meanwhile(
-    started, builds: Builds, compiled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    started, table: Path, compiled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     second = dataclasses.replace(MIRROR, opacity=True)
     paths = []
 
     def compile_kernel(features: Features, *_: object) -> None:
         if features == MIRROR:
-            paths.append(request(second, 8, builds, tmp_path))
-            assert serve(builds, tmp_path) == 0, "another process ends at once"
+            paths.append(request(second, 8, tmp_path))
+            assert serve(table, tmp_path) == 0, "another process ends at once"
             assert not compiled
         compiled.append(features)
 
     monkeypatch.setattr(later, "compile_kernel", compile_kernel)
-    request(MIRROR, 8, builds, tmp_path)
-    serve(builds, tmp_path)
+    request(MIRROR, 8, tmp_path)
+    serve(table, tmp_path)
     assert compiled == [MIRROR, second]
     assert len(started) == 1
     assert is_done(paths[0])
 
 
-def test_a_cache_that_cannot_be_written_to_is_left_alone(started: list[Path], builds: Builds, tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written_to_is_left_alone(started: list[Path], table: Path, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert request(MIRROR, 8, builds, tmp_path / "file") is None
+    assert request(MIRROR, 8, tmp_path / "file") is None
     assert started == []
 
 
@@ -183,13 +193,13 @@ from wrt.compiling import general
 from wrt.rendering import wide_kernel
 from wrt.cli import main
 general.general_features = lambda features: []  # they take longer to compile
-wide_kernel.COMPILED_LOADING_SECONDS = wide_kernel.LOADING_SECONDS = 0.0
+wide_kernel.LOADING_SECONDS = 0.0
 wide_kernel.COMPILING_SECONDS, wide_kernel.WORTH_SECONDS = 1e9, 0.0
 sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", sys.argv[1], "--quiet"]
 assert main() == 0
 from wrt.backend import current_backend
-builds = current_backend().builds
-print(*(name for name in (builds._loaded if builds else ()) if ".wide" in name))
+loaded = current_backend().artefacts._loaded
+print(*(name for name in (() if "warp" in sys.modules else loaded) if ".wide" in name))
 """
 
 
@@ -261,7 +271,7 @@ def test_general_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, caps
     assert main(["compile", "--general", "--sampler", "independent"]) == 0
     plain = Features(("diffuse",), False, "none", sampler="independent")
     assert asked == general_features(plain) + general_features(guide_features(plain, wrt.RenderSettings()))
-    monkeypatch.setattr(Builds, "has", lambda *_: True)
+    monkeypatch.setattr(kernel, "is_compiled", lambda *_: True)
     assert main(["compile", "--general"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("general kernels: 5 general kernels compiled in ")
@@ -274,7 +284,7 @@ def test_general_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, caps
 @pytest.mark.parametrize("cache", ["warm", "empty"])
 def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
     """A render then starts without Warp, in another size, and gives the picture of the scalar kernel."""
-    variables = without_notes(tmp_path)
+    variables = without_artefacts(tmp_path)
     del variables[WIDE]
     if cache == "empty":
         del variables["WARP_CACHE_PATH"]
@@ -284,7 +294,7 @@ def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
     if cache == "empty":
         assert "modules of kernels compiled in" in said
         assert f"the wide kernel of {LANES} lanes compiled in" in said
-    assert python(tmp_path, variables, "-c", SHORT, "wide.npy").startswith(f"wrt.render.wide{LANES}.")
+    assert python(tmp_path, variables, "-c", SHORT, "wide.npy").count(f"/wp_wrt.render.wide{LANES}.") == 1
     scalar = wrt.Renderer(wrt.load("cornell-box"), width=96, height=96)
     list(scalar.passes(spp=40))
     np.testing.assert_array_equal(np.load(tmp_path / "wide.npy"), scalar.image())

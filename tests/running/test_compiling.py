@@ -13,36 +13,36 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-import warp as wp
 from conftest import ROOT
 from support.caches import python
 
 from wrt.backend import headers
+from wrt.backend.backend import Backend, Kernel
 from wrt.backend.device import Device
 
 VARIABLES = {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
 class Loads:
-    """What is asked of Warp: each module takes a while the first time."""
+    """What is asked of the backend: each module takes a while the first time."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.begun: list[tuple[str, str]] = []
         self.ended: list[str] = []
-        monkeypatch.setattr(wp, "load_module", self)
-        monkeypatch.setattr(wp, "launch", lambda *_, **__: None)
+        monkeypatch.setattr(Backend, "is_loaded", lambda _, kernel, device: kernel.module in self.ended)
+        monkeypatch.setattr(Backend, "load", lambda _, kernel, device: self(kernel))
+        monkeypatch.setattr(Backend, "launch", lambda *_: None)
 
-    def __call__(self, module: SimpleNamespace, device: str) -> None:
-        if module.name in self.ended:
+    def __call__(self, kernel: Kernel) -> None:
+        if kernel.module in self.ended:
             return
-        self.begun.append((module.name, threading.current_thread().name))
-        if module.name == "broken":
+        self.begun.append((kernel.module, threading.current_thread().name))
+        if kernel.module == "broken":
             raise RuntimeError("it does not compile")
         time.sleep(0.2)
-        self.ended.append(module.name)
+        self.ended.append(kernel.module)
 
 
 @pytest.fixture
@@ -50,8 +50,8 @@ def loads(monkeypatch: pytest.MonkeyPatch) -> Loads:
     return Loads(monkeypatch)
 
 
-def kernel(name: str) -> SimpleNamespace:
-    return SimpleNamespace(module=SimpleNamespace(name=name))
+def kernel(name: str) -> Kernel:
+    return Kernel(name, "", lambda: None)
 
 
 def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> None:
@@ -101,13 +101,13 @@ def test_an_interrupt_does_not_wait_for_the_compiler(
     release = threading.Event()
     load = loads.__call__
 
-    def slow(module: SimpleNamespace, device: str) -> None:
+    def slow(_: Backend, kernel: Kernel, device: str) -> None:
         if not release.is_set():
             signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
         assert release.wait(timeout=60.0)
-        load(module, device)
+        load(kernel)
 
-    monkeypatch.setattr(wp, "load_module", slow)
+    monkeypatch.setattr(Backend, "load", slow)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     device = Device("cpu", threads=threads)
     try:
@@ -124,19 +124,18 @@ FORKED = """
 import os
 import signal
 import time
-from types import SimpleNamespace
-import warp as wp
+from wrt.backend.backend import Backend, Kernel
 from wrt.backend.device import Device
 
 device = Device("cpu", threads=2)
-kernel = SimpleNamespace(module=SimpleNamespace(name="a"))
+kernel = Kernel("a", "", None)
 
 def work():
     with device.compiling() as compile:
         compile(kernel)
     device.launch(kernel, 100, [])
 
-wp.load_module = wp.launch = lambda *_, **__: time.sleep(0.01)  # so that all threads have something to do
+Backend.load = Backend.launch = lambda *_: time.sleep(0.01)  # so that all threads have something to do
 work()
 child = os.fork()
 if not child:

@@ -13,6 +13,7 @@ import pytest
 import warp as wp
 
 import wrt
+from wrt.backend.backend import Backend
 from wrt.backend.device import Device
 from wrt.backend.slices import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, Slices
 
@@ -90,7 +91,7 @@ def test_an_error_in_a_slice_reaches_the_caller(monkeypatch: pytest.MonkeyPatch)
         raise RuntimeError("broken kernel")
 
     device = Device("cpu", threads=2)
-    monkeypatch.setattr(wp, "launch", fail)
+    monkeypatch.setattr(Backend, "launch", fail)
     with pytest.raises(RuntimeError, match="broken kernel"):
         device.launch(count, 100, [])
     monkeypatch.undo()
@@ -104,15 +105,15 @@ def test_an_interrupt_leaves_no_worker_running(monkeypatch: pytest.MonkeyPatch) 
     # A shell that started this in the background had it ignore interrupts.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    def slow(kernel: wp.Kernel, dim: int, inputs: list, **_: object) -> None:
-        started.append(inputs[0])
+    def slow(backend: Backend, kernel: wp.Kernel, first: int, *_: object) -> None:
+        started.append(first)
         if len(started) == 3:
             # A true signal: it wakes the main thread where it waits for its workers.
             signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
         time.sleep(0.5)
-        ended.append(inputs[0])
+        ended.append(first)
 
-    monkeypatch.setattr(wp, "launch", slow)
+    monkeypatch.setattr(Backend, "launch", slow)
     try:
         with pytest.raises(KeyboardInterrupt):
             device.launch(count, 10_000, [])

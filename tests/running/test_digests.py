@@ -17,7 +17,7 @@ from support.covering_kernels import covering, render_by
 from support.digests import SIZES, Case, arithmetic, cases, film_digest, rendered, scalar_film
 from support.wide_scenes import SCENES
 
-from wrt.backend.warp_backend import initialize_warp
+from wrt.backend.warp_start import initialize_warp
 
 RECORDED: dict[str, dict[str, str]] = json.loads((ROOT / "tests" / "data" / "digests.json").read_text(encoding="utf-8"))
 CASES = cases()

@@ -8,13 +8,12 @@ from typing import Any
 
 import pytest
 from PIL import Image
-from support.caches import python, render_small, without_notes
+from support.caches import python, render_small, without_artefacts
 from support.commands import CAMERA, QUAD
 from support.digests import cases, film_digest, rendered
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
-from wrt.backend.builds import Builds
 from wrt.compiling import exercise, general, later
 from wrt.compiling.kernel import SCALAR, name_of_kernel
 from wrt.kernels.features import Features
@@ -64,17 +63,9 @@ def test_the_exercise_has_all_models_and_lights() -> None:
     assert {light.model for light in exercise.lights()} >= set(WITH_HOLES.light_shapes)
 
 
-class Notes(Builds):
-    """Notes on kernels with these names, all of which are in the cache."""
-
-    def __init__(self, *names: str) -> None:
-        self.names = names
-
-    def has(self, call: str) -> bool:
-        return call in self.names
-
-
-def test_the_best_that_is_compiled_is_chosen() -> None:
+def test_the_best_that_is_compiled_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: set[str] = set()
+    monkeypatch.setattr(general, "is_compiled", lambda features, lanes: name_of_kernel(features, lanes) in compiled)
     own, own_wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
     wides = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
     for lanes, known, best in (
@@ -85,22 +76,24 @@ def test_the_best_that_is_compiled_is_chosen() -> None:
         (16, wides[2:], WITH_HOLES),
         (8, wides, None),
     ):
-        assert general.compiled_for(PLAIN, lanes, Notes(*known)) == best
-    guides = [name_of_kernel(kernel, SCALAR) for kernel in GUIDES]
-    assert general.compiled_for(guide_features(PLAIN, wrt.RenderSettings()), 16, Notes(guides[1])) == GUIDES[1]
+        compiled.clear()
+        compiled.update(known)
+        assert general.compiled_for(PLAIN, lanes) == best
+    compiled.add(name_of_kernel(GUIDES[1], SCALAR))
+    assert general.compiled_for(guide_features(PLAIN, wrt.RenderSettings()), 16) == GUIDES[1]
 
 
 @pytest.mark.slow
 @needs_lanes
 @pytest.mark.usefixtures("render_kernels_when_launched")
-def test_long_renders_without_warp_request_one_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_renders_request_one_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     requested: list[tuple[Features, int]] = []
-    monkeypatch.setattr(later, "request_if_missing", lambda features, lanes, _: requested.append((features, lanes)))
+    monkeypatch.setattr(later, "request", lambda features, lanes: requested.append((features, lanes)))
+    monkeypatch.setattr(render_kernel, "is_compiled", lambda *_: False)
     monkeypatch.setattr(WideKernel, "prepare", lambda *_: None)
     monkeypatch.setattr(render_kernel, "lanes_here", lambda: 16)
     renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
-    for prefers, seconds, expected in (False, 9.0, 0), (True, 0.0, 0), (True, 9.0, 1):
-        monkeypatch.setattr(render_kernel, "prefers_compiled", lambda prefers=prefers: prefers)
+    for seconds, expected in (0.0, 0), (9.0, 1):
         renderer._kernel.launch([1, *renderer._inputs], seconds)
         assert requested == [(SMALL, 16)] * expected
     renderer.denoising_guides()
@@ -149,7 +142,6 @@ def test_films_have_the_bits_of_their_own_kernel(name: str, by_general: list[Fea
 COMPILE = """
 import sys
 import warp as wp
-from wrt.backend.builds import Builds
 from wrt.compiling.exercise import exercise
 from wrt.compiling.general import general_features
 from wrt.compiling.kernel import SCALAR, compile_kernel
@@ -157,8 +149,8 @@ from wrt.kernels.features import Features
 from wrt.rendering.guides import guide_features
 from wrt.scene.scene import RenderSettings
 plain = Features(("diffuse",), False, "none", sampler="sobol")
-compile_kernel(general_features(plain)[0], int(sys.argv[1]), Builds.known(), exercise)
-compile_kernel(general_features(guide_features(plain, RenderSettings()))[0], SCALAR, Builds.known(), exercise)
+compile_kernel(general_features(plain)[0], int(sys.argv[1]), exercise)
+compile_kernel(general_features(guide_features(plain, RenderSettings()))[0], SCALAR, exercise)
 """
 
 NEW = f"""{CAMERA}{QUAD}material = "painted"
@@ -179,7 +171,7 @@ metallic = 0.5
 @needs_lanes
 @pytest.mark.machinery
 def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
-    variables = {**without_notes(tmp_path), "WRT_WIDE": ""}
+    variables = {**without_artefacts(tmp_path), "WRT_WIDE": ""}
     Image.new("RGB", (8, 8), (200, 60, 30)).save(tmp_path / "squares.png")
     (tmp_path / "new.toml").write_text(NEW)
     assert render_small(tmp_path, variables, "known.npy", "cornell-box") == (True, "")

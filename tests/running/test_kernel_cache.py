@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import pwd
+import random
 import resource
 import shutil
 import signal
@@ -15,10 +16,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import damage_cache
 import pytest
 from conftest import ROOT
-from support.caches import copy_of_headers, copy_of_warm_cache
+from support.caches import CORNELL_BOX, copy_of_headers, copy_of_warm_cache
+from support.commands import ENVIRONMENT, run
 
 from wrt.backend import cache_folders, kernel_cache
 from wrt.backend.cache_folders import locked, put, remove_leftovers, user_folder, work_folder
@@ -196,19 +197,55 @@ def test_of_processes_that_need_the_same_kernel_at_once_one_compiles_it(cache: C
         assert cache.run() == (0, "")
 
 
+TABLE = "wrt/artefacts-*.json"
+DAMAGED_FILES: dict[str, tuple[str, ...]] = {
+    "an object": ("warp/*/*/*.o",),
+    "an object that Warp reads": ("warp/*/*/*.o", TABLE),
+    "a digest": ("warp/*/*/*.checksum",),
+    "a digest that Warp reads": ("warp/*/*/*.checksum", TABLE),
+    "the description of a module": ("warp/*/*/*.meta", TABLE),
+    "the table of artefacts": (TABLE,),
+    "headers": ("wrt/headers-*/*", "warp/*/wp_wrt.kernels.film_*"),
+    "the source of a module": ("warp/*/*/*.cpp", TABLE),
+}
+"""The files to damage, and those to remove so that the damaged one is read."""
+
+
 @pytest.mark.machinery
-def test_each_kind_of_damage_that_the_script_does_is_harmless(tmp_path: Path) -> None:
-    failures: list[str] = []
-    rounds = {}  # the first round of each kind
-    for number in range(1000):
-        chance = damage_cache.random.Random(f"0 {number}")
-        (kind,) = chance.choices(list(damage_cache.KINDS), [kind.weight for kind in damage_cache.KINDS.values()])
-        rounds.setdefault(kind, number)
-    assert set(rounds) == set(damage_cache.KINDS)
-    copy_of_warm_cache(tmp_path / "cache")
-    counts = damage_cache.run(list(rounds.values()), 1, 0, failures.append, tmp_path / "cache")
-    assert not failures
-    assert sum(count for (_, outcome), count in counts.items() if outcome == "noticed") >= len(rounds) - 3
+def test_damage_to_any_file_is_harmless_and_reported_once_at_most(tmp_path: Path) -> None:
+    cache, intact, film = tmp_path / "cache", tmp_path / "intact", tmp_path / "film.npy"
+    environment = {name: value for name, value in ENVIRONMENT.items() if not name.startswith(("WARP_", "WRT_"))}
+    environment["XDG_CACHE_HOME"] = str(cache)
+
+    def rendered() -> tuple[bytes, list[str]]:
+        film.unlink(missing_ok=True)
+        done = run(tmp_path, *CORNELL_BOX, str(film), env=environment)
+        assert done.returncode == 0, done.stderr
+        return film.read_bytes(), done.stderr.splitlines()
+
+    copy_of_warm_cache(cache)
+    rendered()
+    expected = rendered()
+    assert expected[1] == []
+    shutil.copytree(cache, intact)
+    noticed = set()
+    for number, (kind, (damaged, *removed)) in enumerate(DAMAGED_FILES.items()):
+        chance = random.Random(number)
+        shutil.rmtree(cache)
+        shutil.copytree(intact, cache)
+        file = chance.choice(sorted(cache.glob(damaged)))
+        if number % 2:
+            file.write_bytes(file.read_bytes()[: chance.randrange(file.stat().st_size)])
+        else:
+            flip(file, chance.randrange(file.stat().st_size))
+        for path in (path for pattern in removed for path in cache.glob(pattern)):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        picture, messages = rendered()
+        assert picture == expected[0], kind
+        assert all(line.startswith("wrt: warning: ") for line in messages), kind
+        assert not messages or rendered() == expected, kind
+        noticed |= {kind} if messages else set()
+    assert len(noticed) >= len(DAMAGED_FILES) - 3
 
 
 # --- Folders ------------------------------------------------------------------------------------------

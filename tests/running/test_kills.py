@@ -5,47 +5,46 @@ from __future__ import annotations
 import random
 import signal
 import time
-from collections import Counter
 from pathlib import Path
 
-import kill_and_resume
-import numpy as np
 import pytest
-from kill_and_resume import Kills, RoundError, leftovers, play_round, references, require_whole
 from support.caches import CORNELL_BOX, copy_of_warm_cache
 from support.commands import ENVIRONMENT, run, start
 
-import wrt
+from wrt.rendering.checkpoint import read_checkpoint
+
+
+def temporary_files(folder: Path) -> set[str]:
+    """Return the names of the files that are being written, or that a killed render has abandoned."""
+    return {path.name for path in folder.glob(".wrt-*.part*")}
 
 
 @pytest.mark.slow
-def test_a_killed_render_is_resumed_to_the_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Twice, of a small scene; `scripts/kill_and_resume.py` plays more rounds with more scenes, and kills compiles."""
-    scene = ("cornell-box", "--size", "64x48", "--spp", "256")
-    monkeypatch.setattr(kill_and_resume, "SCENES", (scene,))
-    monkeypatch.setattr(kill_and_resume, "AIMS", {"write": 0.7, "time": 0.3})
-    whole, kills = references(tmp_path), Kills(Counter(), Counter())
-    for number in range(2):
-        folder = tmp_path / f"round-{number}"
-        folder.mkdir()
-        play_round(whole, folder, random.Random(number), kills)
-    assert kills.met["ended before"] < kills.met.total()
-
-
-@pytest.mark.usefixtures("render_kernels_when_launched")
-def test_the_script_notices_what_a_kill_would_damage(tmp_path: Path) -> None:
-    renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
-    renderer.save_checkpoint(tmp_path / "a.ckpt")
-    wrt.save_image(tmp_path / "out.npy", np.ones((8, 8, 3), np.float32))
-    require_whole(tmp_path)
-    whole = (tmp_path / "a.ckpt").read_bytes()
-    for damaged in (whole[: len(whole) // 2], b"", whole[:600] + bytes([whole[600] ^ 1]) + whole[601:]):
-        (tmp_path / "a.ckpt").write_bytes(damaged)
-        with pytest.raises(RoundError, match="a damaged file"):
-            require_whole(tmp_path)
-    (tmp_path / "a.ckpt").unlink()
-    (tmp_path / ".wrt-01234567-89abcdef.part.npy").write_bytes(np.zeros(3).tobytes())
-    assert leftovers(tmp_path) == [".wrt-01234567-89abcdef.part.npy"]
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_killed_render_is_resumed_to_the_byte(seed: int, tmp_path: Path) -> None:
+    """It is killed twice while it writes a checkpoint, and once at any time; files are whole after each kill."""
+    scene = ("render", "cornell-box", "--size", "64x48", "--spp", "256", "--quiet", "-o")
+    run(tmp_path, *scene, "expected.npy")
+    chance, kills = random.Random(seed), 0
+    resume = (*scene, "out.npy", "--checkpoint", "a.ckpt", "--resume", "--save-every", "0.05")
+    for writes in (chance.randrange(1, 8), chance.randrange(1, 8), None):
+        process = start(tmp_path, *resume)
+        before, end = temporary_files(tmp_path), time.monotonic() + (120.0 if writes else chance.uniform(0.3, 2.0))
+        while process.poll() is None and time.monotonic() < end and writes != 0:
+            if writes and (begun := temporary_files(tmp_path) - before):
+                before |= begun
+                writes -= 1
+            time.sleep(1e-4)
+        process.kill()
+        process.communicate()
+        kills += process.returncode == -signal.SIGKILL
+        if (tmp_path / "a.ckpt").exists():
+            read_checkpoint(tmp_path / "a.ckpt")
+    assert kills
+    done = run(tmp_path, *resume)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "out.npy").read_bytes() == (tmp_path / "expected.npy").read_bytes()
+    assert not temporary_files(tmp_path)
 
 
 @pytest.mark.machinery

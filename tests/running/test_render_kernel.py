@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.caches import without_notes
+from support.caches import without_artefacts
 from support.wide_scenes import needs_lanes, with_uvs
 
 import wrt
-from wrt.backend import current_backend, lanes
-from wrt.backend.builds import Builds
+from wrt.backend import lanes
+from wrt.backend.artefacts import Artefacts
 from wrt.backend.device import Device
 from wrt.backend.lanes import NEEDED, SWITCH, lanes_here
+from wrt.compiling import kernel as compiler
 from wrt.compiling import later
 from wrt.rendering import wide_kernel as wide
 from wrt.rendering.wide_kernel import (
-    COMPILED_LOADING_SECONDS,
     COMPILING_SECONDS,
     LOADING_SECONDS,
     WideKernel,
@@ -33,21 +33,6 @@ from wrt.rendering.wide_kernel import (
 )
 
 pytestmark = pytest.mark.usefixtures("render_kernels_when_launched")
-
-
-class Noted:
-    """What stands in for the notes of builds: a kernel is there once it was compiled."""
-
-    compiled = False
-
-    def __init__(self) -> None:
-        self.folders: list[str] = []
-
-    def has(self, name: str) -> bool:
-        return self.compiled
-
-    def refresh(self) -> None:
-        """Nothing else is to be known."""
 
 
 class Compiler:
@@ -84,12 +69,18 @@ def renderer() -> wrt.Renderer:
     return wrt.Renderer(wrt.load("cornell-box"), width=20, height=19)
 
 
+class Known:
+    """What is known of the kernel: whether it is compiled."""
+
+    is_compiled = False
+
+
 @pytest.fixture
-def notes(renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> Noted:
-    """Return notes of builds, on a processor that can all, where nothing is really compiled."""
-    found = Noted()
+def known(monkeypatch: pytest.MonkeyPatch) -> Known:
+    """Return what is known of the kernel, on a processor that can all, where nothing is really compiled."""
+    found = Known()
     started.clear()
-    monkeypatch.setattr(Builds, "known", lambda: found)
+    monkeypatch.setattr(compiler, "is_compiled", lambda *_: found.is_compiled)
     monkeypatch.setattr(lanes, "processor_flags", lambda: NEEDED[16])
     monkeypatch.setattr(subprocess, "Popen", Compiler)
     monkeypatch.setattr(WideKernel, "_load", lambda kernel: setattr(kernel, "kernel", "loaded"))
@@ -112,7 +103,7 @@ def kernel_of(renderer: wrt.Renderer) -> WideKernel:
 # --- When it is compiled and loaded -------------------------------------------------------------------
 
 
-def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, renderer: wrt.Renderer, asked) -> None:
+def test_it_is_compiled_once_and_only_for_much_that_is_left(known: Known, renderer: wrt.Renderer, asked) -> None:
     """A shorter render has it compiled for the next, the shortest does not."""
     kernel = kernel_of(renderer)
     kernel.prepare(LOADING_SECONDS / 2)
@@ -123,10 +114,10 @@ def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, render
     assert not started
     for _ in range(2):
         kernel.prepare(COMPILING_SECONDS * 10)
-    (compiler,) = started
-    assert json.loads(compiler.command[3]) == json.loads(json.dumps(dataclasses.asdict(kernel._features)))
-    assert compiler.command[4] == "16"
-    compiler.returncode, notes.compiled = 0, True
+    (process,) = started
+    assert json.loads(process.command[3]) == json.loads(json.dumps(dataclasses.asdict(kernel._features)))
+    assert process.command[4] == "16"
+    process.returncode, known.is_compiled = 0, True
     kernel.prepare(LOADING_SECONDS / 2)
     assert kernel.kernel is None
     kernel.prepare(LOADING_SECONDS * 2)
@@ -134,7 +125,7 @@ def test_it_is_compiled_once_and_only_for_much_that_is_left(notes: Noted, render
     assert len(started) == 1
 
 
-def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(notes, renderer, monkeypatch) -> None:
+def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(known, renderer, monkeypatch) -> None:
     kernel = kernel_of(renderer)
     kernel.wait()
     kernel.prepare(math.inf)
@@ -155,36 +146,34 @@ def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, aske
     real, sleep = subprocess.Popen, [sys.executable, "-c", "import time; time.sleep(60)"]
     monkeypatch.setattr("wrt.rendering.wide_kernel.subprocess.Popen", lambda *_, **__: real(sleep))
     kernel = kernel_of(renderer)
-    kernel._builds = Builds.known()
     kernel.prepare(10.0 * COMPILING_SECONDS)
-    compiler, features = kernel._compiler, kernel._features
-    assert compiler is not None
+    process, features = kernel._compiler, kernel._features
+    assert process is not None
     del kernel
-    assert compiler.poll() == -signal.SIGKILL
+    assert process.poll() == -signal.SIGKILL
     assert asked == [features]
 
 
-def test_what_loads_quickly_is_loaded_before_the_first_pass(notes: Noted, renderer, monkeypatch) -> None:
+def test_what_loads_quickly_is_loaded_before_the_first_pass(known: Known, renderer, monkeypatch) -> None:
     """But nothing is compiled on a guess."""
-    monkeypatch.setattr(renderer.device.backend, "builds", notes)
     kernel = kernel_of(renderer)
     kernel.expect(math.inf)
-    notes.compiled = True
-    kernel.expect(COMPILED_LOADING_SECONDS / 2)
+    known.is_compiled = True
+    kernel.expect(LOADING_SECONDS / 2)
     assert (kernel.kernel, started) == (None, [])
-    kernel.expect(COMPILED_LOADING_SECONDS * 2)
+    kernel.expect(LOADING_SECONDS * 2)
     assert (kernel.kernel, started) == ("loaded", [])
 
 
 @pytest.mark.parametrize("lacking", ["processor", "warp", "array", "film", "integrator", "switch", "cpu"])
-def test_where_it_cannot_be_had_nothing_is_tried(lacking: str, notes: Noted, renderer, monkeypatch) -> None:
+def test_where_it_cannot_be_had_nothing_is_tried(lacking: str, known: Known, renderer, monkeypatch) -> None:
     kernel = kernel_of(renderer)
     if lacking == "processor":
         monkeypatch.setattr(lanes, "processor_flags", lambda: NEEDED[8] - {"avx2"})
     elif lacking == "warp":
-        monkeypatch.setattr(Builds, "known", lambda: None)
+        monkeypatch.setattr(renderer.device.backend.artefacts, "can_launch", False)
     elif lacking == "array":
-        monkeypatch.setattr(wide, "MOST_BYTES", largest_array(current_backend(), kernel._records[0]) - 1)
+        monkeypatch.setattr(wide, "MOST_BYTES", largest_array(kernel._records[0]) - 1)
     elif lacking == "film":
         kernel = kernel_of(wrt.Renderer(wrt.load("cornell-box"), width=500, height=400))
         monkeypatch.setattr(wide, "MOST_BYTES", 24 * 500 * 400 - 1)
@@ -196,7 +185,7 @@ def test_where_it_cannot_be_had_nothing_is_tried(lacking: str, notes: Noted, ren
         device = Device("cpu")
         device.name = "cuda:0"
         kernel = WideKernel(device, kernel._features, kernel._records)
-    notes.compiled = True
+    known.is_compiled = True
     kernel.wait()
     kernel.prepare(math.inf)
     assert (kernel.kernel, started) == (None, [])
@@ -223,7 +212,7 @@ def test_the_largest_array_is_found_wherever_it_is() -> None:
     pixels = np.random.default_rng(1).random((300, 200, 3), np.float32)
     shape, material = scene.shapes[0], wrt.Diffuse(wrt.ImageTexture(pixels))
     scene.shapes[0] = dataclasses.replace(shape, mesh=with_uvs(shape.mesh), material=material)
-    found = largest_array(current_backend(), wrt.Renderer(scene, width=8, height=8)._kernel.records[0])
+    found = largest_array(wrt.Renderer(scene, width=8, height=8)._kernel.records[0])
     assert pixels.nbytes <= found <= 2 * pixels.nbytes
 
 
@@ -242,7 +231,7 @@ def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch
     scene, size = wrt.load("cornell-box"), {"width": 37, "height": 21}
     scalar = wrt.Renderer(scene, **size)
     list(scalar.passes(spp=9))
-    assert "wide" not in scalar._kernel.in_use.module.name
+    assert "wide" not in scalar._kernel.in_use.module
     first = wrt.Renderer(scene, **size)
     list(first.passes(spp=4))
     first.save_checkpoint(tmp_path / "half.wrt")
@@ -251,7 +240,7 @@ def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch
     monkeypatch.chdir(tmp_path)
     second = wrt.Renderer.resume(tmp_path / "half.wrt", scene)
     assert second.compile() > 0.0
-    assert "wide" in second._kernel.in_use.module.name
+    assert "wide" in second._kernel.in_use.module
     list(second.passes(spp=9))
     np.testing.assert_array_equal(second.image(), scalar.image())
     np.testing.assert_array_equal(second.variance(), scalar.variance())
@@ -269,10 +258,10 @@ for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passe
 @pytest.mark.slow
 def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) -> None:
     """Killed while another compiles, so that its own waits; nothing is left of it."""
-    environment, builds = without_notes(tmp_path), Builds.known()
-    assert builds is not None
-    builds.path = tmp_path / "cache" / "wrt" / builds.path.name
-    with builds.alone():
+    environment, artefacts = without_artefacts(tmp_path), Artefacts()
+    assert artefacts.path is not None
+    artefacts.path = tmp_path / "cache" / "wrt" / artefacts.path.name
+    with artefacts.lock():
         process = subprocess.Popen([sys.executable, "-c", LONG], env=environment, stdout=subprocess.PIPE, text=True)
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
         assert process.stdout is not None

@@ -160,10 +160,10 @@ def chi_square(
     smooth = ~found["delta"].astype(bool) & (found["pdf"] > 0.0)
 
     def density(wi: NDArray) -> NDArray:
-        there = np.flatnonzero(wi[:, 2] > 0.0) if not case.model.transmits else np.arange(len(wi))
+        rows = np.flatnonzero(wi[:, 2] > 0.0) if not case.model.transmits else np.arange(len(wi))
         result = np.zeros(len(wi))
-        if len(there):
-            result[there] = case.evaluate(wo, wi[there], device)[1]
+        if len(rows):
+            result[rows] = case.evaluate(wo, wi[rows], device)[1]
         return result
 
     # Of some cells a mere corner is seen, which quadrature may miss. `assert_weights` tells samples of no density.
@@ -201,11 +201,11 @@ def assert_weights(case: Case, degrees: float, device: str, *, rtol: float = 1e-
 def reciprocity_error(case: Case, device: str, *, n: int = 100_000) -> float:
     """Return the largest relative difference of f(wo, wi) and f(wi, wo) by reflection above the surface."""
     wo, wi = hemisphere(n, seed=2), hemisphere(n, seed=3)
-    there = case.evaluate(wo, wi, device)[0] / wi[:, 2:]
-    back = case.evaluate(wi, wo, device)[0] / wo[:, 2:]
-    # Relative to the value, or where that is next to nothing to a thousandth of the typical one.
-    scale = np.maximum(np.maximum(there, back), 1e-3 * np.median(np.maximum(there, back)) + 1e-12)
-    return float((np.abs(there - back) / scale).max())
+    forward = case.evaluate(wo, wi, device)[0] / wi[:, 2:]
+    backward = case.evaluate(wi, wo, device)[0] / wo[:, 2:]
+    # Relative to the value, but at least to a thousandth of the typical one.
+    larger = np.maximum(forward, backward)
+    return float((np.abs(forward - backward) / np.maximum(larger, 1e-3 * np.median(larger) + 1e-12)).max())
 
 
 def transmission_error(case: Case, ior: float, device: str, *, n: int = 50_000) -> tuple[float, float]:
@@ -216,13 +216,13 @@ def transmission_error(case: Case, ior: float, device: str, *, n: int = 50_000) 
     """
     flip = np.array([1.0, 1.0, -1.0])
     outside, inside = hemisphere(n, seed=2), hemisphere(n, seed=3) * flip
-    there = case.evaluate(outside, inside, device)[0] / -inside[:, 2:] * ior**2
-    behind = dataclasses.replace(case, front=not case.front)
-    back = behind.evaluate(inside * flip, outside * flip, device)[0] / outside[:, 2:]
-    assert there.max() > 0.0
+    forward = case.evaluate(outside, inside, device)[0] / -inside[:, 2:] * ior**2
+    reverse = dataclasses.replace(case, front=not case.front)
+    backward = reverse.evaluate(inside * flip, outside * flip, device)[0] / outside[:, 2:]
+    assert forward.max() > 0.0
     # The cosine to a facet that is seen edge-on has few digits, and f is proportional to it.
-    largest = np.maximum(there, back)
-    error = np.abs(there - back) / np.maximum(largest, 1e-3 * largest.max())
+    largest = np.maximum(forward, backward)
+    error = np.abs(forward - backward) / np.maximum(largest, 1e-3 * largest.max())
     return float(np.quantile(error, 0.999)), float(error.max())
 
 
@@ -257,8 +257,8 @@ def walked(escapes: float, color: ArrayLike, *, first: int = 1) -> tuple[NDArray
     Each bounce multiplies it by a colour, and after each a share `escapes`.
     """
     bounces = np.random.default_rng(36).geometric(escapes, 2_000_000)
-    left = np.power(np.asarray(color, np.float64), bounces[bounces >= first, None])
-    return left.mean(axis=0), left.std(axis=0) / np.sqrt(len(left))
+    light = np.power(np.asarray(color, np.float64), bounces[bounces >= first, None])
+    return light.mean(axis=0), light.std(axis=0) / np.sqrt(len(light))
 
 
 def assert_finite(case: Case, device: str, *, n: int = 20_000) -> None:

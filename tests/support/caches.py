@@ -21,7 +21,7 @@ CORNELL_BOX = ("render", "cornell-box", "--size", "16x16", "--spp", "1", "--quie
 
 
 def copy_of_warm_cache(cache: Path, but_for: tuple[str, ...] = ()) -> None:
-    """Fill a cache folder with the headers and the kernels of CORNELL_BOX, without notes.
+    """Fill a cache folder with the headers and the kernels of CORNELL_BOX, without a table of artefacts.
 
     Args:
         cache: a folder, to be named by XDG_CACHE_HOME.
@@ -41,23 +41,23 @@ def copy_of_headers(cache: Path) -> None:
 
 @functools.cache
 def _kernels() -> tuple[Path, ...]:
-    """Return the folders of the kernels in the usual cache; those that are missing are compiled."""
-    with tempfile.TemporaryDirectory() as notes:
-        environment = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": notes, "WARP_CACHE_PATH": str(warp_folder())}
+    """Return the folders of the kernels in the usual cache, after compiling missing ones."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": folder, "WARP_CACHE_PATH": str(warp_folder())}
         command = [sys.executable, "-m", "wrt", *CORNELL_BOX, "film.npy"]
-        subprocess.run(command, cwd=notes, env={**os.environ, **environment}, check=True)
-        (file,) = Path(notes).glob("wrt/builds-*.json")
-        known = json.loads(file.read_bytes().partition(b"\n")[2])
-    return tuple(Path(each["file"]).parent for each in known["files"].values())
+        subprocess.run(command, cwd=folder, env={**os.environ, **environment}, check=True)
+        (file,) = Path(folder).glob("wrt/artefacts-*.json")
+        artefacts = json.loads(file.read_bytes().partition(b"\n")[2])
+    return tuple(Path(each["file"]).parent for each in artefacts["files"].values())
 
 
-def without_notes(folder: Path) -> dict[str, str]:
+def without_artefacts(folder: Path) -> dict[str, str]:
     """Return variables by which nothing is known to be compiled, though the usual cache has it."""
     wp.init()
     # Warp puts a folder of its version there itself.
     kernels = Path(wp.config.kernel_cache_dir).parent
-    own = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "WARP_CACHE_PATH": str(kernels)}
-    return {**os.environ, **own}
+    folders = {"PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache"), "WARP_CACHE_PATH": str(kernels)}
+    return {**os.environ, **folders}
 
 
 def python(folder: Path, environment: dict[str, str], *arguments: str) -> str:
@@ -69,7 +69,7 @@ def python(folder: Path, environment: dict[str, str], *arguments: str) -> str:
 
 
 def render_small(folder: Path, environment: dict[str, str], output: str, *arguments: str) -> tuple[bool, str]:
-    """Render in a process; return whether it imported Warp, and what it said."""
+    """Render in a process; return whether it imported Warp, and its messages."""
     command = ["-m", "wrt", "render", *arguments, "--size", "24x16", "--spp", "2", "--quiet", "-o", output]
     process = subprocess.run(
         [sys.executable, "-X", "importtime", *command],
@@ -80,5 +80,5 @@ def render_small(folder: Path, environment: dict[str, str], output: str, *argume
         check=True,
     )
     lines = process.stderr.splitlines()
-    said = [line for line in lines if not line.startswith("import time:")]
-    return any(line.endswith(" warp._src.context") for line in lines), "\n".join(said)
+    messages = [line for line in lines if not line.startswith("import time:")]
+    return any(line.endswith(" warp._src.context") for line in lines), "\n".join(messages)

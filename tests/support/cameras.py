@@ -42,12 +42,12 @@ def rays_kernel(
     visible_out: wp.array(dtype=int),
 ):
     i = wp.tid()
-    seen = camera_ray(camera, films[i], lenses[i], shutter_time(camera, shutters[i]))
-    origins_out[i] = seen.ray.origin
-    directions_out[i] = seen.ray.direction
-    times_out[i] = seen.ray.time
-    footprints_out[i] = seen.footprint
-    visible_out[i] = wp.where(seen.visible, 1, 0)
+    found = camera_ray(camera, films[i], lenses[i], shutter_time(camera, shutters[i]))
+    origins_out[i] = found.ray.origin
+    directions_out[i] = found.ray.direction
+    times_out[i] = found.ray.time
+    footprints_out[i] = found.footprint
+    visible_out[i] = wp.where(found.visible, 1, 0)
 
 
 def camera_rays(camera, width, height, films, lenses=(0.5, 0.5), shutters=0.5, *, device="cpu") -> CameraRays:

@@ -72,17 +72,17 @@ class Tab:
             time.sleep(0.05)
         raise AssertionError(f"still not true after {seconds} s: {expression}; {self.problems}")
 
-    def mouse(self, kind, x, y, **more):
-        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+    def mouse(self, kind, x, y, **button):
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **button)
 
     def drag(self, start, end, steps=10, pause=0.03):
-        held = {"button": "left", "buttons": 1, "clickCount": 1}
-        self.mouse("mousePressed", *start, **held)
+        button = {"button": "left", "buttons": 1, "clickCount": 1}
+        self.mouse("mousePressed", *start, **button)
         for step in range(1, steps + 1):
             share = step / steps
-            self.mouse("mouseMoved", *(a + share * (b - a) for a, b in zip(start, end, strict=True)), **held)
+            self.mouse("mouseMoved", *(a + share * (b - a) for a, b in zip(start, end, strict=True)), **button)
             time.sleep(pause)
-        self.mouse("mouseReleased", *end, **held)
+        self.mouse("mouseReleased", *end, **button)
 
     def key(self, name):
         for kind in ("keyDown", "keyUp"):
@@ -104,8 +104,8 @@ class Browser:
     def __enter__(self):
         self._folder = tempfile.TemporaryDirectory(prefix="wrt-chromium-", ignore_cleanup_errors=True)
         command = [PROGRAM, *shlex.split(OPTIONS), f"--user-data-dir={self._folder.name}", "about:blank"]
-        nothing = subprocess.DEVNULL
-        self._process = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
+        null = subprocess.DEVNULL
+        self._process = subprocess.Popen(command, stdin=null, stdout=null, stderr=null)
         place = Path(self._folder.name) / "DevToolsActivePort"
         end = time.monotonic() + 60
         while not (place.exists() and "\n" in place.read_text()):

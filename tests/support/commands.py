@@ -21,7 +21,7 @@ CAMERA = "[camera]\norigin = [0.5, 0.5, 3]\ntarget = [0.5, 0.5, 0]\n"
 QUAD = '[[shapes]]\ntype = "quad"\norigin = [0, 0, 0]\nedge_u = [1, 0, 0]\nedge_v = [0, 1, 0]\n'
 LAMP = '[[shapes]]\ntype = "quad"\norigin = [0, 0, 2]\nedge_u = [0, 1, 0]\nedge_v = [0.5, 0, 0]\nemission = 4\n'
 ROOM = CAMERA + QUAD + LAMP
-"""A scene file with the features of cornell-box: diffuse quads, of which one emits."""
+"""A scene file with the features of cornell-box: diffuse quads and an emitting one."""
 
 
 def _default_interrupt() -> None:
@@ -36,21 +36,22 @@ def start(folder: Path, *arguments: str, **options: Any) -> subprocess.Popen[str
         _default_interrupt()
         before()
 
-    given = {"stdin": subprocess.DEVNULL, "stdout": pipe, "stderr": pipe, "text": True, "env": ENVIRONMENT, **options}
-    return subprocess.Popen([sys.executable, "-m", "wrt", *arguments], cwd=folder, preexec_fn=prepare, **given)
+    streams = {"stdin": subprocess.DEVNULL, "stdout": pipe, "stderr": pipe, "text": True}
+    command = [sys.executable, "-m", "wrt", *arguments]
+    return subprocess.Popen(command, cwd=folder, preexec_fn=prepare, **{**streams, "env": ENVIRONMENT, **options})
 
 
 def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedProcess[Any]:
-    """Run a command to its end; `before` is called in its process first. Progress is taken out of what it says."""
+    """Run a command to its end; `before` is called in its process first. Its error output comes without progress."""
     process = start(folder, *arguments, **options)
     out, err = process.communicate(timeout=300)
-    said = without_progress(err) if isinstance(err, str) else err
-    return subprocess.CompletedProcess(arguments, process.returncode, out, said)
+    err = without_progress(err) if isinstance(err, str) else err
+    return subprocess.CompletedProcess(arguments, process.returncode, out, err)
 
 
-def without_progress(said: str) -> str:
+def without_progress(output: str) -> str:
     """Remove progress lines, which appear when a render is slow, as on a busy machine or while kernels are compiled."""
-    lines = said.splitlines(keepends=True)
+    lines = output.splitlines(keepends=True)
     return "".join(line for line in lines if not re.match(r"wrt: .*: (getting ready;|\d+ %  \d)", line))
 
 

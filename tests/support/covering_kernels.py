@@ -33,7 +33,7 @@ def covering(*models: str, **fields: Any) -> Features:
 
 def render_with(kernels: Sequence[Features], monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the first kernel that covers a scene render it; a scene that none covers gets its own."""
-    render_by(lambda own: next((kernel for kernel in kernels if kernel.covers(own)), own), monkeypatch)
+    render_by(lambda features: next((kernel for kernel in kernels if kernel.covers(features)), features), monkeypatch)
 
 
 def rendering_with(*kernels: Features) -> Any:
@@ -50,9 +50,9 @@ def render_by(kernel_for: Callable[[Features], Features], monkeypatch: pytest.Mo
     """Render each scene with the kernel that a function of the scene's own features chooses."""
     make = RenderKernel.__init__
 
-    def init(self: RenderKernel, device: Any, features: Features, *rest: Any, **options: Any) -> None:
+    def init(self: RenderKernel, device: Any, features: Features, *arguments: Any, **options: Any) -> None:
         kernel = kernel_for(features)
         assert kernel == features or (kernel.covers(features) and features.integrator == "path")
-        make(self, device, kernel, *rest, **options)
+        make(self, device, kernel, *arguments, **options)
 
     monkeypatch.setattr(RenderKernel, "__init__", init)

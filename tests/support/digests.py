@@ -35,7 +35,7 @@ SIZES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """A film: how its scene is made, and what the renderer is told."""
+    """A film: its scene, and the options of the renderer."""
 
     make: Callable[[], wrt.Scene]
     options: dict[str, Any] = field(default_factory=dict)
@@ -72,7 +72,7 @@ def _pictures(name: str, drawing: Any) -> Iterator[tuple[str, Case]]:
         return
     picture = getattr(drawing, "picture", drawing)
     height = max(1, 24 * picture.height // picture.width)
-    yield name, Case(picture.make, {**picture.given, "width": 24, "height": height}, (2,))
+    yield name, Case(picture.make, {**picture.options, "width": 24, "height": height}, (2,))
 
 
 def _seen_by(scene: wrt.Scene, camera: str) -> wrt.Scene:
@@ -131,7 +131,7 @@ def rendered(case: Case) -> wrt.Renderer:
 
 
 def wide_film(case: Case, lanes: int) -> str | None:
-    """Render a case by the kernel of so many lanes, and return the film's digest; None where there is none."""
+    """Render a case by the wide kernel of some lanes, and return the film's digest; None if there is no such kernel."""
     renderer = case.renderer()
     if renderer.integrator not in ("path", "volpath"):
         return None
@@ -142,4 +142,4 @@ def wide_film(case: Case, lanes: int) -> str | None:
 
 def _render(case: Case, renderer: wrt.Renderer, kernel: Any, threads: int) -> None:
     for target in case.passes:
-        wp.launch(kernel, dim=threads, inputs=[0, target, *renderer._inputs], device="cpu")
+        renderer.device.launch(kernel, threads, [target, *renderer._inputs])

@@ -113,9 +113,8 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
         edges = cx * by - cy * bx
         products = np.abs(cx * by) + np.abs(cy * bx)
         moved = np.abs(cx) * by_error + np.abs(by) * cx_error + np.abs(cy) * bx_error + np.abs(bx) * cy_error
-        # The sign of the difference is that of the rounded products, so only those count for the sign;
-        # the bound covers the value as well. What two moved corners add is of the second order, but not
-        # beside a corner that lies on the ray.
+        # The rounded products decide the sign of the difference; the bound covers the value as well. Two moved corners
+        # together add a second-order term, which matters beside a corner that lies on the ray.
         edge_error = moved + cx_error * by_error + cy_error * bx_error + EPSILON * (products + np.abs(edges))
         edge_error *= SECOND_ORDER
         # t is a mean of the corners' z, weighted by the edge functions. Beside those: z, product, two
@@ -132,12 +131,12 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
             most_x, most_y, most_z = (np.abs(a).max(axis=2) for a in (ax, ay, z))
             error_x, error_y = 5.0 * EPSILON * (most_x + most_z), 5.0 * EPSILON * (most_y + most_z)
             error_e = 2.0 * (2.0 * EPSILON * most_x * most_y + error_y * most_x + error_x * most_y)
-            apart = z.max(axis=2) - z.min(axis=2)
-            least_t = np.abs(inverse) * (18.0 * EPSILON * most_z + 3.0 * apart * error_e / det)
+            extent = z.max(axis=2) - z.min(axis=2)
+            least_t = np.abs(inverse) * (18.0 * EPSILON * most_z + 3.0 * extent * error_e / det)
             least = np.stack(
                 [
-                    np.where(most_z - apart > 24.0 * EPSILON * most_z, 0.0, least_t * SECOND_ORDER),
-                    np.where(most_z - apart > 12.0 * EPSILON * most_z, 0.0, least_t / SECOND_ORDER),
+                    np.where(most_z - extent > 24.0 * EPSILON * most_z, 0.0, least_t * SECOND_ORDER),
+                    np.where(most_z - extent > 12.0 * EPSILON * most_z, 0.0, least_t / SECOND_ORDER),
                 ],
                 axis=2,
             )
@@ -219,8 +218,8 @@ def ulps(difference: ArrayLike, t: ArrayLike) -> Array:
 
 def exact_distances(corners: ArrayLike, origins: ArrayLike, directions: ArrayLike, model: Model) -> tuple[Array, Array]:
     """Return for each ray the exact distance to the plane of its own (3, 3) corners, and how wrong t may be."""
-    own, o, d = (np.asarray(a, np.float64) for a in (corners, origins, directions))
-    tested = model(own[:, None], o, d)
+    triangles, o, d = (np.asarray(a, np.float64) for a in (corners, origins, directions))
+    tested = model(triangles[:, None], o, d)
     return tested.t[:, 0], tested.t_error[:, 0]
 
 
@@ -261,13 +260,13 @@ def _explain(tested: Tested, answer: NDArray[np.integer]) -> Explained:
     exact = np.isfinite(t_inside[rows, nearest])
     reach = np.where(surely, t + t_error, np.inf).min(axis=1)
 
-    given = answer >= 0
-    t_given = np.where(given, t[rows, answer], np.inf)
-    error_given = np.where(given, t_error[rows, answer], 0.0)
-    possible = np.where(given, perhaps[rows, answer] & ~(t_given - error_given > reach), ~np.isfinite(reach))
+    is_hit = answer >= 0
+    t_given = np.where(is_hit, t[rows, answer], np.inf)
+    error_given = np.where(is_hit, t_error[rows, answer], 0.0)
+    possible = np.where(is_hit, perhaps[rows, answer] & ~(t_given - error_given > reach), ~np.isfinite(reach))
 
-    same = np.where(given, exact & (nearest == answer), ~exact)
+    same = np.where(is_hit, exact & (nearest == answer), ~exact)
     reason = np.where(same & possible, Reason.SAME, np.where(possible, Reason.ROUNDING, Reason.NONE))
-    others = (perhaps & ~((t - t_error) > reach[:, None])).sum(axis=1)
-    unsure = (others > 1) | ((others == 1) & ~np.isfinite(reach))
+    candidates = (perhaps & ~((t - t_error) > reach[:, None])).sum(axis=1)
+    unsure = (candidates > 1) | ((candidates == 1) & ~np.isfinite(reach))
     return Explained(reason, np.where(exact, nearest, -1), unsure)

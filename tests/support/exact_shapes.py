@@ -76,12 +76,12 @@ def make_cast(geometry: str) -> wp.Kernel:
         hit = closest_hit(scene, ray)
         number_out[i] = hit.triangle
         if hit.triangle >= 0:
-            after = next_hit(scene, ray, hit, 1.0e30)
-            ts_out[i] = wp.vec2(hit.t, after.t)
+            following = next_hit(scene, ray, hit, 1.0e30)
+            ts_out[i] = wp.vec2(hit.t, following.t)
             surface = surface_at(scene, ray, hit)
             position_out[i, 0] = surface.position
-            if after.triangle >= 0:
-                position_out[i, 1] = surface_at(scene, ray, after).position
+            if following.triangle >= 0:
+                position_out[i, 1] = surface_at(scene, ray, following).position
             front = wp.where(surface.front, 1.0, -1.0)
             normal_out[i] = surface.normal * front
             edges_out[i, 0] = surface.e1

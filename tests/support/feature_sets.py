@@ -23,8 +23,8 @@ MODELS = sorted({material.model for material in (cls.example() for cls in MATERI
 
 def other_models(sets: Sequence[Features]) -> Features:
     """Return a set of each material's model as it comes, where none of `sets` has it."""
-    known = {name for features in sets for name in features.models}
-    return Features(tuple(name for name in MODELS if name not in known), False, "none")
+    included = {name for features in sets for name in features.models}
+    return Features(tuple(name for name in MODELS if name not in included), False, "none")
 
 
 SHADING = [

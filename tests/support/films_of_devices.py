@@ -34,8 +34,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "plain-disk": {"layers": tuple(LAYERS), "clamp_indirect": 2.0, "regularization": 0.2},
     "textures-moving": {},
 }
-"""What renderers of a film are told instead of what its case says: NVRTC takes three times as long for a kernel of all
-that is in these two as for both."""
+"""Options that replace those of a case: NVRTC takes three times as long for one kernel of all these features as for two
+kernels."""
 
 AGREE = 1e-3
 """Relative difference of a pixel's colour: rough and specular surfaces multiply rounding errors by up to a thousand."""
@@ -47,7 +47,7 @@ long, and of 22,000 one was measured that multiplies rounding errors by 10^4."""
 
 
 def lamps_with_holes() -> wrt.Scene:
-    """Return lamps with holes above surfaces with holes: triangles and exact shapes, most of which move.
+    """Return lamps with holes above surfaces with holes: triangles and exact shapes, most of them moving.
 
     Shadow rays to a hole are traced to nowhere on a GPU (`Features.shadows_meet`), through both levels of the tree.
     """
@@ -106,13 +106,13 @@ class Films:
 def films_of(name: str, case: Case, device: str) -> Films:
     """Render a case of `film_cases` on the CPU and on a device."""
     options = OPTIONS.get(name, case.options)
-    cpu, other = (_rendered(case, options, each) for each in ("cpu", device))
-    counts = bool((cpu.film.counts == other.film.counts).all()) and cpu.film.rejected == other.film.rejected
-    layers = other.layers()
-    pairs = {"radiance": (cpu.image(), other.image())} if cpu.renders_light else {}
+    cpu, gpu = (_rendered(case, options, each) for each in ("cpu", device))
+    counts = bool((cpu.film.counts == gpu.film.counts).all()) and cpu.film.rejected == gpu.film.rejected
+    layers = gpu.layers()
+    pairs = {"radiance": (cpu.image(), gpu.image())} if cpu.renders_light else {}
     pairs |= {layer: (values, layers[layer]) for layer, values in cpu.layers().items()}
     agreeing = {layer: float((relative_difference(*pair) <= AGREE).mean()) for layer, pair in pairs.items()}
-    return Films(name, (cpu.rays, other.rays), counts, agreeing)
+    return Films(name, (cpu.rays, gpu.rays), counts, agreeing)
 
 
 def _rendered(case: Case, options: dict[str, Any], device: str) -> wrt.Renderer:

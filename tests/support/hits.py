@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import wrt
 from support.kernels import upload
+from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.kernels.features import Features
 from wrt.kernels.geometry.surface import Surface
@@ -63,8 +64,8 @@ class Chosen(NamedTuple):
 
     def share(self, material: wrt.Material | None) -> float:
         """Return how often a material answers, by identity; None for how often nothing does."""
-        wanted = PASSED_THROUGH if material is None else [m is material for m in self.materials].index(True)
-        return float((self.numbers == wanted).mean())
+        number = PASSED_THROUGH if material is None else [m is material for m in self.materials].index(True)
+        return float((self.numbers == number).mean())
 
 
 class Hit:
@@ -82,7 +83,7 @@ class Hit:
         """Upload `material` to a device."""
         self.device = device
         self.table = describe_materials([material])
-        self.scene = SceneData()
+        self.scene = current_backend().kernels("wrt.kernels.scene.scene_data").SceneData()
         self.table.upload(self.scene, Device(device))
         self.point = Point()
         self.point.front, self.point.uv, self.point.color = front, wp.vec2(*uv), wp.vec3(*color)

@@ -20,7 +20,7 @@ def azimuths(share: int, count: int) -> NDArray[np.float32]:
     return np.linspace(-np.pi, -np.pi + 2.0 * np.pi / share, count).astype(np.float32)
 
 
-def arbitrary(phi_i: NDArray[Any], *, seed: int = 0, steep: float = 2.0, side: int = 9, **given: Any) -> Measurement:
+def arbitrary(phi_i: NDArray[Any], *, seed: int = 0, steep: float = 2.0, side: int = 9, **replaced: Any) -> Measurement:
     """Return tables of random numbers that span `steep` e-folds; visible normals besides go by solid angle."""
     random = np.random.default_rng(seed)
 
@@ -38,7 +38,7 @@ def arbitrary(phi_i: NDArray[Any], *, seed: int = 0, steep: float = 2.0, side: i
     tables["vndf"] *= solid_angle(np.linspace(0.0, 1.0, 8)).astype(np.float32)
     if len(phi_i) < 3:
         tables["sigma"][:] = tables["sigma"][0]  # the area of facets is the same from all sides
-    return Measurement(phi_i, THETA, **{**tables, **given})
+    return Measurement(phi_i, THETA, **{**tables, **replaced})
 
 
 def solid_angle(x: Array) -> Array:

@@ -12,7 +12,7 @@ from support.small_scenes import finish
 from wrt.kernels.features import Features
 
 FAR = 1000.0
-"""Where things stand that are there only for their materials."""
+"""The place of things that are present only for their materials, out of sight."""
 
 MODELS = ("dielectric", "diffuse", "mirror", "null", "thin_dielectric")
 KERNELS = [
@@ -35,7 +35,7 @@ def stage(
 
 
 def render(scene: wrt.Scene, device: str, *, size: tuple[int, int] = (2, 2), spp: int = 1, **options: object):
-    """Return a renderer that has rendered so many samples, independent ones so that its variance is known."""
+    """Return a renderer that has rendered independent samples, so that its variance is known."""
     options = {"sampler": "independent", "filter": "box", "device": device, **options}
     return finish(wrt.Renderer(scene, width=size[0], height=size[1], **options), spp)  # type: ignore[arg-type]
 
@@ -45,10 +45,3 @@ def mean_and_error(renderer: wrt.Renderer) -> tuple[NDArray[np.float64], NDArray
     image = renderer.image().astype(np.float64)
     pixels = image.shape[0] * image.shape[1]
     return image.mean(axis=(0, 1)), np.sqrt(renderer.variance().sum(axis=(0, 1))) / pixels
-
-
-def fresnel(cos_i: float, eta: float) -> float:
-    """Return F by the g, c form (Cook and Torrance 1982), for eta = n_t / n_i ≥ 1."""
-    g = np.sqrt(eta * eta - 1.0 + cos_i * cos_i)
-    a, b = (g - cos_i) / (g + cos_i), (cos_i * (g + cos_i) - 1.0) / (cos_i * (g - cos_i) + 1.0)
-    return float(0.5 * a * a * (1.0 + b * b))

@@ -45,7 +45,7 @@ def ply(order: str, *elements: Element, head: str = "") -> bytes:
 
 
 def off_binary(order: str, points: ArrayLike, faces: Sequence[Sequence[int]], colors: int = 0) -> bytes:
-    """Return a binary OFF file of which each face has some numbers of a colour."""
+    """Return a binary OFF file whose faces have some numbers of a colour each."""
     data = b"OFF BINARY\n" + struct.pack(f"{order}3i", np.shape(points)[0], len(faces), 0)
     data += np.asarray(points, f"{order}f4").tobytes()
     for face in faces:
@@ -107,17 +107,17 @@ def data_uri(data: bytes, kind: str = "application/octet-stream") -> str:
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
-def add_view(tree: dict[str, Any], data: bytes, **more: object) -> int:
+def add_view(tree: dict[str, Any], data: bytes, **fields: object) -> int:
     tree["buffers"].append({"uri": data_uri(data), "byteLength": len(data)})
-    tree["bufferViews"].append({"buffer": len(tree["buffers"]) - 1, "byteLength": len(data), **more})
+    tree["bufferViews"].append({"buffer": len(tree["buffers"]) - 1, "byteLength": len(data), **fields})
     return len(tree["bufferViews"]) - 1
 
 
-def add(tree: dict[str, Any], values: ArrayLike, dtype: str = "<f4", **more: object) -> int:
+def add(tree: dict[str, Any], values: ArrayLike, dtype: str = "<f4", **fields: object) -> int:
     """Add an accessor of an array, and return its number."""
     rows = np.asarray(values, dtype)
     kind = {"componentType": TYPES[dtype[1:]], "type": WIDTHS[1 if rows.ndim == 1 else rows.shape[1]]}
-    tree["accessors"].append({"bufferView": add_view(tree, rows.tobytes()), "count": len(rows), **kind, **more})
+    tree["accessors"].append({"bufferView": add_view(tree, rows.tobytes()), "count": len(rows), **kind, **fields})
     return len(tree["accessors"]) - 1
 
 
@@ -131,7 +131,7 @@ def saved(folder: Path, tree: dict[str, Any], name: str = "a.gltf") -> Path:
 
 
 def check_refused(message: str, read: Any, path: Path, *arguments: object) -> None:
-    """Check that a file is refused in one line, which begins with its name and says what a pattern says."""
+    """Check that a file is refused in one line, which begins with its name and matches a pattern."""
     with pytest.raises(wrt.InputError, match=message) as caught:
         read(path, *arguments)
     check_message(caught.value, path)

@@ -10,7 +10,7 @@ import numpy as np
 
 import wrt
 from support.measurements import arbitrary, azimuths
-from support.mitsuba_scene import VARIANT, Reference, load_mitsuba
+from support.mitsuba_scene import VARIANT, Reference, load_mitsuba, reference_of
 from support.statistics import ImageTest
 from wrt.io.measured.measurement import save_measurement
 
@@ -60,13 +60,10 @@ def _write_png(path: Path, codes: np.ndarray) -> None:
 
 
 def render_by_mitsuba(path: Path, *, spp: int, runs: int = 16, seed: int = 1, variant: str = VARIANT) -> Reference:
-    """Return what a variant of Mitsuba makes of a scene file, by several runs with their own random numbers."""
+    """Return the picture of a scene file by a variant of Mitsuba, from several runs with their own random numbers."""
     mi = load_mitsuba()
     mi.set_variant(variant)
-    scene = mi.load_file(str(path))
-    seeds = [1_000_003 * (seed + run) for run in range(runs)]
-    images = np.stack([np.array(mi.render(scene, spp=max(1, spp // runs), seed=k), np.float64)[..., :3] for k in seeds])
-    return Reference(images.mean(axis=0), images.var(axis=0, ddof=1) / runs, runs)
+    return reference_of(mi.load_file(str(path)), spp=spp, runs=runs, seed=seed)
 
 
 def compare(path: Path, expected: Reference, *, spp: int) -> ImageTest:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from peers.mitsuba_scene import VARIANT, load_mitsuba, to_mitsuba
 import wrt
 from support.statistics import ImageTest, image_z_test
 
-__all__ = ["VARIANT", "Reference", "load_mitsuba", "render_reference", "to_mitsuba"]
+__all__ = ["VARIANT", "Reference", "load_mitsuba", "reference_of", "render_reference", "to_mitsuba"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,11 +56,13 @@ def render_reference(
     mi = load_mitsuba()
     with tempfile.TemporaryDirectory() as folder:
         loaded = mi.load_dict(to_mitsuba(scene, folder, width=width, height=height, max_depth=max_depth))
-        images = np.stack(
-            [
-                # Mitsuba gives run n of a film the seeds n·(its blocks) and up: far apart, none is used twice.
-                np.array(mi.render(loaded, spp=max(1, spp // runs), seed=1_000_003 * (seed + run)), dtype=np.float64)
-                for run in range(runs)
-            ]
-        )
-    return Reference(images.mean(axis=0), images.var(axis=0, ddof=1) / runs, runs)
+        return reference_of(loaded, spp=spp, runs=runs, seed=seed)
+
+
+def reference_of(loaded: Any, *, spp: int, runs: int, seed: int) -> Reference:
+    """Render a scene that Mitsuba has loaded several times, each with its own random numbers."""
+    mi = load_mitsuba()
+    # Mitsuba gives run n of a film the seeds n·(its blocks) and up: far apart, they do not overlap.
+    seeds = [1_000_003 * (seed + run) for run in range(runs)]
+    images = [np.array(mi.render(loaded, spp=max(1, spp // runs), seed=k), np.float64)[..., :3] for k in seeds]
+    return Reference(np.mean(images, axis=0), np.var(images, axis=0, ddof=1) / runs, runs)

@@ -28,9 +28,9 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def assert_only_added(before: dict[str, bytes], folder: Path, *added: str) -> None:
-    after = contents(folder)
-    assert {name: after.get(name) for name in before} == before
-    assert set(after) - set(before) == set(added)
+    found = contents(folder)
+    assert {name: found.get(name) for name in before} == before
+    assert set(found) - set(before) == set(added)
 
 
 def run(*arguments: object) -> int:

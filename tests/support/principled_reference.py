@@ -111,20 +111,20 @@ def diffuse(p: wrt.Principled, wo: Array, wi: Array, alpha: tuple[float, float],
     def left(white: Any, grazing: Any) -> Any:
         return 1.0 - (f0.max() * (white - grazing) + f90 * grazing)
 
-    both = left(*facet_albedos(wo, alpha, device)) * left(*facet_albedos(wi, alpha, device))
-    return np.asarray((both / left(*average_albedos(alpha, device)) / np.pi)[:, None])
+    passed = left(*facet_albedos(wo, alpha, device)) * left(*facet_albedos(wi, alpha, device))
+    return np.asarray((passed / left(*average_albedos(alpha, device)) / np.pi)[:, None])
 
 
 def refraction(wo: Array, wi: Array, eta: float, alpha: tuple[float, float]) -> tuple[Array, Array]:
     """Return Walter's (2007) eq. 21 times |cosθi|, without 1 − F and scaled for radiance, and the cosine wo·m."""
     m = -unit(wo + eta * wi) if eta > 1.0 else unit(wo + eta * wi)
     o, i = dot(wo, m), dot(wi, m)
-    seen = (o > 0.0) & (i < 0.0) & (m[:, 2] > 0.0)
+    visible = (o > 0.0) & (i < 0.0) & (m[:, 2] > 0.0)
     value = (
         np.abs(o * i) * ggx(m, alpha) * masking(wo, -wi, alpha, "separable") / (np.abs(wo[:, 2]) * (o + eta * i) ** 2)
     )
     # eta² of eq. 21 and 1 / eta² of radiance cancel.
-    return np.where(seen, value, 0.0), np.where(seen, o, 1.0)
+    return np.where(visible, value, 0.0), np.where(visible, o, 1.0)
 
 
 def base_value(p: wrt.Principled, wo: Array, wi: Array, front: bool, device: str) -> Array:

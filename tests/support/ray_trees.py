@@ -138,9 +138,9 @@ def assert_greedy(tree: Tree) -> None:
     # Place p is towards the corner that the bits of p name.
     fit = np.where(used, (least + most)[:, None] - low - high, 0.0) @ OCTANTS.T
     fit[~tree.used] = -np.inf
-    own = np.diagonal(fit, axis1=1, axis2=2)
+    placed = np.diagonal(fit, axis1=1, axis2=2)
     rounding = 2.0**-20 * np.where(used, np.abs(low) + np.abs(high), 0.0).sum(axis=2).max(axis=1)
-    assert (fit <= np.maximum(own[:, :, None], own[:, None]) + rounding[:, None, None]).all()
+    assert (fit <= np.maximum(placed[:, :, None], placed[:, None]) + rounding[:, None, None]).all()
 
 
 # --- Triangles ---------------------------------------------------------------------------------------
@@ -293,12 +293,12 @@ def inner_rays(mesh: wrt.Mesh, origins: NDArray, seed: int) -> Rays:
 
 
 def assert_same(a: wrt.Hits, b: wrt.Hits) -> None:
-    for name, left, right in zip(a._fields, a, b, strict=True):
-        np.testing.assert_array_equal(left, right, err_msg=name)
+    for name, x, y in zip(a._fields, a, b, strict=True):
+        np.testing.assert_array_equal(x, y, err_msg=name)
 
 
 def assert_sane(hits: wrt.Hits) -> None:
-    """Assert that a hit is a point at a distance, and what is no hit is none."""
+    """Assert that hits have finite positive distances, and misses infinite ones."""
     hit = hits.triangle >= 0
     assert np.isfinite(hits.t[hit]).all()
     assert (hits.t[hit] > 0.0).all()

@@ -30,6 +30,14 @@ def image_of(renderer, *targets, **limits):
     return finish(renderer, *targets, **limits).image()
 
 
+def rendered(scene, spp, **options):
+    """Return a renderer that has rendered independent samples, all of them finite."""
+    renderer = wrt.Renderer(scene, **{"sampler": "independent", "width": 48, "height": 36, "max_depth": 5, **options})
+    finish(renderer, spp)
+    assert not renderer.film.rejected
+    return renderer
+
+
 def assert_same_arrays(a, b):
     assert a.keys() == b.keys()
     for name, array in a.items():

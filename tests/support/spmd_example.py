@@ -1,6 +1,6 @@
 """A small kernel with all that the SPMD translator looks for: the example of docs/spmd.md.
 
-What it renders has no meaning: a ray meets the next of many mirrors, and loses light at each.
+The picture has no meaning: a ray meets the next of many mirrors, and loses light at each.
 """
 
 from typing import Any

@@ -56,7 +56,7 @@ def chi_square_test(
     """Test counts against expected counts by Pearson's χ² (Pearson 1900; Knuth TAOCP 2, 3.3.1).
 
     `alpha` is the significance of all `tests` together. Cells that expect less than `min_expected` are pooled, smallest
-    first: the χ² distribution is a poor approximation below about 5 (Cochran 1954). Of `samples`, those that are not
+    first: the χ² distribution is a poor approximation below about 5 (Cochran 1954). Of `samples`, the ones that are not
     `observed` make one more cell, for samplers that may return none. `total_tolerance` is the greatest relative error
     of the sum of `expected`: a density that does not integrate to 1 is wrong, whatever its shape. Fails at once if a
     sample lies where the density is zero.
@@ -129,8 +129,8 @@ def integrate_pdf_over_bins(
 ) -> FloatArray:
     """Return the probability of each cell of `sphere_histogram` for a density `pdf` of (N, 3) unit vectors.
 
-    Gauss-Legendre quadrature with `order` points a side in (cos θ, φ), whose area element is that of the sphere; a
-    rectangle is split in four until that changes its integral by less than `tolerance`: at least `min_levels` times,
+    Gauss-Legendre quadrature with `order` points a side in (cos θ, φ), which keep areas of the sphere; a rectangle
+    is split in four until that changes its integral by less than `tolerance`: at least `min_levels` times,
     lest a step that clips a corner go unseen, and at most `max_levels` times, which a step in the density needs.
     """
     rows, columns = resolution

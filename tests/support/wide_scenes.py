@@ -41,7 +41,7 @@ def noise(seed: int, size: int = 8, channels: int = 3) -> Any:
 
 
 def room(*materials: wrt.Material) -> wrt.Scene:
-    """Return a floor and a shining square, and a smooth ball or a box of each material."""
+    """Return a floor and an emitting square, and a smooth ball or a box of each material."""
     scene = wrt.Scene()
     scene.add(wrt.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), material=materials[0])
     scene.add(wrt.quad((-1, 3, -1), (2, 0, 0), (0, 0, 2)), emission=(7.0, 6.0, 4.0), two_sided_emission=True)
@@ -175,7 +175,7 @@ def textures() -> wrt.Scene:
 
 
 def panes() -> wrt.Scene:
-    """Media that absorb and shine, and what rays go straight through."""
+    """Media that absorb and emit, and surfaces that rays pass straight."""
     body = wrt.Medium(absorption=(0.5, 0.2, 1.5), emission=(0.1, 0.4, 0.1))
     scene = room(
         wrt.ThinDielectric(),
@@ -204,7 +204,7 @@ def bodies() -> wrt.Scene:
 
 
 def clouds() -> wrt.Scene:
-    """Media whose density varies: one that scatters in colours, one that shines, one that absorbs, in thin smoke."""
+    """Media whose density varies: one that scatters in colours, one that emits, one that absorbs, in thin smoke."""
     density = wrt.DensityGrid(
         noise(7, 12)[..., None, 0] * noise(8, 12)[:, None, :, 1], (-1.5, 0.1, -0.6), (0.0, 1.5, 0.6)
     )
@@ -287,23 +287,23 @@ Bits = dict[str, NDArray[Any]]
 
 
 def bits(renderer: wrt.Renderer, kernel: wp.Kernel, threads: int, start: Bits, spp: Sequence[int]) -> Bits:
-    """Return what a kernel makes of a film by passes up to so many samples a pixel, going on from what is there."""
+    """Return the film after passes of a kernel to each of `spp` samples a pixel, from the state `start` on."""
     renderer.film.restore(start)
     renderer.film.data.rays.zero_()
     for target in spp:
-        wp.launch(kernel, dim=threads, inputs=[0, target, *renderer._inputs], device="cpu")
+        renderer.device.launch(kernel, threads, [target, *renderer._inputs])
     return {**renderer.film.state(), "rays": renderer.film.data.rays.numpy().copy()}
 
 
 def differences(scene: wrt.Scene, spp: Sequence[int] = (3, 22), lanes: int = 0, **options: Any) -> list[str]:
     """Render a scene by both kernels, and return which arrays of the film differ in any bit.
 
-    With passes of fewer samples than lanes and of more, of which as many of a pixel are followed together.
+    The passes have fewer samples than lanes, and more: as many samples of a pixel as there are lanes go together.
     """
     renderer = wrt.Renderer(scene, **{"width": 45, "height": 31, "threads": 1, **options})
     start = renderer.film.state()
-    one = bits(renderer, renderer._kernel.scalar, renderer.film.pixels, start, spp)
-    many = bits(renderer, *wide_kernel(renderer, lanes or LANES), start, spp)
-    assert one["total"].any()
-    assert one["count"].min() >= spp[-1]
-    return [name for name in one if one[name].tobytes() != many[name].tobytes()]
+    scalar = bits(renderer, renderer._kernel.scalar, renderer.film.pixels, start, spp)
+    wide = bits(renderer, *wide_kernel(renderer, lanes or LANES), start, spp)
+    assert scalar["total"].any()
+    assert scalar["count"].min() >= spp[-1]
+    return [name for name in scalar if scalar[name].tobytes() != wide[name].tobytes()]

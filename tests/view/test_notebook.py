@@ -1,4 +1,4 @@
-"""Scenes, meshes and renderers show themselves in notebooks, and `view` is a widget that converges and orbits."""
+"""Notebooks show pictures of scenes, meshes and renderers, and `view` is a widget that converges and orbits."""
 
 import asyncio
 import base64
@@ -86,13 +86,13 @@ def test_a_view_converges_orbits_and_keeps_its_last_picture():
 
 async def drive(renderer):
     widget = renderer.view(spp=4)
-    link, sent = widget.link, []
+    viewer, sent = widget.viewer, []
     widget.send = lambda message, buffers=None: sent.append((message, buffers))
 
-    async def until(wanted):
+    async def until(matches):
         for _ in range(600):
             for message, buffers in sent:
-                if (found := wanted(message, buffers)) is not None:
+                if (found := matches(message, buffers)) is not None:
                     return found
             await asyncio.sleep(0.05)
         raise AssertionError("nothing came")
@@ -103,20 +103,20 @@ async def drive(renderer):
         (content,) = buffers
         size = int.from_bytes(content[:4], "little")
         header = json.loads(content[4 : 4 + size])
-        link._answer({"type": "ack", "frame": header["frame"]})
+        viewer.receive({"type": "ack", "frame": header["frame"]})
         return header if header["spp"] == 4 and not header["moving"] and header["serial"] == serial else None
 
     try:
-        link._answer({"type": "open"})
+        viewer.receive({"type": "open"})
         await until(resting)
-        kept = pixels(base64.b64decode(widget.snapshot))
-        link._answer({"type": "camera", "camera": {"origin": [0.4, 0.4, -0.8]}, "serial": "a"})
+        snapshot = pixels(base64.b64decode(widget.snapshot))
+        viewer.receive({"type": "camera", "camera": {"origin": [0.4, 0.4, -0.8]}, "serial": "a"})
         await until(lambda message, buffers: resting(message, buffers, "a"))
         turned = pixels(base64.b64decode(widget.snapshot))
-        assert np.abs(turned - kept).mean() > 5.0
+        assert np.abs(turned - snapshot).mean() > 5.0
         bundle = widget._repr_mimebundle_()[0]
         assert (pixels(base64.b64decode(bundle["image/png"])) == turned).all()
-        link._answer({"type": "save", "suffix": ".png"})
+        viewer.receive({"type": "save", "suffix": ".png"})
         content = await until(lambda message, buffers: buffers[0] if message["type"] == "file" else None)
         assert np.abs(pixels(content) - turned).mean() < 2.0  # the file is dithered
     finally:

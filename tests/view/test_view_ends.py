@@ -1,4 +1,4 @@
-"""Errors of the live view end with the change that mends them, Ctrl-C ends the view, and its token stays in private."""
+"""Errors of the live view end with the change that fixes them, Ctrl-C ends the view, and its token stays private."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ def session_of(open: Callable[[], wrt.Renderer]) -> Iterator[Session]:
 def test_the_error_of_a_render_ends_with_the_change_that_mends_it(
     error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    get, told = Pictures.get, queue.Queue[Any]()
+    get, messages = Pictures.get, queue.Queue[Any]()
 
     def fail_for_whitted(self: Pictures, settings: Settings) -> wrt.Renderer:
         if settings.integrator == "whitted":
             raise error
         return get(self, settings)
 
-    def wait_for(wanted: Callable[[Any], bool]) -> None:
-        while not wanted(told.get(timeout=60)):
+    def wait_for(matches: Callable[[Any], bool]) -> None:
+        while not matches(messages.get(timeout=60)):
             pass
 
     def is_state(text: str) -> Callable[[Any], bool]:
@@ -56,7 +56,7 @@ def test_the_error_of_a_render_ends_with_the_change_that_mends_it(
 
     monkeypatch.setattr(Pictures, "get", fail_for_whitted)
     with session_of(lambda: wrt.Renderer(wrt.load("cornell-box"), width=32, height=32)) as session:
-        session.listen(told.put)
+        session.listen(messages.put)
         wait_for(lambda what: not isinstance(what, dict) and not what.header["moving"])
         session.change({"integrator": "whitted"})
         wait_for(is_state(str(error)))
@@ -88,11 +88,11 @@ def test_a_tab_that_waits_for_an_answer_does_not_keep_the_server_open() -> None:
         assert ready.wait(timeout=60)
         raise InputError("never")
 
-    bound, told = bound_socket(None), queue.Queue[str]()
+    bound, addresses = bound_socket(None), queue.Queue[str]()
 
     async def serve() -> None:
-        serving = asyncio.create_task(run_server(session, bound, "a-token", told.put))
-        address = urlsplit(await asyncio.to_thread(told.get))
+        serving = asyncio.create_task(run_server(session, bound, "a-token", addresses.put))
+        address = urlsplit(await asyncio.to_thread(addresses.get))
         live = f"ws://{address.netloc}/live?{address.query}"
         async with connect(live, origin=Origin(f"http://{address.netloc}"), close_timeout=0.1) as tab:
             await tab.send('{"type": "pick", "x": 0.5, "y": 0.5}')
@@ -132,10 +132,10 @@ def test_the_token_is_not_in_the_command_line_of_the_browser(tmp_path: Path) -> 
         assert f"url={address}" in page.read_text()
         assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, error = process.communicate(timeout=60)
     finally:
         process.kill()
         process.communicate()
     assert process.returncode == 130
-    assert said == "wrt: stopped: the view has ended\n"
+    assert error == "wrt: stopped: the view has ended\n"
     assert not page.exists()

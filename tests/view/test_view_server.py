@@ -23,15 +23,15 @@ SIZE = ("--size", "64x64")
 
 
 class Page:
-    """What a browser asks of an address."""
+    """Requests for the page of an address."""
 
     def __init__(self, address):
         self.address = address
         self.host, self.token = urlsplit(address).netloc, urlsplit(address).query
 
     def socket(self, **options):
-        given = {"origin": f"http://{self.host}", "max_size": None, **options}
-        return connect(self.address.replace("http:", "ws:").replace("/?", "/live?"), **given)
+        options = {"origin": f"http://{self.host}", "max_size": None, **options}
+        return connect(self.address.replace("http:", "ws:").replace("/?", "/live?"), **options)
 
     def get(self, path, **headers):
         connection = http.client.HTTPConnection(self.host, timeout=60)
@@ -60,15 +60,15 @@ def page(tmp_path_factory):
         yield page
 
 
-def received(socket, wanted, seconds=60):
-    """Acknowledge frames until a message is wanted; return it."""
+def received(socket, matches, seconds=60):
+    """Acknowledge frames until a message matches; return it."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         message = socket.recv(timeout=seconds)
         values = header_of(message) if isinstance(message, bytes) else json.loads(message)
         if values["type"] == "frame":
             send(socket, type="ack", frame=values["frame"])
-        if wanted(values):
+        if matches(values):
             return values
     raise AssertionError("no such message")
 
@@ -197,9 +197,9 @@ def test_a_watched_scene_shows_its_error_and_recovers_and_control_c_ends_it_in_o
         received(socket, lambda m: m["type"] == "state" and not m["error"])
         received(socket, is_frame(width=48))
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30)
+        _, error = process.communicate(timeout=30)
     assert process.returncode == 130
-    assert said.splitlines() == ["wrt: stopped: the view has ended"]
+    assert error.splitlines() == ["wrt: stopped: the view has ended"]
 
 
 @pytest.mark.slow
@@ -224,21 +224,21 @@ def test_a_layer_that_was_never_compiled_appears(tmp_path):
 @pytest.mark.slow
 def test_the_page_in_a_browser(tmp_path):
     with program(tmp_path, "cornell-box", *SIZE, "--spp", "4") as (_, page), chromium.Browser() as browser:
-        tab, other = browser.tab(), browser.tab()
-        for each in (tab, other):
+        tab, second = browser.tab(), browser.tab()
+        for each in (tab, second):
             each.look(1000, 700)
             each.open(page.address)
             each.wait("globalThis.wrtView && wrtView.state.header?.spp == 4 && !wrtView.state.header.moving")
         pixels = "(() => wrtView.view.querySelector('canvas').toDataURL())()"
         before, camera = tab.value(pixels), tab.value("wrtView.state.camera.origin")
 
-        # This tab and the other follow, and the picture converges again.
+        # Both tabs follow, and the picture converges again.
         tab.call("Page.bringToFront")
         tab.drag((300, 300), (400, 320))
         tab.wait("wrtView.state.latencies.length > 0 && wrtView.state.header.spp == 4 && !wrtView.state.header.moving")
         assert tab.value(pixels) != before
         assert tab.value("wrtView.state.camera.origin") != camera
-        other.wait(f"wrtView.state.header.serial == {json.dumps(tab.value('wrtView.state.header.serial'))}")
+        second.wait(f"wrtView.state.header.serial == {json.dumps(tab.value('wrtView.state.header.serial'))}")
 
         tab.key("r")  # the scene's own camera again, and the picture of before
         tab.wait(f"wrtView.state.header.spp == 4 && !wrtView.state.header.moving && {pixels} == {json.dumps(before)}")

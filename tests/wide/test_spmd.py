@@ -1,4 +1,4 @@
-"""The SPMD translator: the example of docs/spmd.md, and what it demands. Films of scenes are in test_wide_films.py."""
+"""The SPMD translator: the example of docs/spmd.md, and its requirements. Films are in test_wide_films.py."""
 
 from typing import Any
 
@@ -60,15 +60,15 @@ def returns_in_the_middle(mirrors: Mirrors, camera_ray: Ray, seed: int, max_dept
 
 
 @pytest.mark.parametrize(
-    ("path", "told"),
+    ("path", "message"),
     [
         (query_in_a_block, r"query_in_a_block: asks a ray query within .*blocked_0.*top level of the loop"),
         (returns_in_the_middle, r"returns_in_the_middle: must return once, .*`break` instead"),
     ],
     ids=lambda value: getattr(value, "key", ""),
 )
-def test_a_path_function_that_breaks_a_demand_is_refused(path: Any, told: str) -> None:
-    with pytest.raises(Unsupported, match=told):
+def test_a_path_function_that_breaks_a_demand_is_refused(path: Any, message: str) -> None:
+    with pytest.raises(Unsupported, match=message):
         wide_code(make_kernel(path, path.key), 16)
 
 
@@ -99,6 +99,6 @@ def test_the_wide_kernel_gives_the_same_film() -> None:
     counts = [wp.zeros(width * height, dtype=int, device="cpu") for _ in range(2)]
     wp.launch(kernel, dim=width * height, inputs=[0, 21, 9, mirrors, films[0], counts[0]], device="cpu")
     wp.launch(render_tiles, dim=3, inputs=[21, 9, mirrors, films[1], counts[1]], device="cpu")
-    one, many = (film.numpy() for film in films)
-    assert len(np.unique(one - start)) > 10
-    assert one.tobytes() == many.tobytes()
+    scalar, wide = (film.numpy() for film in films)
+    assert len(np.unique(scalar - start)) > 10
+    assert scalar.tobytes() == wide.tobytes()

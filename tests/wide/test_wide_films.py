@@ -1,4 +1,4 @@
-"""The wide kernel leaves the same bits as the one of a single thread, whatever a scene uses."""
+"""Films of the wide kernel have the bits of the scalar kernel, for all features of scenes."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_sizes_and_settings(options: dict[str, Any]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("target", [5, 29])
 def test_pixels_that_have_samples_already(target: int) -> None:
-    """Some have none, some a few, and some all or more than are asked for."""
+    """Some pixels have no samples, some a few, and some all of them or more."""
     counts = np.random.default_rng(1).integers(0, target + 2, 45 * 31).astype(np.int32)
     counts[:16] = target + 4
     renderer = wrt.Renderer(shared_scene(), width=45, height=31, threads=1)
@@ -94,11 +94,11 @@ def test_pixels_that_have_samples_already(target: int) -> None:
     for name in ("total", "total_of_squares"):
         start[name][:] = rng.random(start[name].shape)
     start["count"][:], start["rejected"][:] = counts, counts // 3
-    one = bits(renderer, renderer._kernel.scalar, 45 * 31, start, [target])
-    many = bits(renderer, *wide_kernel(renderer, LANES), start, [target])
-    assert all(one[name].tobytes() == many[name].tobytes() for name in one)
-    assert (one["count"] == np.maximum(counts, target)).all()
-    assert (many["total"][counts >= target] == start["total"][counts >= target]).all()
+    scalar = bits(renderer, renderer._kernel.scalar, 45 * 31, start, [target])
+    wide = bits(renderer, *wide_kernel(renderer, LANES), start, [target])
+    assert all(scalar[name].tobytes() == wide[name].tobytes() for name in scalar)
+    assert (scalar["count"] == np.maximum(counts, target)).all()
+    assert (wide["total"][counts >= target] == start["total"][counts >= target]).all()
 
 
 @needs_lanes
@@ -108,10 +108,10 @@ def test_samples_that_are_not_finite() -> None:
     scene.shapes[1] = wrt.Shape(scene.shapes[1].mesh, emission=3e38)
     renderer = wrt.Renderer(scene, width=45, height=31, threads=1, strategy="bsdf")
     start = renderer.film.state()
-    one = bits(renderer, renderer._kernel.scalar, 45 * 31, start, [20])
-    many = bits(renderer, *wide_kernel(renderer, LANES), start, [20])
-    assert one["rejected"].any()
-    assert all(one[name].tobytes() == many[name].tobytes() for name in one)
+    scalar = bits(renderer, renderer._kernel.scalar, 45 * 31, start, [20])
+    wide = bits(renderer, *wide_kernel(renderer, LANES), start, [20])
+    assert scalar["rejected"].any()
+    assert all(scalar[name].tobytes() == wide[name].tobytes() for name in scalar)
 
 
 def scattered(count: int, size: float) -> wrt.Mesh:

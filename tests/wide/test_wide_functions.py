@@ -1,4 +1,4 @@
-"""Each function of several lanes gives in every lane the bits that Warp's own gives for one."""
+"""Each function for lanes gives in every lane the bits of Warp's function."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ static void check_all(Some s, int* failed) {{
 
 
 def numbers(groups: int, lanes: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Return floats, integers of all sizes, and of both some that are special."""
+    """Return floats and integers of all sizes, including special values."""
     rng = np.random.default_rng(11)
     shape = (groups, NUMBERS, lanes)
     floats = (rng.normal(size=shape) * 10.0 ** rng.integers(-3, 4, shape)).astype(np.float32)

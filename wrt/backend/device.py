@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from wrt.backend import current_backend
+from wrt.backend.backend import module_of
 from wrt.backend.cuda.gpus import require_gpus
 from wrt.backend.memory import memory_left
 from wrt.backend.slices import Threads, available_threads, finish, run_slices
@@ -62,7 +63,6 @@ class Device:
             hint = did_you_mean("cuda" if name == "gpu" else name, ("cpu", "cuda", "cuda:0"))
             raise InputError(f"unknown device {name!r}: use cpu, cuda or cuda:N{hint}")
         self.backend = current_backend()
-        self.backend.start()
         if kind == "cuda":
             index = int(number or 0)
             require_gpus(self.backend, name, [index])
@@ -126,7 +126,7 @@ class Device:
 
     def _load(self, kernel: Any) -> None:
         """Load a kernel's module in this thread; see `compile`."""
-        with _LOADING.setdefault(kernel.module.name, threading.Lock()):
+        with _LOADING.setdefault(module_of(kernel), threading.Lock()):
             self.backend.load(kernel, self.name)
 
     @contextmanager

@@ -68,7 +68,7 @@ def precompile_early() -> None:
     """Have a thread precompile headers if none are kept, while others import Warp and prepare what to compile."""
     with contextlib.suppress(OSError):
         warp = folder_of("warp")
-        if version_of(warp) in TESTED and _has_usual_flags() and not _is_any_kept():
+        if version_of(warp) in TESTED and has_usual_flags() and not _is_any_kept():
             _PRECOMPILER.submit(_precompile, warp)
 
 
@@ -90,7 +90,7 @@ def _precompile(warp: Path) -> None:
             _keep_all(folder)
 
 
-def _has_usual_flags() -> bool:
+def has_usual_flags() -> bool:
     """Return whether Warp compiles, or will compile, with FLAGS."""
     if (warp := sys.modules.get("warp")) is not None:
         return bool(str(warp.config.cpu_compiler_flags).split() == list(FLAGS))

@@ -94,31 +94,31 @@ def seal(binary: Path, meta: Path) -> None:
     put(Path(f"{binary}{DIGEST}"), b" ".join(digest(path.read_bytes()) for path in (binary, meta)))
 
 
-def provide(module: Any, device: str) -> None:
-    """Make sure that Warp finds an intact build of a module; compile it if it is damaged or missing.
+def provide(module: Any, device: str) -> Path:
+    """Return the file of an intact build of a module; compile it if it is damaged or missing.
+
+    It is in the cache, or in the work folder of this process if the cache cannot be written to.
 
     Raises:
         OSError: when there is not enough disk space to compile it.
     """
-    build = Build.of(module, device)
-    if build is None or build.is_loaded:
-        return
+    build = Build(module, device)
     kept = Path(sys.modules["warp"].config.kernel_cache_dir, build.identifier)
     if state(kept / build.binary, kept / build.meta) is State.WHOLE:
-        return
+        return kept / build.binary
     with contextlib.suppress(OSError):
         kept.mkdir(exist_ok=True)
     with locked(kept, seconds=COMPILING_SECONDS):
-        _provide(build, kept)
+        return _provide(build, kept)
 
 
-def _provide(build: Build, kept: Path) -> None:
-    """Compile a build and put it into the cache, unless another process has just done so."""
+def _provide(build: Build, kept: Path) -> Path:
+    """Compile a build and put it into the cache, unless another process has just done so; return its file."""
     import shutil
 
     found = state(kept / build.binary, kept / build.meta)
     if found is State.WHOLE:
-        return
+        return kept / build.binary
     if found is State.DAMAGED:
         warnings.warn(f"{kept / build.binary}: the compiled kernel was damaged, and is compiled again", stacklevel=2)
     own = work_folder() / "kernels" / build.identifier
@@ -131,24 +131,19 @@ def _provide(build: Build, kept: Path) -> None:
         is_kept = False
     if is_kept:
         shutil.rmtree(own, ignore_errors=True)
-    else:
-        build.load(own)
+    return (kept if is_kept else own) / build.binary
 
 
 class Build:
     """A module of kernels as Warp compiles it for a device."""
 
-    def __init__(self, context: Any, module: Any, device: str) -> None:
+    def __init__(self, module: Any, device: str) -> None:
+        """Take one of Warp's modules, and the device."""
+        context: Any = sys.modules["warp._src.context"]
         self._module, self._device = module, context.runtime.get_device(device)
         self._block = context._resolve_launch_block_dim(
             self._device, None if self._device.is_cpu else module.options["block_dim"]
         )
-
-    @classmethod
-    def of(cls, module: Any, device: str) -> Build | None:
-        """Return the build of a module, or None if it is not a Warp module."""
-        context: Any = sys.modules.get("warp._src.context")
-        return cls(context, module, device) if context and isinstance(module, context.Module) else None
 
     @property
     def is_loaded(self) -> bool:
@@ -156,16 +151,11 @@ class Build:
         found = self._module.execs.get((self._device.context, self._block))
         return found is not None and bool(found.module_hash == self._module.get_module_hash(self._block))
 
-    def symbols(self) -> list[tuple[Any, str]]:
-        """Return the kernels of a loaded module, without duplicates of the same code, and their names in the binary."""
-        loaded = self._module.execs[self._device.context, self._block]
-        kernels = self._module.hashers[self._block].get_unique_kernels()
-        return [(kernel, f"{loaded.get_kernel_mangled_name(kernel)}_cpu_forward") for kernel in kernels]
-
-    @property
-    def path(self) -> Path:
-        """The compiled file in the cache."""
-        return Path(sys.modules["warp"].config.kernel_cache_dir, self.identifier, self.binary)
+    def symbols(self) -> dict[Any, str]:
+        """Return the names in the binary of the kernels, for the CPU, without duplicates of the same code."""
+        self._module.get_module_hash(self._block)
+        hashes = self._module.hashers[self._block].kernel_hashes
+        return {kernel: f"{kernel.get_mangled_name(kernel_hash=hashes[kernel])}_cpu_forward" for kernel in hashes}
 
     @property
     def identifier(self) -> str:
@@ -215,7 +205,7 @@ class Build:
         self._module._compile(self._device, folder, self.binary, arch, options=options)
 
     def load(self, folder: Path) -> None:
-        """Load it from a folder with Warp."""
+        """Have Warp load it from a folder."""
         arch = self._module._get_compile_arch(self._device)
         files = {"binary_path": folder / self.binary, "meta_path": folder / self.meta}
         self._module.load(self._device, self._block, output_arch=arch, **files)
@@ -227,7 +217,7 @@ def compile_nothing() -> None:
 
     context: Any = sys.modules["warp._src.context"]
     folder = work_folder() / "kernels" / EMPTY
-    Build(context, context.Module(EMPTY, None), "cpu").run_compiler(folder)
+    Build(context.Module(EMPTY, None), "cpu").run_compiler(folder)
     shutil.rmtree(folder, ignore_errors=True)  # else Warp would not compile it again in another thread
 
 

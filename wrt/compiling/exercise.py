@@ -12,7 +12,6 @@ import numpy as np
 from wrt.backend.device import Device
 from wrt.scene.camera import FisheyeCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
 from wrt.scene.environment import ImageEnvironment
-from wrt.scene.large_mesh_normals import smooth_normals
 from wrt.scene.lights import (
     DirectionalLight,
     DiskLight,
@@ -97,9 +96,6 @@ def scene() -> Scene:
 
 def exercise(device: Device) -> None:
     """Upload the scene and the cameras to a device, which compiles what that needs."""
-    made = scene()
-    build_scene(made, device)
+    build_scene(scene(), device)
     for camera in (PerspectiveCamera, OrthographicCamera, PanoramaCamera, FisheyeCamera):
         build_camera(camera(), 8, 8, (0, 0, 8, 8), device=device.name)
-    mesh = made.shapes[0].mesh
-    smooth_normals(mesh.vertices, mesh.faces, np.arange(len(mesh.vertices)), 1.0)

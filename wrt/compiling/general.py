@@ -11,8 +11,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from wrt.backend import current_backend
-from wrt.backend.builds import Builds
-from wrt.compiling.kernel import SCALAR, UNLIKE_PATHS, name_of_kernel
+from wrt.compiling.kernel import SCALAR, UNLIKE_PATHS, is_compiled
 
 _OF_MESHES = ("diffuse", "principled")
 _WITHOUT_HOLES = (
@@ -73,7 +72,7 @@ def is_general(features: Any) -> bool:
     return any(features == kernel for kernel in general_features(dataclasses.replace(features, models=())))
 
 
-def compiled_for(features: Any, lanes: int, builds: Builds) -> Any:
+def compiled_for(features: Any, lanes: int) -> Any:
     """Return the features of the best wide kernel that is compiled for a scene: its own, or a general one.
 
     Return None if there is none, and if both of the scene's own kernels are compiled, so that none need stand in. For
@@ -83,6 +82,6 @@ def compiled_for(features: Any, lanes: int, builds: Builds) -> Any:
         return None
     if features.guides:
         lanes = SCALAR
-    if builds.has(name_of_kernel(features, lanes)):
-        return None if builds.has(name_of_kernel(features, SCALAR)) else features
-    return next((kernel for kernel in general_features(features) if builds.has(name_of_kernel(kernel, lanes))), None)
+    if is_compiled(features, lanes):
+        return None if is_compiled(features, SCALAR) else features
+    return next((kernel for kernel in general_features(features) if is_compiled(kernel, lanes)), None)

@@ -1,4 +1,4 @@
-"""Compile a render kernel for some features, wide or scalar, and note it for other processes.
+"""Compile a render kernel for some features, wide or scalar, for other processes.
 
 The wide one of a long render is compiled in a child process that ends with the render; see `wrt.rendering.wide_kernel`.
 """
@@ -16,9 +16,8 @@ from typing import Any
 
 from wrt import child
 from wrt.backend import cache_folders, current_backend
-from wrt.backend.builds import Builds
+from wrt.backend.describe import call_name
 from wrt.backend.device import Device
-from wrt.backend.recording import call_name, compiled_by_warp
 
 SCALAR = 1
 """The lanes of a scalar kernel."""
@@ -37,7 +36,7 @@ def declaration(features: Any, lanes: int) -> tuple[Any, ...]:
 
 
 def name_of_kernel(features: Any, lanes: int) -> str:
-    """Return the name in the notes of the kernel with these features and lanes."""
+    """Return the name in the table of artefacts of the kernel with these features and lanes."""
     module, function, *arguments = declaration(features, lanes)
     return call_name(module, function, tuple(arguments))
 
@@ -64,22 +63,24 @@ def command(module: str, *arguments: str) -> list[str]:
     return child.command(f"from {module} import main; sys.exit(main(sys.argv))", *arguments)
 
 
-def compile_kernel(features: Any, lanes: int, builds: Builds, uses: Callable[[Device], object] | None = None) -> None:
-    """Compile the kernel with Warp in this process, and note it, with all that `uses` then needs on the device.
+def is_compiled(features: Any, lanes: int) -> bool:
+    """Return whether the kernel is compiled and in the cache."""
+    return current_backend().artefacts.has(name_of_kernel(features, lanes))
+
+
+def compile_kernel(features: Any, lanes: int, uses: Callable[[Device], object] | None = None) -> None:
+    """Compile the kernel in this process, with all that `uses` then needs on the device, for other processes.
 
     Raises:
         Unsupported: when the scalar kernel cannot be translated.
         OSError: when there is not enough disk space.
     """
-    from wrt.backend.warp_backend import WarpBackend
-
-    backend, device = current_backend(), Device("cpu")
-    assert isinstance(backend, WarpBackend)
-    backend.kernels("wrt.kernels.native.constants")
-    device.compile(backend.call(*declaration(features, lanes)))
+    device = Device("cpu")
+    device.backend.kernels("wrt.kernels.native.constants").TILE  # noqa: B018  # which a wide kernel needs, too
+    device.compile(device.backend.call(*declaration(features, lanes)))
     if uses is not None:
         uses(device)
-    builds.note(compiled_by_warp(backend))
+    device.backend.artefacts.save()
 
 
 def main(arguments: list[str]) -> int:
@@ -94,20 +95,17 @@ def main(arguments: list[str]) -> int:
     _end_with_parent()
     if os.getppid() != int(arguments[3]):
         return 1  # the parent ended before the line above
+    artefacts = current_backend().artefacts
     if arguments[4:]:
-        work, kernels, notes = map(Path, arguments[4:])
+        work, kernels, table = map(Path, arguments[4:])
         cache_folders.work_within(work)
         wp.config.kernel_cache_dir = str(kernels)
+        artefacts.folders.append(table)
     features, lanes = from_json(arguments[1]), int(arguments[2])
-    builds = Builds.known()
-    if builds is None:
-        return 1
-    if arguments[4:]:
-        builds.folders.append(notes)
-    with builds.alone():
-        builds.refresh()
-        if not builds.has(name_of_kernel(features, lanes)):
-            compile_kernel(features, lanes, builds)
+    with artefacts.lock():
+        artefacts.refresh()
+        if not is_compiled(features, lanes):
+            compile_kernel(features, lanes)
     return 0
 
 

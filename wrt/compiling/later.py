@@ -1,9 +1,9 @@
 """Compile kernels for the next render, after one that is too short to wait for its own.
 
-A render writes a request into a folder beside the notes, and starts a process that compiles what is requested there.
-One such process runs at a time: it holds a lock on the folder, and others that find the lock taken end at once. It has
-a low priority, outlives the render, and ends when nothing is requested any more. If it is killed, half of a build
-is never found (see `wrt.backend.kernel_cache`), and the request is made again by a render an hour later.
+A render writes a request into a folder beside the table of artefacts, and starts a process that compiles what is
+requested there. One such process runs at a time: it holds a lock on the folder, and others that find the lock taken end
+at once. It has a low priority, outlives the render, and ends when nothing is requested any more. If it is killed, half
+of a build is never found (see `wrt.backend.kernel_cache`), and the request is made again by a render an hour later.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from wrt.backend import cache_folders
-from wrt.backend.builds import Builds
+from wrt.backend import cache_folders, current_backend
+from wrt.backend.artefacts import Artefacts
 from wrt.backend.kernel_cache import digest
-from wrt.compiling.kernel import as_json, command, compile_kernel, from_json, name_of_kernel
+from wrt.compiling.kernel import as_json, command, compile_kernel, from_json, is_compiled, name_of_kernel
 
 SWITCH = "WRT_BACKGROUND"
 """Environment variable: 0 compiles nothing for the next render; 1 does so on build machines, too."""
@@ -55,7 +55,7 @@ def is_wanted() -> bool:
     return told == "1" or (told != "0" and os.environ.get(BUILD_MACHINE, "").lower() in ("", "0", "false"))
 
 
-def request(features: Any, lanes: int, builds: Builds, kernels: Path) -> Path | None:
+def request(features: Any, lanes: int) -> Path | None:
     """Have another process compile a kernel, and return the path of the request, which is gone when it is done.
 
     Return None if that is not wanted, if the cache cannot be written to, or if its compiler was killed lately.
@@ -63,38 +63,33 @@ def request(features: Any, lanes: int, builds: Builds, kernels: Path) -> Path | 
     Args:
         features: the features of the kernel.
         lanes: its lanes.
-        builds: the notes.
-        kernels: Warp's folder of compiled kernels, without its version.
     """
-    if not is_wanted():
+    artefacts = current_backend().artefacts
+    if not is_wanted() or artefacts.path is None:
         return None
-    folder, group = requests_folder(builds), _group(builds, kernels)
+    try:
+        kernels = cache_folders.kernels_folder()
+    except FileNotFoundError:  # nothing that is compiled could be kept
+        return None
+    folder, group = requests_folder(artefacts.path), _group(artefacts.path, kernels)
     path = folder / f"{group}-{digest(name_of_kernel(features, lanes).encode()).decode()}{REQUESTED}"
     try:
-        cache_folders.require_writable(kernels / builds.warp_version)
+        cache_folders.require_writable(kernels / artefacts.warp_version)
         folder.mkdir(parents=True, exist_ok=True)
         if _is_young(path.with_suffix(BEGUN), RETRY_SECONDS):
             return path if _is_locked(folder) else None
         cache_folders.put(path, json.dumps([as_json(features), lanes]).encode())
         if not _is_locked(folder):  # the process that holds the lock looks for requests again after releasing it
-            _start(builds, kernels)
+            _start(artefacts.path, kernels)
     except (OSError, TypeError):
         return None
     return path
 
 
-def request_if_missing(features: Any, lanes: int, builds: Builds | None) -> None:
-    """Have another process compile a kernel, unless it is compiled; `builds` are the notes, if they are read."""
-    builds = builds or Builds.known()
-    if builds is not None and not builds.has(name_of_kernel(features, lanes)):
-        with contextlib.suppress(FileNotFoundError):  # nothing that is compiled could be kept
-            request(features, lanes, builds, cache_folders.kernels_folder())
-
-
-def _start(builds: Builds, kernels: Path) -> None:
+def _start(table: Path, kernels: Path) -> None:
     """Start the process that compiles, in a session of its own, with none of the files and folders of this one."""
     _started[:] = [process for process in _started if process.poll() is None]
-    call, nothing = command(__name__, builds.path.stem, str(kernels)), subprocess.DEVNULL
+    call, nothing = command(__name__, table.stem, str(kernels)), subprocess.DEVNULL
     _started.append(
         subprocess.Popen(call, stdin=nothing, stdout=nothing, stderr=nothing, cwd="/", start_new_session=True)
     )
@@ -105,33 +100,33 @@ def is_done(path: Path) -> bool:
     return not path.exists() and not path.with_suffix(BEGUN).exists()
 
 
-def requests_folder(builds: Builds) -> Path:
-    """Return the folder of requests."""
-    return builds.path.parent / "requests"
+def requests_folder(table: Path) -> Path:
+    """Return the folder of requests beside a table of artefacts."""
+    return table.parent / "requests"
 
 
 def main(arguments: list[str]) -> int:
     """Compile what is requested, and what is requested meanwhile.
 
-    The arguments are the program's name, the stem of the notes, and Warp's folder of compiled kernels.
+    The arguments are the program's name, the stem of the table of artefacts, and Warp's folder of compiled kernels.
     """
     signal.alarm(LONGEST_SECONDS)
     _give_way()
-    builds, kernels = Builds.known(), Path(arguments[2])
-    if builds is None or builds.path.stem != arguments[1]:
+    artefacts, kernels = current_backend().artefacts, Path(arguments[2])
+    if artefacts.path is None or artefacts.path.stem != arguments[1]:
         return 1  # the sources of kernels have changed since
-    folder, pattern = requests_folder(builds), f"{_group(builds, kernels)}-*{REQUESTED}"
+    folder, pattern = requests_folder(artefacts.path), f"{_group(artefacts.path, kernels)}-*{REQUESTED}"
     while any(folder.glob(pattern)):
         with _alone_in(folder) as alone:
             if not alone:
                 return 0
             _remove_old(folder)
             for path in sorted(folder.glob(pattern)):
-                _serve(path, builds, kernels)
+                _serve(path, artefacts, kernels)
     return 0
 
 
-def _serve(path: Path, builds: Builds, kernels: Path) -> None:
+def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
     """Compile what a request says. If that fails it stays as BEGUN, so that it is not repeated at once."""
     import warp as wp
 
@@ -145,17 +140,17 @@ def _serve(path: Path, builds: Builds, kernels: Path) -> None:
         os.utime(begun)
         features, lanes = json.loads(begun.read_text(encoding="utf-8"))
         features = from_json(features)
-        builds.refresh()
-        if not builds.has(name_of_kernel(features, lanes)):
+        artefacts.refresh()
+        if not is_compiled(features, lanes):
             if wp.config.kernel_cache_dir is None:  # Warp adds its version when it starts
                 wp.config.kernel_cache_dir = str(kernels)
-            compile_kernel(features, lanes, builds, exercise if is_general(features) else None)
+            compile_kernel(features, lanes, exercise if is_general(features) else None)
         begun.unlink(missing_ok=True)
 
 
-def _group(builds: Builds, kernels: Path) -> str:
+def _group(table: Path, kernels: Path) -> str:
     """Return the beginning of the names of requests that one process can serve."""
-    return f"{builds.path.stem}-{digest(os.fsencode(kernels)).decode()}"
+    return f"{table.stem}-{digest(os.fsencode(kernels)).decode()}"
 
 
 def _is_young(path: Path, seconds: float) -> bool:

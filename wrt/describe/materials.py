@@ -1,4 +1,4 @@
-"""Descriptions of the materials for `wrt materials`, from the docstrings of their classes."""
+"""Descriptions of the materials for `wrt materials`, from the docstrings of their classes, and of the presets."""
 
 from __future__ import annotations
 
@@ -7,12 +7,24 @@ import inspect
 import re
 import textwrap
 import typing
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from wrt.describe.docstrings import meanings_of, plain, summary_of
 from wrt.errors import InputError, did_you_mean
 from wrt.scene.materials import MATERIALS, Material
+from wrt.scene.materials.presets import (
+    ALIASES,
+    DIELECTRIC_ABBE,
+    DIELECTRIC_F0,
+    DIELECTRIC_IOR,
+    METAL_F0,
+    METAL_IOR,
+    SEMICONDUCTOR_F0,
+    dielectric_ior,
+)
 from wrt.scene.textures import ImageTexture
+from wrt.values import Vec3
 
 WIDTH = 100
 """Maximum number of characters in a line."""
@@ -73,8 +85,7 @@ def list_materials() -> str:
     """Return all materials and their parameters, one line each."""
     shown = {name: parameters_of(cls, inherited=False) for name, cls in MATERIALS.items()}
     shown["every material"] = parameters_of(Material)
-    everything = [parameter for parameters in shown.values() for parameter in parameters]
-    widths = (max(len(p.label) for p in everything), max(len(p.default) for p in everything))
+    widths = _widths(parameter for parameters in shown.values() for parameter in parameters)
     paragraphs = []
     for name, parameters in shown.items():
         head = textwrap.shorten(f"{name}: {_first_clause(summary_of(MATERIALS.get(name)))}", WIDTH, placeholder=" …")
@@ -100,10 +111,15 @@ def explain_material(name: str) -> str:
     text = inspect.getdoc(cls) or ""
     paragraphs = [plain(part) for part in text.partition("\nAttributes:")[0].split("\n\n")]
     parameters = parameters_of(cls)
-    widths = (max(len(p.label) for p in parameters), max(len(p.default) for p in parameters))
+    widths = _widths(parameters)
     rows = [_row(p, p.meaning, widths, shorten=False) for p in parameters]
     head = [f"{name} (in Python {python})", *(_fill(part) for part in paragraphs if part)]
     return "\n\n".join([*head, "\n".join(rows), _fill(_FOOTNOTE)])
+
+
+def _widths(parameters: Iterable[Parameter]) -> tuple[int, int]:
+    labels, defaults = zip(*((len(p.label), len(p.default)) for p in parameters), strict=True)
+    return max(labels), max(defaults)
 
 
 def _row(parameter: Parameter, meaning: str, widths: tuple[int, int], *, shorten: bool) -> str:
@@ -141,3 +157,60 @@ def _default(field: dataclasses.Field[Any]) -> str:
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(map(str, value))}]"
     return str(value)
+
+
+# --- Presets ---------------------------------------------------------------------------------------
+
+_HOFFMAN = "Hoffman 2014, Physics and Math of Shading, SIGGRAPH course Physically Based Shading in Theory and Practice"
+_CORNELL = "Cornell University, CS 4620, Light Reflection and Advanced Shading"
+_KHRONOS = "Khronos Group 2024, KHR_materials_dispersion"
+_MEASURED = (
+    "from spectra under D65: Johnson and Christy 1972 and 1974, Rakić 1995, Rakić et al. 1998, Weaver et al. 1975, "
+    "Inagaki et al. 1981, Querry 1985, Karlsson and Ribbing 1982"
+)
+
+
+def list_presets() -> str:
+    """Return all names, the keys that take them, their values and their sources."""
+    tables = (
+        ("metal = NAME, by eta and k", _MEASURED, ((name, *map(_rgb, value)) for name, value in METAL_IOR.items())),
+        ("f0 = NAME, and metal = NAME if it is not above: metals", _HOFFMAN, _colors(METAL_F0)),
+        ("f0 = NAME, metal = NAME: semiconductors", _HOFFMAN, _colors(SEMICONDUCTOR_F0)),
+        ("f0 = NAME: dielectrics, the middle of the range", _HOFFMAN, _ranges(DIELECTRIC_F0)),
+        ("ior = NAME, the middle of the range", _CORNELL, _ranges(DIELECTRIC_IOR)),
+        (
+            "ior = NAME, by the middle of the range of f0",
+            _HOFFMAN,
+            (
+                (name, f"{dielectric_ior(name):.3f}")
+                for name in DIELECTRIC_F0
+                if ALIASES.get(name, name) not in DIELECTRIC_IOR
+            ),
+        ),
+        (
+            "dispersion = NAME, by the Abbe number",
+            _KHRONOS,
+            ((name, f"{abbe:g}", f"{20.0 / abbe:.3f}") for name, abbe in DIELECTRIC_ABBE.items()),
+        ),
+    )
+    paragraphs = []
+    for heading, source, rows in tables:
+        cells = [[name, *values] for name, *values in rows]
+        lines = ["  " + "  ".join(f"{cell:<22}" for cell in row).rstrip() for row in cells]
+        paragraphs.append("\n".join([heading, *textwrap.wrap(f"({source})", WIDTH), *lines]))
+    symbols = ", ".join(f"{symbol} ({name})" for symbol, name in ALIASES.items())
+    paragraphs.append("\n".join(textwrap.wrap(f"Other names: {symbols}. Upper and lower case are the same.", WIDTH)))
+    return "\n\n".join(paragraphs)
+
+
+def _rgb(value: Vec3) -> str:
+    return " ".join(f"{x:.3f}" for x in value)
+
+
+def _colors(table: Mapping[str, Vec3]) -> Iterable[tuple[str, str]]:
+    return ((name, _rgb(value)) for name, value in table.items())
+
+
+def _ranges(table: Mapping[str, tuple[float, float]]) -> Iterable[tuple[str, str]]:
+    for name, (low, high) in table.items():
+        yield name, f"{low:g}" if low == high else f"{low:g} to {high:g}"

@@ -110,14 +110,14 @@ def _material_rows(materials: list[Material]) -> list[Row]:
     numbers = {id(material): number for number, material in enumerate(materials)}
     rows: list[Row] = []
     for number, material in enumerate(materials):
-        told = []
+        values = []
         for field in dataclasses.fields(material):
             value = getattr(material, field.name)
             if isinstance(value, Material):
-                told.append(f"{field.name} {numbers[id(value)]}")
+                values.append(f"{field.name} {numbers[id(value)]}")
             elif not _is_default(value, field):
-                told.append(f"{field.name} {_value(value)}")
-        rows.append((str(number), material.type_name, ", ".join(told) or "-"))
+                values.append(f"{field.name} {_value(value)}")
+        rows.append((str(number), material.type_name, ", ".join(values) or "-"))
     return rows
 
 
@@ -135,12 +135,12 @@ def _is_default(value: Any, field: dataclasses.Field[Any]) -> bool:
 
 def _fields(thing: Any) -> str:
     """Return the name of a dataclass, and its fields that differ from their defaults."""
-    told = [
+    values = [
         f"{field.name} {_value(getattr(thing, field.name))}"
         for field in dataclasses.fields(thing)
         if field.name != "name" and not _is_default(getattr(thing, field.name), field)
     ]
-    return f"{type(thing).__name__}: {', '.join(told)}" if told else type(thing).__name__
+    return f"{type(thing).__name__}: {', '.join(values)}" if values else type(thing).__name__
 
 
 def _value(value: Any) -> str:

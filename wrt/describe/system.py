@@ -15,7 +15,7 @@ from wrt.compiling import later
 
 
 def system_text() -> str:
-    """Return lines that tell what wrt finds on this machine."""
+    """Return lines on versions, threads, kernels, memory and GPUs of this machine."""
     import wrt
 
     backend = current_backend()
@@ -35,14 +35,13 @@ def system_text() -> str:
 def gpu_rows() -> dict[str, str]:
     """Return the versions of CUDA, and each GPU by its name for `--device`."""
     backend = current_backend()
-    backend.start()
     versions = backend.cuda_versions()
     driver = "no driver" if versions.driver is None else f"the driver supports {dotted(versions.driver)}"
     gpus = {f"cuda:{number}": backend.gpu(f"cuda:{number}").description for number in range(backend.gpus())}
     if not gpus:
         gpus = {"GPUs": (versions.problem or "none was found").partition(";")[0]}
-    needed = dotted(versions.needed)
-    return {"CUDA": f"{dotted(versions.toolkit)} compiles kernels, {needed} is needed, {driver}", **gpus}
+    required = dotted(versions.needed)
+    return {"CUDA": f"{dotted(versions.toolkit)} compiles kernels, {required} is needed, {driver}", **gpus}
 
 
 def kernel_text() -> str:

@@ -1,7 +1,8 @@
 """Remove noise by Open Image Denoise (Áfra 2019 to 2025), the extra wrt[denoise].
 
-Two of its habits are avoided. It scales pictures by their mean brightness, whose last bits depend on the number of
-threads: the scale is computed here. And it takes noise in albedo and normals for edges: they are denoised first.
+wrt works around two of its defaults. It scales pictures by their mean brightness, whose last bits depend on the number
+of threads, so the scale is computed here. And it mistakes noise in albedo and normals for edges, so these are denoised
+first.
 """
 
 from __future__ import annotations
@@ -13,19 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.sums import weighted_sum
+from wrt.linalg import weighted_sum
 
 PACKAGE = "mitsuba_oidn"
 
 MIDDLE_GREY = 0.18
-"""Mean logarithmic luminance that Open Image Denoise's automatic exposure brings a picture to."""
+"""Mean logarithmic luminance to which Open Image Denoise's automatic exposure scales a picture."""
 
 _LEAST = 1e-8
 _LUMINANCE = (0.212671, 0.715160, 0.072169)
 
 
 def require_denoiser() -> None:
-    """Raise InputError with what to install unless Open Image Denoise is here."""
+    """Raise InputError unless Open Image Denoise is installed."""
     if importlib.util.find_spec(PACKAGE) is None:
         raise InputError("denoising needs Open Image Denoise: pip install 'wrt[denoise]'")
 
@@ -37,16 +38,16 @@ def denoise(
     *,
     threads: int | None = None,
 ) -> NDArray[np.float32]:
-    """Return a picture without most of its noise; the same bits for any number of threads.
+    """Remove most of a picture's noise; the bits are the same for any number of threads.
 
     Args:
-        image: (H, W, 3) linear radiance, at least 0; what is not finite is taken as 0.
-        albedo: (H, W, 3) reflectance of what is seen, 0 to 1; see `wrt.Renderer.denoised`.
+        image: (H, W, 3) linear radiance, not negative; values that are not finite count as 0.
+        albedo: (H, W, 3) reflectance of visible surfaces, 0 to 1; see `wrt.Renderer.denoised`.
         normal: (H, W, 3) shading normals in world space, of length 1 or less.
         threads: CPU threads; by default all cores.
 
     Raises:
-        InputError: when arrays have other shapes, or the extra wrt[denoise] is not installed.
+        InputError: if the shapes of arrays differ, or the extra wrt[denoise] is not installed.
     """
     require_denoiser()
     color = _clean(image, "image", 0.0, np.inf)
@@ -80,7 +81,7 @@ def _scale(color: NDArray[np.float32]) -> float:
 
 
 def _filtered(images: dict[str, NDArray[np.float32]], threads: int | None, **options: Any) -> NDArray[np.float32]:
-    """Return what a filter makes of its first image, with the others as guides."""
+    """Filter the first image, guided by the others."""
     oidn = importlib.import_module(PACKAGE)
     output = np.empty_like(next(iter(images.values())))
     device = oidn.Device(oidn.DeviceType.CPU)

@@ -1,4 +1,4 @@
-"""From radiance to 8 bits."""
+"""Develop radiance to 8 bits."""
 
 from __future__ import annotations
 
@@ -8,33 +8,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrt.develop.curves.ocio import encode, find_view
 from wrt.develop.exposure import peak, stops
+from wrt.develop.ocio import encode, find_view
 from wrt.develop.quantize import quantize
+from wrt.develop.settings import DEFAULT_TONE, Exposure, check_exposure, check_tone
 from wrt.develop.tones import CURVES
-from wrt.developing import DEFAULT_TONE, Exposure, check_exposure, check_tone
 from wrt.errors import InputError
 from wrt.scene.srgb import srgb_from_linear
-from wrt.values import refuse_codes
-
-FLOAT32_MAX = np.finfo(np.float32).max
+from wrt.values import FLOAT32_MAX, refuse_codes
 
 NOTICEABLE = 0.05
-"""Share of pixels that may be white without detail before a warning: lamps, windows and reflections of them are
-meant to be, and take up to a twentieth of a picture of a room."""
+"""Share of pixels that may clip to white before a warning: lamps, windows and their reflections are supposed to, and
+take up to a twentieth of a picture of a room."""
 
 _WHITE = 254.5 / 255.0
 
 
 @dataclass(frozen=True)
 class Developed:
-    """A picture for people.
+    """A picture for a display.
 
     Attributes:
-        codes: (H, W, 3) uint8, sRGB or as the OpenColorIO display has it.
+        codes: (H, W, 3) uint8, sRGB or in the encoding of the OpenColorIO display.
         stops: the exposure.
         tone: the tone curve.
-        clipped: share of pixels brighter than white of which a channel ends at the brightest code, 0 to 1.
+        clipped: share of pixels, 0 to 1, that are brighter than white and have a channel at the brightest code.
         black: whether all but a thousandth of the pixels have no radiance.
     """
 
@@ -46,7 +44,7 @@ class Developed:
 
     @property
     def warning(self) -> str | None:
-        """What to tell people of a black picture or of lost highlights, or None if they are hardly noticeable."""
+        """A warning about a black picture or lost highlights, or None if they are hardly noticeable."""
         if self.black:
             return "the picture is black: no light reaches what its camera sees"
         if self.clipped <= NOTICEABLE:
@@ -76,13 +74,13 @@ def develop_image(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Expos
 
 
 def require_tone(tone: str) -> None:
-    """Raise InputError now if pictures cannot be developed with a tone, since an OpenColorIO view does not exist."""
+    """Raise InputError before rendering if a tone does not exist, such as a missing OpenColorIO view."""
     if check_tone(tone) not in CURVES:
         find_view(tone)
 
 
 def develop(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = None) -> Developed:
-    """Return linear radiance as a picture for people; see `develop_image`."""
+    """Develop linear radiance for a display; see `develop_image`."""
     tone, exposure = check_tone(tone), check_exposure(exposure)
     refuse_codes(image, "an image")
     with np.errstate(over="ignore"):
@@ -100,19 +98,19 @@ def develop(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = 
         highest = brightest * float(gain)
 
         def encoded(rows: slice) -> NDArray[Any]:
-            return srgb_from_linear(curve.apply(_usable(pixels[rows], gain), highest))
+            return srgb_from_linear(curve(_usable(pixels[rows], gain), highest))
 
     else:
-        shown = encode(_usable(pixels, gain).astype(np.float32), find_view(tone))
+        on_display = encode(_usable(pixels, gain).astype(np.float32), find_view(tone))
 
         def encoded(rows: slice) -> NDArray[Any]:
-            return shown[rows].astype(np.float64)
+            return on_display[rows].astype(np.float64)
 
     codes, white = quantize(pixels.shape[:2], encoded, _WHITE)
     return Developed(codes, chosen, tone, float((white & bright).mean()), brightest == 0.0)
 
 
 def _usable(pixels: NDArray[np.float32], gain: np.float32) -> NDArray[np.float64]:
-    """Return exposed pixels as finite numbers from 0 on."""
-    exposed = np.nan_to_num(pixels.astype(np.float64) * float(gain), nan=0.0, posinf=float(FLOAT32_MAX), neginf=0.0)
-    return exposed.clip(0.0, float(FLOAT32_MAX))
+    """Return exposed pixels, finite and not negative."""
+    exposed = np.nan_to_num(pixels.astype(np.float64) * float(gain), nan=0.0, posinf=FLOAT32_MAX, neginf=0.0)
+    return exposed.clip(0.0, FLOAT32_MAX)

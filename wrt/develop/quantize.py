@@ -17,15 +17,15 @@ ROWS_AT_ONCE = 16
 def quantize(
     size: tuple[int, ...], encoded: Callable[[slice], NDArray[Any]], white: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return a picture as 8-bit codes.
+    """Quantize a picture to 8-bit codes.
 
     Dithering avoids bands in dark gradients: the code is floor(255 v + u), where u in (0, 1) is a fixed hash of
     column, row and channel. A value that equals a code, such as 0 or 1, is not dithered.
 
     Args:
         size: height and width.
-        encoded: returns the values of some rows, (rows, W, 3) float64, encoded for a display, 0 to 1.
-        white: values from this on count as white.
+        encoded: returns (rows, W, 3) float64 values of some rows, encoded for a display, 0 to 1.
+        white: smallest value that counts as white.
 
     Returns:
         (H, W, 3) codes, and (H, W) whether a channel of a pixel is white.

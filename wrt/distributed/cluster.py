@@ -1,9 +1,9 @@
-"""What spreads a picture's work: processes elsewhere, each with an address, which call functions."""
+"""Processes that render a picture together, each with an address, which call functions: what all kinds can do."""
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,15 +26,19 @@ class Future(Protocol):
 class Cluster(Protocol):
     """Workers that call functions. No method waits for a worker, except `result`, for ANSWER_SECONDS at most."""
 
+    @property
+    def devices(self) -> Mapping[str, str]:
+        """The devices of workers by address; a worker without one has the device that the renderer names."""
+
     def addresses(self) -> list[str]:
-        """Return the addresses of the workers that there are."""
+        """Return the addresses of the present workers; raise OSError if there can be none any more."""
 
     def submit(self, address: str, ended: Callable[[], object], key: str, function: Any, *arguments: Any) -> Future:
-        """Call a function on a worker, and `ended` here when it has ended.
+        """Call a function on a worker, and `ended` here, in any thread, when it has ended.
 
         Args:
             address: of the worker; no other calls it.
-            ended: called in any thread.
+            ended: called without arguments.
             key: a name that no other call has.
             function: the function, from a module.
             arguments: its arguments.
@@ -44,17 +48,14 @@ class Cluster(Protocol):
         """Return the result of a call that is done, or raise its exception; NoAnswer if it does not come."""
 
     def cancel(self, futures: Sequence[Any]) -> None:
-        """Let calls not begin; those that run go on in vain."""
-
-    def device_of(self, address: str) -> str | None:
-        """Return the device of a worker, None for the one that was asked for."""
+        """Cancel calls that have not begun; running ones end by themselves."""
 
     def dumps(self, value: object, buffer_callback: Callable[[Any], object]) -> bytes:
         """Pickle a value for the workers; see `pickle.dumps`."""
 
 
 def pack(cluster: Cluster, value: object) -> list[Any]:
-    """Return a value as bytes and arrays of bytes, which are sent without being copied or understood on the way."""
+    """Return a value as bytes and arrays of bytes, which a scheduler passes on without copying or reading them."""
     buffers: list[pickle.PickleBuffer] = []
     head = cluster.dumps(value, buffers.append)
     return [head, *(np.frombuffer(buffer.raw(), np.uint8) for buffer in buffers)]

@@ -1,4 +1,4 @@
-"""The workers that render: which there are, which have the scene, and which do not answer."""
+"""The workers of a cluster: which have built the scene, which are busy, and which do not answer."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from wrt.errors import InputError, InputWarning
 from wrt.scene.scene import Scene
 
 AHEAD = 2
-"""Windows for each worker at a time: one that it renders, and one that waits for it."""
+"""Windows that a worker has at a time: the one that it renders, and the next."""
 
 COUNT_SECONDS, COUNT_AGAIN_SECONDS = 1.0, 0.2
-"""Intervals at which workers are counted, and while there are none."""
+"""Intervals at which workers are counted, with and without workers."""
 
 SILENT_SECONDS = 60.0
-"""Time for which a worker gets nothing after a result of it has not come."""
+"""Time without work for a worker that has not sent a result."""
 
 LATE_FACTOR, LATE_SECONDS = 4.0, 3.0
-"""A window is late after this many times what its paths take by the median of the others, and this many seconds."""
+"""A window is late after this many times the median time of its number of paths, and this many seconds."""
 
 MOST_DEATHS = 3
 """Workers that may die while they render the same window, and for each worker while they build the scene."""
 
 
 @dataclass(eq=False)
-class Try:
-    """A window on a worker.
+class Attempt:
+    """A call that renders a window on a worker.
 
     Attributes:
         member: the worker.
         future: the call.
         since: when it was submitted.
-        paths: most camera paths in the window.
-        seed: that of its samples; a pilot has another than the picture, and samples in few of its pixels.
-        in_vain: whether another worker has rendered the window meanwhile.
+        paths: an upper bound on the camera paths in the window.
+        seed: the seed of its samples. A pilot has another than the picture, and samples few of its pixels.
+        is_obsolete: whether another worker has already rendered the window.
     """
 
     member: Member
@@ -50,7 +50,7 @@ class Try:
     since: float
     paths: int
     seed: int
-    in_vain: bool = False
+    is_obsolete: bool = False
 
 
 @dataclass(eq=False)
@@ -59,32 +59,32 @@ class Member:
 
     Attributes:
         address: its address.
-        digest: of the scene that it has built.
-        preparing: the call that builds one.
-        tries: the windows that it has and has not rendered, the first of which it renders.
+        digest: the digest of the scene that it has built.
+        preparing: the call that builds a scene.
+        attempts: the windows that it has, starting with the one that it renders.
         answered: when it last sent a result.
-        silent_until: until when it gets nothing, because a result of it has not come.
+        silent_until: when it gets work again after a result has not come.
     """
 
     address: str
     digest: str = ""
     preparing: Any = None
-    tries: list[Try] = field(default_factory=list)
+    attempts: list[Attempt] = field(default_factory=list)
     answered: float = 0.0
     silent_until: float = 0.0
 
     def busy_since(self) -> float:
-        """Return when it began with the window that it renders; infinite if it has none."""
-        return max(self.tries[0].since, self.answered) if self.tries else float("inf")
+        """Return when it began its window; infinite if it has none."""
+        return max(self.attempts[0].since, self.answered) if self.attempts else float("inf")
 
 
 class Crew:
     """The workers of a cluster.
 
-    A worker gets the scene by a call, and windows after it has built the scene: none waits for data that another has.
+    A worker gets the scene by a call, and windows after it has built the scene, so none waits for data of another.
 
     Attributes:
-        kind: what the digits of the picture depend on, by name, as the first worker has it.
+        kind: what the digits of the picture depend on, by name, as on the first worker.
         refused: workers of another kind, which render nothing.
         members: the other workers by address.
     """
@@ -100,7 +100,7 @@ class Crew:
         self._seconds_of_path: dict[int, deque[float]] = {}  # in the latest windows of each seed
 
     def update(self, job: Job) -> None:
-        """Count the workers, and give the scene to those that do not have it.
+        """Count the workers, and give them the scene.
 
         Raises:
             InputError: if the scene cannot be rendered, or by no worker.
@@ -109,8 +109,8 @@ class Crew:
         if time.monotonic() - self._counted > (COUNT_SECONDS if self.members else COUNT_AGAIN_SECONDS):
             self._count()
         for member in list(self.members.values()):
-            for each in [each for each in member.tries if each.in_vain and each.future.done()]:
-                member.tries.remove(each)
+            for each in [each for each in member.attempts if each.is_obsolete and each.future.done()]:
+                member.attempts.remove(each)
                 member.answered = time.monotonic()
             if member.digest != job.digest:
                 self._prepare(member, job)
@@ -118,8 +118,7 @@ class Crew:
     def _count(self) -> None:
         addresses = set(self._cluster.addresses())
         for address in set(self.members) - addresses:
-            gone = self.members.pop(address)
-            self._deaths += gone.preparing is not None
+            self._deaths += self.members.pop(address).preparing is not None
         for address in addresses - set(self.members) - set(self.refused):
             self.members[address] = Member(address)
         self._counted = time.monotonic()
@@ -127,11 +126,11 @@ class Crew:
             raise OSError("workers died while they built the scene, perhaps for lack of memory; see their logs")
 
     def _prepare(self, member: Member, job: Job) -> None:
-        """Ask a worker whether it has built the scene, send the scene if not, and see to the answer."""
+        """Ask a worker whether it has built the scene, handle the reply, and send the scene if it has not."""
         if member.preparing is None:
             if member.silent_until > time.monotonic():
                 return
-            member.preparing = self.call(member, f"wrt-{job.digest[:8]}-hello", prepare, self.job_of(member, job), None)
+            member.preparing = self.call(member, "hello", prepare, job, None)
         if not member.preparing.done():
             return
         future, member.preparing = member.preparing, None
@@ -159,25 +158,22 @@ class Crew:
             return
         if self._packed is None:
             self._packed = pack(self._cluster, self._scene)
-        name = f"wrt-{job.digest[:8]}-scene"
-        member.preparing = self.call(member, name, prepare, self.job_of(member, job), self._packed)
+        member.preparing = self.call(member, "scene", prepare, job, self._packed)
 
-    def _refuse(self, member: Member, why: str) -> None:
-        warnings.warn(f"worker {member.address} renders nothing, {why}", InputWarning, stacklevel=2)
-        self.refused[member.address] = why
+    def _refuse(self, member: Member, reason: str) -> None:
+        warnings.warn(f"worker {member.address} renders nothing, {reason}", InputWarning, stacklevel=2)
+        self.refused[member.address] = reason
         del self.members[member.address]
         if not self.members:
-            raise InputError(f"no worker can render this picture: {member.address}, {why}")
+            raise InputError(f"no worker can render this picture: {member.address}, {reason}")
 
-    def job_of(self, member: Member, job: Job) -> Job:
-        """Return a job for the device of a worker."""
-        device = self._cluster.device_of(member.address)
-        return job if device is None else replace(job, options={**job.options, "device": device})
-
-    def call(self, member: Member, name: str, function: Any, *arguments: Any) -> Any:
-        """Call a function on a worker."""
+    def call(self, member: Member, name: str, function: Any, job: Job, *arguments: Any) -> Any:
+        """Call a function on a worker, with a job for its device."""
         self._calls += 1
-        return self._cluster.submit(member.address, self._ended, f"{name}-{self._calls}", function, *arguments)
+        key = f"wrt-{job.digest[:8]}-{name}-{self._calls}"
+        if device := self._cluster.devices.get(member.address):
+            job = replace(job, options={**job.options, "device": device})
+        return self._cluster.submit(member.address, self._ended, key, function, job, *arguments)
 
     def free(self, job: Job) -> list[Member]:
         """Return the workers that can take a window, those with the fewest first."""
@@ -186,26 +182,26 @@ class Crew:
             member
             for member in self.members.values()
             if member.digest == job.digest
-            and len(member.tries) < AHEAD
+            and len(member.attempts) < AHEAD
             and member.silent_until <= now
             and not self.is_late(member)
         ]
-        return sorted(usable, key=lambda member: len(member.tries))
+        return sorted(usable, key=lambda member: len(member.attempts))
 
     def is_late(self, member: Member) -> bool:
-        """Return whether a worker takes so long for a window that it may hang."""
-        if not member.tries or not (latest := self._seconds_of_path.get(member.tries[0].seed)):
+        """Return whether a worker may hang, as it takes too long for a window."""
+        if not member.attempts or not (latest := self._seconds_of_path.get(member.attempts[0].seed)):
             return False
-        expected = member.tries[0].paths * statistics.median(latest)
+        expected = member.attempts[0].paths * statistics.median(latest)
         limit = max(LATE_FACTOR * expected, LATE_SECONDS)
         return time.monotonic() - member.busy_since() > limit
 
-    def is_there(self, member: Member) -> bool:
+    def has(self, member: Member) -> bool:
         """Return whether the cluster still has a worker."""
         return self.members.get(member.address) is member
 
-    def answered(self, done: Try, *, has_rendered: bool) -> None:
-        """Note that a worker has sent an answer, with what it has rendered or without."""
+    def answered(self, done: Attempt, *, has_rendered: bool) -> None:
+        """Note that a worker has sent a reply, with a rendered window or without."""
         member, now = done.member, time.monotonic()
         if has_rendered:
             latest = self._seconds_of_path.setdefault(done.seed, deque(maxlen=32))

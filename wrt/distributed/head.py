@@ -1,4 +1,4 @@
-"""The renderer of the head node: its film is here, and workers of a Dask cluster render."""
+"""A renderer whose film is on the head node while the workers of a cluster render."""
 
 from __future__ import annotations
 
@@ -11,29 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend import current_backend
-from wrt.distributed.dask_cluster import DaskCluster
+from wrt.distributed.dask_cluster import DaskCluster, client_of
 from wrt.distributed.processes import Processes
 from wrt.distributed.spread import Pass, Spread
-from wrt.distributed.worker import Job, Rendered
+from wrt.distributed.worker import Job
 from wrt.errors import InputError
-from wrt.parts.cut import put, take
 from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, identity_of
 from wrt.rendering.film import Film
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.scene import Scene
-from wrt.upload.camera import CropWindow
 
 LONGEST_CLUSTER_PASS = 30.0
-"""Most seconds of a pass, longer than on one machine: towards its end windows are small, each of which costs the head
-node and a worker some 20 ms, and workers wait for the last."""
+"""Most seconds of a pass, longer than on one machine: towards its end windows are small and cost the head node and a
+worker some 20 ms each, and workers wait for the last."""
 
 
 class ClusterError(OSError):
     """The cluster cannot go on with a picture: its scheduler or its workers are lost, or a worker failed.
 
     Attributes:
-        renderer: the renderer, with the samples that there are: it can show and save the picture, and its checkpoint.
+        renderer: the renderer with the samples so far; it can show and save the picture, and its checkpoint.
     """
 
     def __init__(self, message: str, renderer: DistributedRenderer) -> None:
@@ -46,24 +44,21 @@ class DistributedRenderer(Renderer):
 
     Passes, limits, noise, checkpoints and pictures are those of a Renderer. The scene goes to each worker once; windows
     of the film go to and fro. Nothing is built on the head node, which needs memory for the film.
+
+    Attributes:
+        spread: spreads passes over the workers.
     """
 
     longest_pass = LONGEST_CLUSTER_PASS
 
     def __init__(
-        self,
-        scene: Scene,
-        *,
-        client: Any,
-        device: str = "cpu",
-        threads: int | None = None,
-        **options: Any,
+        self, scene: Scene, *, client: Any, device: str = "cpu", threads: int | None = None, **options: Any
     ) -> None:
         """Prepare to render a scene.
 
         Args:
             scene: the scene; later changes to it have no effect.
-            client: a `distributed.Client`, or the `Processes` of several GPUs.
+            client: as for `client_of`, or the `Processes` of several GPUs.
             device: of the workers: "cpu", or "cuda"; processes have their own.
             threads: CPU threads of a worker process, by default as many as Dask gives it; it renders one window at a
                 time.
@@ -72,7 +67,8 @@ class DistributedRenderer(Renderer):
         Raises:
             InputError: on unusable values, an empty scene, or without workers.
         """
-        self._client, self._device_of_workers, self._threads_of_workers = client, device, threads
+        self._cluster = client if isinstance(client, Processes) else DaskCluster(client_of(client))
+        self._device_of_workers, self._threads_of_workers = device, threads
         self._local: Renderer | None = None
         super().__init__(scene, **options)
 
@@ -80,8 +76,7 @@ class DistributedRenderer(Renderer):
         film = current_backend().kernels("wrt.kernels.film.film")
         with self.device.compiling() as compile:
             compile(film.film_noise)
-        cluster = self._client if isinstance(self._client, Processes) else DaskCluster(self._client)
-        self._spread = Spread(cluster, self.scene)
+        self.spread = Spread(self._cluster, self.scene)
         self._kernel = _Remote(self)  # type: ignore[assignment]
         options = {name: getattr(self.settings, name) for name in SETTINGS_OF_PICTURE}
         self._options = {**options, "seed": self.seed, "strategy": self.strategy, "light_choice": self.light_choice}
@@ -89,24 +84,14 @@ class DistributedRenderer(Renderer):
         identity["scene"].pop("camera")
         text = json.dumps([identity, self._device_of_workers, self._threads_of_workers])
         self._digest = hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
-
-    def _prepare(self) -> list[Any]:
-        return []
-
-    def _guides_at_start(self) -> None:
-        return None
+        self._inputs, self._guides = [], None
 
     @property
     def job(self) -> Job:
-        """What workers need to know besides the scene."""
+        """The values that all windows of a pass share."""
         assert self.scene.camera is not None
         options = {**self._options, "device": self._device_of_workers}
         return Job(self._digest, options, self.scene.camera, self._threads_of_workers)
-
-    @property
-    def spread(self) -> Spread:
-        """What renders on the workers."""
-        return self._spread
 
     def set_camera(self, camera: Camera) -> None:
         """Look at the scene through another camera and restart the picture; see `wrt.Renderer.set_camera`."""
@@ -142,15 +127,14 @@ class DistributedRenderer(Renderer):
         self._bring(film, dataclasses.replace(job, options={**job.options, "seed": seed}), target, 0.0)
 
     def _bring(self, film: Film, job: Job, spp: int, seconds_left: float) -> None:
-        crop, samples = self.crop, spp - int(film.counts.min())
-        do = Pass(job, crop, samples, spp, seconds_left, lambda window: _state(film, crop, window))
+        samples = max(spp - int(film.counts.min()), 1)
         try:
-            self._spread.run(do, lambda window, rendered: _keep(film, crop, window, rendered))
+            self.spread.run(Pass(film, self.crop, job, spp, seconds_left, samples))
         except Exception as error:  # of wrt, of Dask, or of a worker
             if isinstance(error, InputError) and not self.film.counts.any():
                 raise
-            known = isinstance(error, (InputError, OSError)) and str(error)
-            raise ClusterError(str(error) if known else f"a worker failed: {error!r}", self) from error
+            has_message = isinstance(error, (InputError, OSError)) and str(error)
+            raise ClusterError(str(error) if has_message else f"a worker failed: {error!r}", self) from error
 
 
 class _Remote:
@@ -170,21 +154,6 @@ class _Remote:
         renderer._bring(renderer.film, renderer.job, spp, seconds_left)
 
 
-def _state(film: Film, crop: CropWindow, window: CropWindow) -> dict[str, NDArray[Any]] | None:
-    """Return the arrays of a film for a window, None if it has no samples there."""
-    arrays = film.arrays()
-    if not take(arrays["count"], crop, (window,)).any():
-        return None
-    return {name: take(array, crop, (window,)) for name, array in arrays.items()}
-
-
-def _keep(film: Film, crop: CropWindow, window: CropWindow, rendered: Rendered) -> None:
-    for name, array in film.arrays().items():
-        put(array, crop, (window,), rendered.arrays[name])
-    first = (window[1] - crop[1]) * film.width + window[0] - crop[0]
-    film.data.rays.numpy()[first] += rendered.rays  # a statistic of the whole picture
-
-
 def render(
     source: Any,
     *,
@@ -199,26 +168,22 @@ def render(
 
     Args:
         source: as for `wrt.load`.
-        client: a `distributed.Client`, the address of a scheduler, such as "tcp://head:8786", or `Processes`.
-        spp: samples per pixel, as for `wrt.Renderer.passes`; so are `time`, `noise` and `adaptive`.
+        client: as for `DistributedRenderer`, like `options`.
+        spp: as for `wrt.Renderer.passes`, like `time`, `noise` and `adaptive`.
         time: seconds of rendering.
         noise: relative noise of the picture.
-        adaptive: whether parts of the picture that are good enough stop before the others.
-        options: as for `DistributedRenderer`.
+        adaptive: whether tiles stop once they are good enough.
+        options: see `client`.
 
     Raises:
         InputError: if an argument cannot be used, or no worker can render the scene.
-        ClusterError: if the scheduler or the workers are lost meanwhile; its `renderer` has the picture so far.
+        ClusterError: if the scheduler or the workers are lost; its `renderer` has the picture so far.
     """
-    from wrt.api import load
-    from wrt.distributed.clients import client_of
+    from wrt.api import finished_image, load
 
     width, height = options.get("width"), options.get("height")
     scene = load(source, aspect=width / height if width and height else None)
-    renderer = DistributedRenderer(
-        scene, client=client if isinstance(client, Processes) else client_of(client), **options
-    )
+    renderer = DistributedRenderer(scene, client=client, **options)
     for _ in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=renderer.longest_pass):
         pass
-    image, alpha = renderer.denoised() if renderer.settings.denoise else renderer.image(), renderer.alpha()
-    return image if alpha is None else np.dstack([image, alpha])
+    return finished_image(renderer)

@@ -23,19 +23,18 @@ _SEVERAL = re.compile(r"cuda:(all|\d{1,3}(?:,\d{1,3})+)")
 
 
 def devices_of(name: str) -> list[str] | None:
-    """Return the devices that a name such as cuda:0,1 or cuda:all stands for; None for the name of one device.
+    """Return the devices of a name such as cuda:0,1 or cuda:all, None for the name of one device.
 
     Raises:
-        InputError: if there are not so many GPUs, or one is named twice.
+        InputError: if a GPU does not exist, or is named twice.
     """
     found = _SEVERAL.fullmatch(name)
     if not found:
         return None
+    from wrt.backend import current_backend
     from wrt.backend.cuda.gpus import require_gpus
-    from wrt.backend.warp_backend import WarpBackend
 
-    backend = WarpBackend()
-    backend.start()
+    backend = current_backend()
     count = backend.gpus()
     numbers = list(range(count)) if found[1] == "all" else [int(number) for number in found[1].split(",")]
     require_gpus(backend, name, numbers)
@@ -52,11 +51,11 @@ class Processes:
 
     def __init__(self, devices: Sequence[str]) -> None:
         """Start a process for each device; several may have the same."""
-        context = multiprocessing.get_context("spawn")  # a fork could not use CUDA, nor threads that run
-        self._devices = {f"{number}:{device}": device for number, device in enumerate(devices)}
+        context = multiprocessing.get_context("spawn")  # a fork could use neither CUDA nor running threads
+        self.devices = {f"{number}:{device}": device for number, device in enumerate(devices)}
         with child.safe_path():
             self._pools = {
-                address: ProcessPoolExecutor(1, mp_context=context, initializer=_begin) for address in self._devices
+                address: ProcessPoolExecutor(1, mp_context=context, initializer=_begin) for address in self.devices
             }
         atexit.register(self.close)
 
@@ -68,17 +67,13 @@ class Processes:
         atexit.unregister(self.close)
 
     def addresses(self) -> list[str]:
-        """Return the addresses of the processes that have not died.
-
-        Raises:
-            OSError: if all have died.
-        """
+        """Return the addresses of the processes that live; raise OSError if none does."""
         if not self._pools:
             raise OSError("the processes that render have died, perhaps for lack of memory")
         return list(self._pools)
 
     def submit(self, address: str, ended: Callable[[], object], key: str, function: Any, *arguments: Any) -> Any:
-        """Call a function in a process; see `Cluster.submit`."""
+        """Call a function in a process."""
         future: Future[Any]
         try:
             with child.safe_path():  # the first call starts the process
@@ -91,7 +86,7 @@ class Processes:
         return future
 
     def result(self, future: Any) -> Any:
-        """Return the result of a call that is done, or raise its exception; see `Cluster.result`."""
+        """Return the result of a call that is done, or raise its exception."""
         if future.cancelled():
             raise NoAnswer
         try:
@@ -105,13 +100,9 @@ class Processes:
             raise NoAnswer from None
 
     def cancel(self, futures: Sequence[Any]) -> None:
-        """Let calls not begin."""
+        """Cancel calls that have not begun."""
         for future in futures:
             future.cancel()
-
-    def device_of(self, address: str) -> str | None:
-        """Return the device of a process."""
-        return self._devices[address]
 
     def dumps(self, value: object, buffer_callback: Callable[[Any], object]) -> bytes:
         """Pickle a value."""
@@ -121,11 +112,11 @@ class Processes:
 def _begin() -> None:
     """Ignore Ctrl-C, which a terminal sends to all its processes, and end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    father = multiprocessing.parent_process()
+    parent = multiprocessing.parent_process()
 
     def end_with_parent() -> None:
-        if father is not None:
-            father.join()
+        if parent is not None:
+            parent.join()
             os._exit(1)
 
     threading.Thread(target=end_with_parent, name="wrt-parent", daemon=True).start()

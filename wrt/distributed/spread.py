@@ -16,70 +16,120 @@ from typing import Any
 from numpy.typing import NDArray
 
 from wrt.distributed.cluster import Cluster, NoAnswer
-from wrt.distributed.crew import MOST_DEATHS, Crew, Member, Try
-from wrt.distributed.windows import windows_of_pass
+from wrt.distributed.crew import MOST_DEATHS, Attempt, Crew, Member
 from wrt.distributed.worker import Job, Rendered, render_window
 from wrt.errors import InputError, warn
-from wrt.parts.cut import pixels_of
+from wrt.parts.cut import grid, pixels_of, put, take
+from wrt.rendering.film import Film
 from wrt.scene.scene import Scene
 from wrt.upload.camera import CropWindow
 
 POLL_SECONDS = 0.2
-"""Interval at which late windows and new workers are looked for."""
+"""Interval of the checks for late windows and new workers."""
 
 WITHOUT_WORKERS_SECONDS = 600.0
-"""Time to wait for a worker when all have gone: those that died are started again, or others come."""
+"""Time to wait when no worker is left: Dask restarts workers that died, or others come."""
 
 MENTIONED_SECONDS = 10.0
-"""Time without workers after which a person is told why nothing happens; workers that are started again take less."""
+"""Time without workers until a warning; a restart takes less."""
 
-Keep = Callable[[CropWindow, Rendered], object]
-State = Callable[[CropWindow], "dict[str, NDArray[Any]] | None"]
+SHARES = 2
+"""A window is 1/SHARES of a worker's even share of the remaining pixels (Polychronopoulos and Kuck 1987)."""
+
+ROWS_PER_WORKER = 8
+"""Pictures with fewer rows for each worker are cut into columns, too."""
+
+LONGEST_SECONDS, SHORTEST_SECONDS = 8.0, 0.3
+"""Limits of the seconds of a window: it is lost with its worker, and each costs the head node, Dask and the worker some
+ten milliseconds."""
+
+
+def windows_of_pass(
+    crop: CropWindow, workers: Callable[[], int], seconds_of_pixel: Callable[[], float]
+) -> Iterator[CropWindow]:
+    """Yield windows that cover `crop` once: large ones first, and smaller ones towards the end.
+
+    Args:
+        crop: the picture.
+        workers: returns the present number of workers.
+        seconds_of_pixel: returns the seconds that a pixel takes in this pass, 0 while they are unknown.
+    """
+    rows = crop[3] - crop[1]
+    columns = min(-(-ROWS_PER_WORKER * max(workers(), 1) // rows), crop[2] - crop[0])
+    remaining = pixels_of((crop,))
+    for x0, y0, x1, y1 in grid(crop, columns, 1):
+        y, width = y0, x1 - x0
+        while y < y1:
+            pixels = remaining / (SHARES * max(workers(), 1))
+            if seconds := seconds_of_pixel():
+                pixels = min(max(pixels, SHORTEST_SECONDS / seconds), LONGEST_SECONDS / seconds)
+            end = min(y + max(int(pixels / width), 1), y1)
+            yield x0, y, x1, end
+            remaining -= width * (end - y)
+            y = end
 
 
 @dataclass(frozen=True)
 class Pass:
-    """What is to be rendered.
+    """A pass over a film.
 
     Attributes:
-        job: what the windows have in common.
-        crop: the picture.
-        samples: how many samples a pixel lacks at most.
-        spp: samples per pixel in the end.
-        seconds_left: time that the picture still takes, of which this pass is a share.
-        state: returns the arrays of the film for a window, None where it is empty.
+        film: the film of the picture, which gets the samples.
+        crop: the window of the whole picture that the film shows.
+        job: the values that all windows share.
+        spp: samples per pixel at the end.
+        seconds_left: estimated time until the picture is finished, including this pass.
+        samples: the most samples that a pixel still needs.
     """
 
-    job: Job
+    film: Film
     crop: CropWindow
-    samples: int
+    job: Job
     spp: int
     seconds_left: float
-    state: State
+    samples: int
 
     @property
     def seed(self) -> int:
-        """The seed of its samples."""
+        """The seed of the samples."""
         return int(self.job.options["seed"])
+
+    def state(self, window: CropWindow) -> dict[str, NDArray[Any]] | None:
+        """Return the film's arrays for a window, None if it has no samples there."""
+        arrays = self.film.arrays()
+        if not take(arrays["count"], self.crop, (window,)).any():
+            return None
+        return {name: take(array, self.crop, (window,)) for name, array in arrays.items()}
+
+    def keep(self, window: CropWindow, rendered: Rendered) -> None:
+        """Put a rendered window into the film."""
+        for name, array in self.film.arrays().items():
+            put(array, self.crop, (window,), rendered.arrays[name])
+        first = (window[1] - self.crop[1]) * self.film.width + window[0] - self.crop[0]
+        self.film.data.rays.numpy()[first] += rendered.rays  # a statistic of the whole picture
 
 
 @dataclass(eq=False)
 class _Window:
-    """A window that is to be rendered.
+    """A window that is being rendered.
 
     Attributes:
         window: the window.
-        tries: the workers that have it.
+        attempts: the calls on workers that have it.
         deaths: workers that died while they rendered it.
     """
 
     window: CropWindow
-    tries: list[Try] = field(default_factory=list)
+    attempts: list[Attempt] = field(default_factory=list)
     deaths: int = 0
+
+    def remove(self, attempt: Attempt) -> None:
+        self.attempts.remove(attempt)
+        attempt.member.attempts.remove(attempt)
 
 
 class Spread:
-    """Renders windows on the workers of a cluster.
+    """Renders passes on the workers of a cluster.
 
     Attributes:
         crew: the workers.
@@ -87,120 +137,116 @@ class Spread:
 
     def __init__(self, cluster: Cluster, scene: Scene) -> None:
         """Prepare to render a scene on the workers of a cluster."""
-        settings = dataclasses.replace(scene.settings, denoise=False)  # the head node's task
+        settings = dataclasses.replace(scene.settings, denoise=False)  # the head node denoises
         self._cluster = cluster
         self._ended = threading.Event()
         self.crew = Crew(cluster, dataclasses.replace(scene, settings=settings), self._ended.set)
-        self._seconds_of_sample: dict[int, float] = {}  # by the seed, since a pilot has a sample in few of its pixels
+        self._seconds_of_sample: dict[int, float] = {}  # by seed: a pilot samples few of the pixels
 
-    def run(self, do: Pass, keep: Keep) -> None:
-        """Render a pass; `keep` is called with each window and what became of it.
+    def run(self, a_pass: Pass) -> None:
+        """Render a pass into its film.
 
         Raises:
-            InputError: where a worker cannot render the scene.
-            OSError: where workers died of a window.
+            InputError: if a worker cannot render the scene.
+            OSError: if workers die of a window, or there is none for long.
         """
-        coming = windows_of_pass(do.crop, lambda: len(self.crew.members), lambda: self._seconds_of_pixel(do))
-        going: list[_Window] = []
-        left = pixels_of((do.crop,))
+        coming = windows_of_pass(
+            a_pass.crop,
+            lambda: len(self.crew.members),
+            lambda: self._seconds_of_sample.get(a_pass.seed, 0.0) * a_pass.samples,
+        )
+        running: list[_Window] = []
+        remaining = pixels_of((a_pass.crop,))
         try:
-            while left:
-                self.crew.update(do.job)
-                self._submit(do, coming, going)
-                self._wait(do.job)
-                for each in list(going):
+            while remaining:
+                self.crew.update(a_pass.job)
+                self._submit(a_pass, coming, running)
+                self._wait(a_pass.job)
+                for each in list(running):
                     rendered = self._rendered(each)
                     if rendered is not None:
-                        going.remove(each)
-                        self._leave(each)
-                        keep(each.window, rendered)
-                        left -= pixels_of((each.window,))
-                        self._measure(do, each.window, rendered)
+                        running.remove(each)
+                        self._abandon(each)
+                        a_pass.keep(each.window, rendered)
+                        remaining -= pixels_of((each.window,))
+                        self._measure(a_pass, each.window, rendered)
         finally:
-            self._cluster.cancel([one.future for each in going for one in each.tries])
-            for each in going:
-                for one in each.tries:
-                    one.member.tries.remove(one)
+            self._cluster.cancel([attempt.future for each in running for attempt in each.attempts])
+            for each in running:
+                for attempt in list(each.attempts):
+                    each.remove(attempt)
 
-    def _submit(self, do: Pass, coming: Iterator[CropWindow], going: list[_Window]) -> None:
+    def _submit(self, a_pass: Pass, coming: Iterator[CropWindow], running: list[_Window]) -> None:
         """Give windows to workers that can take them, late ones first."""
-        for each in going:
-            if all(self.crew.is_late(one.member) for one in each.tries):
-                having = {one.member for one in each.tries}
-                member = next((member for member in self.crew.free(do.job) if member not in having), None)
+        for each in running:
+            if all(self.crew.is_late(attempt.member) for attempt in each.attempts):
+                busy = {attempt.member for attempt in each.attempts}
+                member = next((member for member in self.crew.free(a_pass.job) if member not in busy), None)
                 if member is not None:
-                    self._give(do, each, member)
-        while free := self.crew.free(do.job):
+                    self._give(a_pass, each, member)
+        while free := self.crew.free(a_pass.job):
             window = next(coming, None)
             if window is None:
                 return
-            going.append(_Window(window))
-            self._give(do, going[-1], free[0])
+            running.append(_Window(window))
+            self._give(a_pass, running[-1], free[0])
 
-    def _give(self, do: Pass, each: _Window, member: Member) -> None:
-        x0, y0, x1, y1 = each.window
-        name = f"wrt-{do.job.digest[:8]}-{x0},{y0},{x1},{y1}-to-{do.spp}"
-        job, state = self.crew.job_of(member, do.job), do.state(each.window)
-        future = self.crew.call(member, name, render_window, job, each.window, state, do.spp, do.seconds_left)
-        paths = pixels_of((each.window,)) * max(do.samples, 1)
-        each.tries.append(Try(member, future, time.monotonic(), paths, do.seed))
-        member.tries.append(each.tries[-1])
+    def _give(self, a_pass: Pass, each: _Window, member: Member) -> None:
+        name, state = f"{','.join(map(str, each.window))}-to-{a_pass.spp}", a_pass.state(each.window)
+        arguments = each.window, state, a_pass.spp, a_pass.seconds_left
+        future = self.crew.call(member, name, render_window, a_pass.job, *arguments)
+        paths = pixels_of((each.window,)) * a_pass.samples
+        each.attempts.append(Attempt(member, future, time.monotonic(), paths, a_pass.seed))
+        member.attempts.append(each.attempts[-1])
 
     def _wait(self, job: Job) -> None:
-        """Wait until a worker has ended something, or for POLL_SECONDS; and for a worker, if there are none."""
+        """Wait until a worker has ended something, or for POLL_SECONDS; and for a worker, if there is none."""
         self._ended.wait(POLL_SECONDS)
         self._ended.clear()
-        since, is_said = time.monotonic(), False
+        start, has_warned = time.monotonic(), False
         while not self.crew.members:
-            if time.monotonic() - since > WITHOUT_WORKERS_SECONDS:
+            if time.monotonic() - start > WITHOUT_WORKERS_SECONDS:
                 raise OSError(f"the scheduler has had no worker for {WITHOUT_WORKERS_SECONDS:.0f} s")
-            if time.monotonic() - since > MENTIONED_SECONDS and not is_said:
-                is_said = True
+            if time.monotonic() - start > MENTIONED_SECONDS and not has_warned:
+                has_warned = True
                 warn(f"the scheduler has no worker; waiting for one, at most {WITHOUT_WORKERS_SECONDS:.0f} s")
             time.sleep(POLL_SECONDS)
             self.crew.update(job)
 
     def _rendered(self, each: _Window) -> Rendered | None:
-        """Return what became of a window, None while it is not done."""
-        for one in list(each.tries):
-            if not self.crew.is_there(one.member):
-                each.deaths += one is one.member.tries[0]
-                self._forget(each, one)
-                self._cluster.cancel([one.future])
+        """Return the result of a window, None while there is none."""
+        for attempt in list(each.attempts):
+            if not self.crew.has(attempt.member):
+                each.deaths += attempt is attempt.member.attempts[0]
+                each.remove(attempt)
+                self._cluster.cancel([attempt.future])
                 if each.deaths > MOST_DEATHS:
                     raise OSError("workers died of a part of the picture, perhaps for lack of memory; see their logs")
-            elif one.future.done():
-                self._forget(each, one)
+            elif attempt.future.done():
+                each.remove(attempt)
                 try:
-                    rendered: Rendered | None = self._cluster.result(one.future)
+                    rendered: Rendered | None = self._cluster.result(attempt.future)
                 except NoAnswer:
-                    self.crew.has_not_answered(one.member)
+                    self.crew.has_not_answered(attempt.member)
                     continue
                 except (ImportError, AttributeError, TypeError) as error:
                     raise InputError(f"the workers cannot render this scene: {error}") from error
-                self.crew.answered(one, has_rendered=rendered is not None)
+                self.crew.answered(attempt, has_rendered=rendered is not None)
                 if rendered is not None:
                     return rendered
-                one.member.digest = ""  # it has begun anew, or rendered something else
+                attempt.member.digest = ""  # it has restarted, or rendered another scene
         return None
 
-    def _forget(self, each: _Window, one: Try) -> None:
-        each.tries.remove(one)
-        one.member.tries.remove(one)
+    def _abandon(self, each: _Window) -> None:
+        """Cancel a rendered window on the other workers that have it; one that has begun it renders it to the end."""
+        waiting = [attempt for attempt in each.attempts if attempt is not attempt.member.attempts[0]]
+        self._cluster.cancel([attempt.future for attempt in waiting])
+        for attempt in waiting:
+            each.remove(attempt)
+        for attempt in each.attempts:
+            attempt.is_obsolete = True
 
-    def _leave(self, each: _Window) -> None:
-        """Cancel a window on the other workers that have it; what a worker renders already it renders in vain."""
-        waiting = [one for one in each.tries if one is not one.member.tries[0]]
-        self._cluster.cancel([one.future for one in waiting])
-        for one in waiting:
-            self._forget(each, one)
-        for one in each.tries:
-            one.in_vain = True
-
-    def _seconds_of_pixel(self, do: Pass) -> float:
-        return self._seconds_of_sample.get(do.seed, 0.0) * max(do.samples, 1)
-
-    def _measure(self, do: Pass, window: CropWindow, rendered: Rendered) -> None:
-        now = rendered.seconds / (pixels_of((window,)) * max(do.samples, 1))
-        before = self._seconds_of_sample.get(do.seed)
-        self._seconds_of_sample[do.seed] = now if not before else 0.8 * before + 0.2 * now
+    def _measure(self, a_pass: Pass, window: CropWindow, rendered: Rendered) -> None:
+        seconds = rendered.seconds / (pixels_of((window,)) * a_pass.samples)
+        average = self._seconds_of_sample.get(a_pass.seed)
+        self._seconds_of_sample[a_pass.seed] = seconds if not average else 0.8 * average + 0.2 * seconds

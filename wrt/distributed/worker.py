@@ -1,4 +1,4 @@
-"""What workers do: they keep built scenes, and render windows of them."""
+"""Functions that workers call: they build scenes, keep them, and render windows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from wrt.upload.camera import CropWindow
 
 KEPT = 2
-"""Built scenes that a worker keeps: the one that it renders, and the one before."""
+"""Built scenes that a worker keeps: the present one and the previous one."""
 
 _renderers: OrderedDict[str, Renderer] = OrderedDict()
 _rendering = threading.Lock()
@@ -29,13 +29,13 @@ _rendering = threading.Lock()
 
 @dataclass(frozen=True)
 class Job:
-    """What the windows of a picture have in common.
+    """The values that all windows of a picture share.
 
     Attributes:
-        digest: of the scene without its camera, and of the picture's options.
-        options: keyword arguments of `wrt.Renderer`. A worker need not build a scene again for another seed.
-        camera: the camera, likewise.
-        threads: CPU threads of a worker; by default those that Dask gives it.
+        digest: a digest of the scene without its camera, and of the picture's options.
+        options: keyword arguments of `wrt.Renderer`. Another seed does not need another build of the scene.
+        camera: the camera; another one does not either.
+        threads: CPU threads of a worker, by default as many as Dask gives it.
     """
 
     digest: str
@@ -45,11 +45,11 @@ class Job:
 
 
 class Ready(NamedTuple):
-    """What a worker answers to `prepare`.
+    """The reply of a worker to `prepare`.
 
     Attributes:
         kind: what its digits depend on, by name: versions, device, processor and libraries.
-        digest: that of the job, if the worker has built the scene; else "".
+        digest: the job's digest if the worker has built the scene, else "".
     """
 
     kind: dict[str, str]
@@ -61,8 +61,8 @@ class Rendered(NamedTuple):
 
     Attributes:
         arrays: the arrays of a film for its pixels.
-        rays: the rays that were traced.
-        seconds: the time that it took; on a CPU without what other work on the machine took of it.
+        rays: the number of traced rays.
+        seconds: the time of rendering; on a CPU, without the share of other work on the machine.
     """
 
     arrays: dict[str, NDArray[Any]]
@@ -74,27 +74,19 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
     """Build a scene, unless it is built already; called on a worker.
 
     Args:
-        job: what the windows have in common.
+        job: the values that all windows share.
         packed: the scene by `wrt.distributed.cluster.pack`; None to ask whether it is built.
     """
     from wrt._version import __version__
-    from wrt.backend import current_backend
     from wrt.backend.arithmetic import arithmetic_of
-    from wrt.backend.builds import NotCompiled
     from wrt.backend.device import Device
 
-    if job.options["device"] != "cpu" and current_backend().builds is not None:
-        _go_over_to_warp()
     device = Device(job.options["device"])
     kind = {"wrt": __version__, "warp": device.backend.version, **arithmetic_of(device)}
     if packed is not None:
         with _rendering:
             if job.digest not in _renderers:
-                try:
-                    _build(job, unpack(packed))
-                except NotCompiled:
-                    _go_over_to_warp()
-                    _build(job, unpack(packed))
+                _build(job, unpack(packed))
     return Ready(kind, job.digest if job.digest in _renderers else "")
 
 
@@ -104,16 +96,15 @@ def render_window(
     """Bring the pixels of a window to `spp` samples each; called on a worker, which renders one window at a time.
 
     Args:
-        job: what the windows have in common.
+        job: the values that all windows share.
         window: the window, in pixels of the whole picture.
         state: arrays of a film for its pixels, to go on from.
         spp: samples per pixel in the end.
-        seconds_left: time that the picture still takes: whether to load the wide kernel, or to have it compiled.
+        seconds_left: estimated time until the picture is finished, which decides whether the wide kernel pays.
 
     Returns:
         The window, or None if the worker has not built the scene.
     """
-    from wrt.backend.builds import NotCompiled
     from wrt.parts.render import render_windows
 
     with _rendering:
@@ -121,26 +112,14 @@ def render_window(
         if renderer is None:
             return None
         _renderers.move_to_end(job.digest)
-        try:
-            renderer.seed = job.options["seed"]
-            if renderer.scene.camera != job.camera:
-                renderer.set_camera(job.camera)
-            began = time.process_time()
-            arrays, seconds, rays = render_windows(renderer, (window,), spp, state=state, seconds_left=seconds_left)
-            if renderer.device.is_cpu:
-                seconds = (time.process_time() - began) / renderer.threads
-        except NotCompiled:
-            _go_over_to_warp()
-            return None
+        renderer.seed = job.options["seed"]
+        if renderer.scene.camera != job.camera:
+            renderer.set_camera(job.camera)
+        began = time.process_time()
+        arrays, seconds, rays = render_windows(renderer, (window,), spp, state=state, seconds_left=seconds_left)
+        if renderer.device.is_cpu:
+            seconds = (time.process_time() - began) / renderer.threads
     return Rendered(arrays, rays, seconds)
-
-
-def _go_over_to_warp() -> None:
-    """Leave the backend of compiled kernels, with what it has built."""
-    from wrt.backend import leave_compiled
-
-    _renderers.clear()
-    leave_compiled()
 
 
 def _build(job: Job, scene: Scene) -> None:
@@ -148,13 +127,12 @@ def _build(job: Job, scene: Scene) -> None:
 
     while len(_renderers) >= KEPT:
         _renderers.popitem(last=False)
-    # Its own film is not used, and has one pixel.
-    threads = job.threads or _threads()
+    threads = job.threads or _threads()  # its own film is not used, and has one pixel
     _renderers[job.digest] = Renderer(scene, **{**job.options, "crop": (0, 0, 1, 1)}, threads=threads)
 
 
 def _threads() -> int | None:
-    """Return the threads that Dask gives this worker, None where there is no Dask."""
+    """Return the threads that Dask gives this worker, None without Dask."""
     if "distributed" not in sys.modules:
         return None
     from distributed import get_worker

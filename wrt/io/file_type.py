@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from wrt.errors import InputError
@@ -53,8 +53,10 @@ _KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
     (rb"\[+(settings|camera|environment|lights|media|materials|shapes)\b", "a scene file", (".toml",)),
 )
 
-_OF_SCENES = ".npz", ".xml", ".toml", ".usda", ".usdc", ".usdz"
-_RENDERED = ".glb", ".gltf", ".ply", ".off", ".stl", ".obj", ".3mf", ".dae", ".step", *_OF_SCENES
+_RENDERED = (
+    *(".glb", ".gltf", ".ply", ".off", ".stl", ".obj", ".3mf", ".dae", ".step"),
+    *(".npz", ".xml", ".toml", ".usda", ".usdc", ".usdz"),
+)
 
 
 def looks_like(data: bytes) -> tuple[str, tuple[str, ...]] | None:
@@ -81,13 +83,10 @@ def hint(path: Path) -> str | None:
     if found is None:
         return None
     what, suffixes = found
-    if path.suffix.lower() in suffixes:
-        return (
-            "it is an image, which a scene file can name as a texture or an environment" if " image" in what else None
-        )
-    return f"it looks to be {what}" + (
-        f"; rename it to end in {suffixes[0]}" if suffixes and suffixes[0] in _RENDERED else ""
-    )
+    if path.suffix.lower() not in suffixes:
+        advice = f"; rename it to end in {suffixes[0]}" if suffixes and suffixes[0] in _RENDERED else ""
+        return f"it looks to be {what}{advice}"
+    return "it is an image, which a scene file can name as a texture or an environment" if " image" in what else None
 
 
 @contextmanager
@@ -96,10 +95,9 @@ def hinting(path: Path) -> Iterator[None]:
     try:
         yield
     except InputError:
-        try:
-            found = hint(path)
-        except InputError:
-            found = None
-        if found is None:
+        advice = None
+        with suppress(InputError):
+            advice = hint(path)
+        if advice is None:
             raise
-        raise InputError(f"{path}: {found}") from None
+        raise InputError(f"{path}: {advice}") from None

@@ -8,15 +8,15 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt._version import __version__
-from wrt.developing import DEFAULT_TONE, DEVELOPED_SUFFIXES, Exposure
+from wrt.develop.settings import DEFAULT_TONE, DEVELOPED_SUFFIXES, Exposure
 from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.npy import read_array
@@ -111,8 +111,11 @@ def read_image(file: Path, *, linear: bool | None = None) -> NDArray[np.float32]
         with naming_file(file):
             if suffix in FLOAT_SUFFIXES:
                 pixels = read_float(file)
+            elif suffix == ".npy":
+                pixels = _read_npy(file)
             else:
-                pixels = _read_npy(file) if suffix == ".npy" else _read_pillow(file, linear)
+                with open_image(file) as image:
+                    pixels = pixels_of(image, linear=linear)
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001 - decoders raise undocumented exceptions on damaged files
@@ -125,17 +128,7 @@ def read_image(file: Path, *, linear: bool | None = None) -> NDArray[np.float32]
 def load_environment(
     path: PathLike, *, scale: float = 1.0, rotation_degrees: float = 0.0, rotation_axis: Vec3 = (0.0, 1.0, 0.0)
 ) -> ImageEnvironment:
-    """Read a latitude-longitude image as an environment.
-
-    Args:
-        path: the file; see `load_image`.
-        scale: multiplies the pixels.
-        rotation_degrees: see `ImageEnvironment`.
-        rotation_axis: see `ImageEnvironment`.
-
-    Raises:
-        InputError: when the file cannot be read, or holds negative or non-finite values.
-    """
+    """Read a latitude-longitude image as an environment; see `load_image` and `ImageEnvironment`."""
     pixels = sealed(read_image(Path(path)))
     with naming_file(Path(path)):
         return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis)
@@ -194,27 +187,17 @@ def pixels_of(image: Image, *, linear: bool | None = None) -> NDArray[np.float32
     memory_limits.take(memory_limits.IMAGES, image.width * image.height * memory_limits.BYTES_PER_PIXEL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # decoders warn of details that users cannot change
-        return _pixels_of(image, linear=linear)
-
-
-def _pixels_of(image: Image, *, linear: bool | None) -> NDArray[np.float32]:
-    if image.mode == "F":
-        values = np.asarray(image, np.float32)
-        return np.ascontiguousarray(np.repeat(values[:, :, None], 3, axis=2))
-    if image.mode.startswith("I"):  # 16-bit grey, held in 16 or in 32 bits
-        grey = np.clip(np.asarray(image).astype(np.float64) / 65535.0, 0.0, 1.0)
-        grey = grey if linear else linear_from_srgb(grey)
-        return np.repeat(grey.astype(np.float32)[:, :, None], 3, axis=2)
-    if image.mode == "P" and "transparency" in image.info:
-        image = image.convert("RGBA")
-    codes = np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
+        if image.mode == "F" or image.mode.startswith("I"):
+            grey = np.asarray(image)
+            if image.mode != "F":  # 16 bits, held in 16 or in 32
+                grey = np.clip(grey.astype(np.float64) / 65535.0, 0.0, 1.0)
+                grey = grey if linear else linear_from_srgb(grey)
+            return np.repeat(grey.astype(np.float32)[:, :, None], 3, axis=2)
+        if image.mode == "P" and "transparency" in image.info:
+            image = image.convert("RGBA")
+        codes = np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
     pixels: NDArray[np.float32] = of_codes(linear=bool(linear))[codes]
     return pixels
-
-
-def _read_pillow(path: Path, linear: bool | None) -> NDArray[np.float32]:
-    with open_image(path) as image:
-        return pixels_of(image, linear=linear)
 
 
 def read_float(path: Path, *, alpha: bool = False) -> NDArray[np.float32]:
@@ -246,9 +229,9 @@ def read_float(path: Path, *, alpha: bool = False) -> NDArray[np.float32]:
             raise InputError(f"{path}: cannot be read as an image: {_complaint(path, source.geterror())}")
     finally:
         source.close()
-    for wanted in ([("A", "A", "A")] * alpha) + [("R", "G", "B"), ("r", "g", "b"), ("Y", "Y", "Y")]:
-        if all(name in names for name in wanted):
-            return np.ascontiguousarray(pixels[:, :, [names.index(name) for name in wanted]], np.float32)
+    for channels in ["AAA"] * alpha + ["RGB", "rgb", "YYY"]:
+        if set(channels) <= set(names):
+            return np.ascontiguousarray(pixels[:, :, [names.index(name) for name in channels]], np.float32)
     raise InputError(f"{path}: no channels R, G, B or Y in it, only {', '.join(names)}")
 
 
@@ -282,8 +265,7 @@ def picture_path(path: PathLike) -> Path:
     """Return the path of a picture that will be written, or raise InputError."""
     file = output_path(path, "a picture", "; Pillow writes the codes of wrt.develop_image into open files")
     if file.suffix.lower() not in OUTPUT_SUFFIXES:
-        known = ", ".join(OUTPUT_SUFFIXES)
-        raise InputError(f"{file}: the name of a picture must end in one of {known}")
+        raise InputError(f"{file}: the name of a picture must end in one of {', '.join(OUTPUT_SUFFIXES)}")
     return file
 
 
@@ -323,39 +305,36 @@ def save_image(
         InputError: see `check_output` and `develop_image`; also when the shape of the image is wrong or writing fails.
     """
     file = check_output(path, force=force)
-    if image is not None:
+    suffix = file.suffix.lower()
+    cover: dict[str, NDArray[np.float32]] = {}
+    if image is not None or not layers:
         refuse_codes(image, f"{file}: an image")
-    image, cover = _with_coverage(file, image, alpha)
+        image, cover = _with_coverage(file, image, alpha)
     notes = {"Software": f"wrt {__version__}", **{str(key): str(value) for key, value in (metadata or {}).items()}}
-
-    save = functools.partial(write_atomically, file, kind=PICTURE, force=force)
-    if layers:
-        if file.suffix.lower() != ".exr":
-            raise InputError(f"{file}: layers go into OpenEXR files; give it a name that ends in .exr")
-        save(lambda temporary: _write_exr(temporary, _channels(image, {**layers, **cover}), notes))
-        return None
-    pixels = np.ascontiguousarray(image, np.float32)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-        raise InputError(f"{file}: an image must be (H, W, 3), not {pixels.shape}")
-    if file.suffix.lower() == ".exr":
-        save(lambda temporary: _write_exr(temporary, _channels(pixels, cover), notes))
-    elif file.suffix.lower() == ".npy":
-        whole = np.dstack([pixels, *cover.values()])
-        save(lambda temporary: _write_npy(temporary, whole))
+    developed: Developed | None = None
+    write: Callable[[Path], None]
+    if suffix == ".exr":
+        write = functools.partial(_write_exr, channels=_channels(image, {**(layers or {}), **cover}), notes=notes)
+    elif layers:
+        raise InputError(f"{file}: layers go into OpenEXR files; give it a name that ends in .exr")
+    elif suffix == ".npy":
+        write = functools.partial(_write_npy, pixels=np.dstack([np.asarray(image), *cover.values()]))
     else:
         from wrt.develop.picture import develop
 
-        alpha = cover.get("alpha")
-        require_room(file, pixels.shape[1], pixels.shape[0], alpha=alpha is not None)
-        developed = develop(pixels if alpha is None else _straight(pixels, alpha), tone=tone, exposure=exposure)
+        pixels, coverage = np.asarray(image), cover.get("alpha")
+        require_room(file, pixels.shape[1], pixels.shape[0], alpha=coverage is not None)
+        if coverage is not None:  # without the factor alpha; black where nothing is visible
+            share = coverage[:, :, None]
+            pixels = np.divide(pixels, share, out=np.zeros_like(pixels), where=share > 0.0)
+        developed = develop(pixels, tone=tone, exposure=exposure)
         notes |= {"Tone": developed.tone, "Exposure": f"{developed.stops:.6g} stops"}
-        if file.suffix.lower() == ".png":
-            save(lambda temporary: _write_png(temporary, developed.codes, notes, alpha))
+        if suffix == ".png":
+            write = functools.partial(_write_png, codes=developed.codes, notes=notes, alpha=coverage)
         else:
-            comment = _comment(file, notes)
-            save(lambda temporary: _write_jpeg(temporary, developed.codes, comment))
-        return developed
-    return None
+            write = functools.partial(_write_jpeg, codes=developed.codes, comment=_comment(file, notes))
+    write_atomically(file, write, PICTURE, force=force)
+    return developed
 
 
 def require_room(file: Path, width: int, height: int, *, alpha: bool) -> None:
@@ -370,25 +349,19 @@ def require_room(file: Path, width: int, height: int, *, alpha: bool) -> None:
 
 def _with_coverage(
     file: Path, image: ArrayLike | None, alpha: ArrayLike | None
-) -> tuple[ArrayLike | None, dict[str, NDArray[np.float32]]]:
-    """Return the colours of an image, and its coverage as a layer if there is any."""
-    if image is None:
-        return None, {}
+) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]]]:
+    """Return the (H, W, 3) colours of an image, and its coverage as a layer if there is any."""
     pixels = np.asarray(image, np.float32)
     if alpha is None and pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels, alpha = pixels[:, :, :3], pixels[:, :, 3]
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
+        raise InputError(f"{file}: an image must be (H, W, 3), not {pixels.shape}")
     if alpha is None:
-        return pixels, {}
+        return np.ascontiguousarray(pixels), {}
     cover = np.asarray(alpha, np.float32)
     if cover.shape != pixels.shape[:2]:
         raise InputError(f"{file}: alpha must be (H, W) as the image is, {pixels.shape[:2]}, not {cover.shape}")
-    return pixels, {"alpha": cover}
-
-
-def _straight(pixels: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return colours without the factor alpha; black where nothing is seen."""
-    cover = alpha[:, :, None]
-    return np.divide(pixels, cover, out=np.zeros_like(pixels), where=cover > 0.0)
+    return np.ascontiguousarray(pixels), {"alpha": cover}
 
 
 def _comment(file: Path, notes: Mapping[str, str]) -> bytes:
@@ -406,7 +379,7 @@ def _write_jpeg(path: Path, codes: NDArray[np.uint8], comment: bytes) -> None:
 
 
 def _write_png(
-    path: Path, codes: NDArray[np.uint8], notes: Mapping[str, str], alpha: NDArray[np.float32] | None = None
+    path: Path, codes: NDArray[np.uint8], notes: Mapping[str, str], alpha: NDArray[np.float32] | None
 ) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
@@ -445,3 +418,24 @@ def _write_npy(path: Path, pixels: NDArray[np.float32]) -> None:
     # Version 2 of the format marks the picture as written by wrt: NumPy uses it only for headers over 64 KB.
     with path.open("wb") as file:
         np.lib.format.write_array(file, pixels, version=_NPY_VERSION)
+
+
+# --- Textures as images of 8 bits ------------------------------------------------------------------
+
+
+def codes_of(pixels: NDArray[np.float32], *, linear: bool) -> NDArray[np.uint8] | None:
+    """Return the 8-bit codes that decode to the (H, W, 3) values of an image, or None if there are none.
+
+    Codes stand for linear values if `linear`, otherwise for sRGB.
+    """
+    values = of_codes(linear=linear)
+    places = np.searchsorted(values, pixels).clip(0, 255)
+    return places.astype(np.uint8) if np.array_equal(values[places], pixels) else None
+
+
+def save_codes(handle: BinaryIO, codes: NDArray[np.uint8]) -> None:
+    """Write (H, W, 3) codes to an open file as a PNG, with one channel where all three are the same."""
+    from PIL import Image
+
+    grey = bool((codes == codes[..., :1]).all())
+    Image.fromarray(np.ascontiguousarray(codes[..., 0] if grey else codes)).save(handle, format="PNG")

@@ -1,8 +1,7 @@
 """Load mesh files and trimesh objects as scenes.
 
-trimesh loads OBJ, PLY and STL, and by an extra COLLADA; Pixar's library loads USD; NumPy
-archives hold plain arrays; Open CASCADE loads STEP. Axes and units are kept, but those of USD and the
-units of STEP, because formats disagree about them and most do not state them.
+Axes and units of files are kept, because formats disagree about them and most do not state them; only the axes and
+units of USD and the units of STEP are converted.
 """
 
 from __future__ import annotations
@@ -25,25 +24,14 @@ GLTF_SUFFIXES = (".gltf", ".glb")
 """Suffixes of glTF files, which may be animated."""
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-"""Suffixes of USD files, which Pixar's library reads."""
-
 STEP_SUFFIXES = (".step", ".stp")
-"""Suffixes of STEP files, whose surfaces a library turns into triangles."""
 
 ARRAYS_SUFFIX = ".npz"
 """Suffix of NumPy archives, whose meshes are not repaired."""
 
 MESH_SUFFIXES = (
-    ".obj",
-    ".ply",
-    ".stl",
-    ".off",
-    *GLTF_SUFFIXES,
-    ".3mf",
-    ".dae",
-    *STEP_SUFFIXES,
-    ARRAYS_SUFFIX,
-    *USD_SUFFIXES,
+    *(".obj", ".ply", ".stl", ".off", *GLTF_SUFFIXES, ".3mf", ".dae"),
+    *(*STEP_SUFFIXES, ARRAYS_SUFFIX, *USD_SUFFIXES),
 )
 """Suffixes of mesh files, in lower or upper case."""
 
@@ -110,7 +98,7 @@ def load_file(
 
         raise InputError(f"{file}: {NO_ANIMATION}")
     if suffix == ARRAYS_SUFFIX:
-        from wrt.io.arrays import read_mesh_arrays
+        from wrt.io.npy import read_mesh_arrays
 
         with hinting(file):
             mesh = read_mesh_arrays(file)
@@ -124,9 +112,9 @@ def load_file(
             scene.environment = environment
             return scene
     if suffix not in MESH_SUFFIXES:
-        kind = hint(file)
-        known = f"the name must end in {', '.join(MESH_SUFFIXES)}"
-        raise InputError(f"{file}: not a known mesh format; {known}" + (f"; {kind}" if kind else ""))
+        advice = f"; {kind}" if (kind := hint(file)) else ""
+        suffixes = ", ".join(MESH_SUFFIXES)
+        raise InputError(f"{file}: not a known mesh format; the name must end in {suffixes}{advice}")
     with naming_file(file), hinting(file):
         return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, alone=alone)
 

@@ -55,6 +55,10 @@ TEXT = Limit("XML elements and texts", 2**26, 128)
 COMPOSED = Limit("USD layers and prims", 2**27, 512)
 """130,000 prims, plus one for each two bytes of the files: Pixar's library takes 1 kB for a prim, and 20 us."""
 
+VOLUMES = Limit("volumes", 2**28, 128)
+"""67 million numbers, such as 400 x 400 x 400, plus 32 for each byte of the files: sparse files are small for their
+box."""
+
 BYTES_PER_PIXEL = 16
 """Memory of a decoded pixel: the decoder's own copy, and three float32 numbers."""
 
@@ -73,7 +77,7 @@ PATIENCE_PER_BYTE = 64
 
 @dataclass
 class _Load:
-    """What a load has read so far.
+    """The files and the memory of a load so far.
 
     Attributes:
         sizes: bytes of each file; a file counts once, even under different paths.
@@ -126,29 +130,26 @@ def most(limit: Limit) -> int:
     return limit.free + limit.per_byte * size_of_files()
 
 
-def require(limit: Limit, size: int) -> None:
-    """Raise InputError if `size` more bytes of memory would exceed a limit."""
+def require(limit: Limit, size: int) -> int:
+    """Return the memory of a kind of content with `size` more bytes, or raise InputError if it exceeds the limit."""
     load = _LOAD.get()
     if load is None:
-        return  # the arrays come from memory, not from files
+        return size  # the arrays come from memory, not from files
     total = load.made.get(limit, 0) + size
     if total > most(limit):
         raise InputError(
             f"its {limit.what} would take {_amount(total)}; for files of {_amount(load.size)} the limit is "
             f"{_amount(most(limit))} ({_amount(limit.free)} plus {limit.per_byte} times the file size)"
         )
+    return total
 
 
 def take(limit: Limit, size: int) -> None:
-    """Count `size` more bytes of memory.
-
-    Raises:
-        InputError: when that exceeds the limit.
-    """
-    require(limit, size)
+    """Count `size` more bytes of memory, or raise InputError if they exceed the limit."""
+    total = require(limit, size)
     load = _LOAD.get()
     if load is not None:
-        load.made[limit] = load.made.get(limit, 0) + size
+        load.made[limit] = total
 
 
 def patience() -> int:

@@ -1,4 +1,4 @@
-"""NumPy array files. The size of an array is checked before memory is allocated for it.
+"""NumPy files of arrays, and the meshes of their archives. Sizes are checked before memory is allocated.
 
 Format: NumPy Enhancement Proposal 1, "A simple file format for NumPy arrays", 2007.
 """
@@ -10,14 +10,22 @@ import math
 import struct
 import warnings
 import zlib
-from collections.abc import Collection
-from typing import Any
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.io.safe_read import first_line
+from wrt.io import memory_limits
+from wrt.io.safe_read import first_line, naming_file, read_file
+
+if TYPE_CHECKING:
+    from wrt.scene.exact.analytic import Analytic
+    from wrt.scene.exact.quadrics import Quadrics
+    from wrt.scene.exact.spheres import Spheres
+    from wrt.scene.mesh import Mesh
 
 # Exceptions from damaged archives besides zipfile's own. RuntimeError stands for encryption, and its subclass
 # NotImplementedError for unknown compression.
@@ -42,23 +50,20 @@ def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str,
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
-            wanted = {name: entry for name, entry in entries.items() if names is None or name in names}
-            total, most = sum(entry.file_size for entry in wanted.values()), max(_SMALL, _GAIN * len(data))
+            entries = {name: entry for name, entry in entries.items() if names is None or name in names}
+            total, most = sum(entry.file_size for entry in entries.values()), max(_SMALL, _GAIN * len(data))
             if total > most:
                 raise InputError(
                     f"its content, {total} bytes, is many times larger than the file; the limit is {most} bytes, "
                     f"the larger of {_SMALL} and {_GAIN} times the file size"
                 )
-            return {name: read_array(archive.read(entry)) for name, entry in wanted.items()}
+            return {name: read_array(archive.read(entry)) for name, entry in entries.items()}
     except (*_DAMAGE, zipfile.BadZipFile) as error:
         raise InputError(first_line(error)) from None
 
 
 def read_array(data: bytes) -> NDArray[Any]:
-    """Return the array of numbers or text in an .npy file.
-
-    Args:
-        data: the whole file.
+    """Return the array of numbers or text in the data of an .npy file.
 
     Raises:
         InputError: when it is no array, its length contradicts its header, or it holds Python objects.
@@ -78,8 +83,70 @@ def read_array(data: bytes) -> NDArray[Any]:
         raise InputError(f"not a NumPy file: {first_line(error)}") from None
     if dtype.kind not in "biufU":
         raise InputError(f"an array must hold numbers, not {dtype}")
-    rest = memoryview(data)[file.tell() :]
+    content = memoryview(data)[file.tell() :]
     size = math.prod(shape) * dtype.itemsize
-    if any(not 0 <= n < 2**40 for n in shape) or len(rest) != size:
-        raise InputError(f"an array of {shape} {dtype} takes {size} bytes, but the file has {len(rest)}")
-    return np.ndarray(shape, dtype, bytearray(rest), order="F" if by_columns else "C")
+    if any(not 0 <= n < 2**40 for n in shape) or len(content) != size:
+        raise InputError(f"an array of {shape} {dtype} takes {size} bytes, but the file has {len(content)}")
+    return np.ndarray(shape, dtype, bytearray(content), order="F" if by_columns else "C")
+
+
+# --- Meshes ----------------------------------------------------------------------------------------
+
+
+def read_arrays(file: Path, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, NDArray[Any]]:
+    """Return arrays of an archive by name.
+
+    Raises:
+        InputError: when the file does not exist, is damaged, or lacks a required array.
+    """
+    data = read_file(file)
+    try:
+        arrays = read_archive(data, (*required, *optional))
+    except InputError as error:
+        raise InputError(f"{file}: not a NumPy archive, or damaged ({error})") from None
+    memory_limits.take(memory_limits.MESHES, sum(array.nbytes for array in arrays.values()))
+    for name in required:
+        if name not in arrays:
+            raise InputError(f"{file}: there is no array {name!r} in it")
+    return arrays
+
+
+def read_mesh_arrays(file: Path) -> Mesh:
+    """Return the mesh of the arrays `vertices` and `faces`, with `normals`, `uvs` and `colors` if present."""
+    from wrt.scene.mesh import Mesh
+
+    arrays = read_arrays(file, ("vertices", "faces"), ("normals", "uvs", "colors"))
+    with naming_file(file):
+        return Mesh.taking(**arrays, name=file.name)
+
+
+def read_spheres(file: Path) -> Spheres:
+    """Return the spheres of the arrays `centers` and `radii`, with `colors` if present, or of `arrays_of_exact`."""
+    from wrt.scene.exact.analytic import stored_in
+    from wrt.scene.exact.spheres import Spheres, spheres
+
+    arrays = read_arrays(file, (), ("centers", "radii", "colors", "boxes", "axes"))
+    with naming_file(file):
+        if {"boxes", "axes"} <= set(arrays):
+            return stored_in(Spheres, arrays["boxes"], arrays["axes"], arrays.get("colors"), file.name)
+        for name in ("centers", "radii"):
+            if name not in arrays:
+                raise InputError(f"there is no array {name!r} in it")
+        return spheres(arrays["centers"], arrays["radii"], colors=arrays.get("colors"), name=file.name)
+
+
+def read_quadrics(file: Path) -> Quadrics:
+    """Return the disks and cylinders of `arrays_of_exact`."""
+    from wrt.scene.exact.analytic import stored_in
+    from wrt.scene.exact.quadrics import Quadrics
+
+    arrays = read_arrays(file, ("boxes", "axes"), ("colors",))
+    with naming_file(file):
+        return stored_in(Quadrics, arrays["boxes"], arrays["axes"], arrays.get("colors"), file.name)
+
+
+def arrays_of_exact(mesh: Analytic) -> dict[str, NDArray[Any]]:
+    """Return the arrays from which `read_spheres` or `read_quadrics` makes the same shapes, bit for bit."""
+    assert mesh.normals is not None
+    arrays = {"boxes": mesh.vertices.reshape(-1, 3, 3)[:, :2], "axes": mesh.normals.reshape(-1, 3, 3)}
+    return arrays if mesh.colors is None else {**arrays, "colors": mesh.colors[::3]}

@@ -6,7 +6,6 @@ All input goes through `read_file` and `require_file`. They record what was read
 
 from __future__ import annotations
 
-import contextlib
 import os
 import stat
 from collections.abc import Iterator
@@ -102,16 +101,12 @@ def is_inside(path: Path) -> bool:
     return confinement is None or Path(os.path.realpath(path)).is_relative_to(confinement.folder)
 
 
-def require_inside(path: Path) -> None:
+def require_inside(path: Path, real: str | None = None) -> None:
     """Raise unless `path` is inside the folder of `confined_to`, whether or not the file exists."""
     try:
-        real = os.path.realpath(path)
+        real = real or os.path.realpath(path)
     except ValueError as error:  # a zero byte, which no path has
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
-    _require_inside(path, real)
-
-
-def _require_inside(path: Path, real: str) -> None:
     confinement = _confinement.get()
     if confinement is not None and not Path(real).is_relative_to(confinement.folder):
         confinement.refused = confinement.refused or path
@@ -120,25 +115,17 @@ def _require_inside(path: Path, real: str) -> None:
 
 def require_file(path: Path) -> None:
     """Raise InputError unless `path` is a file that may be read and holds something."""
-    _read(path, 1)
+    read_file(path, 1)
 
 
 def read_file(path: Path, most: int = -1) -> bytes:
-    """Return the content of a file, or its beginning.
+    """Return the content of a file, or its first `most` bytes.
 
     Pipes and devices are refused: reading them may never end.
-
-    Args:
-        path: the file.
-        most: bytes to read at most; all if negative.
 
     Raises:
         InputError: where it is not a regular file, is empty, or may not be read.
     """
-    return _read(path, most)
-
-
-def _read(path: Path, count: int) -> bytes:
     try:
         require_inside(path)
         # Without O_NONBLOCK, opening a pipe waits for a writer.
@@ -149,10 +136,13 @@ def _read(path: Path, count: int) -> bytes:
                 raise InputError(f"{path}: is a directory, not a file")
             if not stat.S_ISREG(found.st_mode):
                 raise InputError(f"{path}: is a pipe or a device, not a file")
-            real = _path_of(handle, path)
-            _require_inside(path, real)  # again: a link may have changed in between
+            try:
+                real = os.readlink(f"/proc/self/fd/{handle}")
+            except OSError:
+                real = os.path.realpath(path)
+            require_inside(path, real)  # again: a link may have changed in between
             # Files of /proc have size 0, and reading them may block.
-            size = found.st_size if count < 0 else min(count, found.st_size)
+            size = found.st_size if most < 0 else min(most, found.st_size)
             with open(handle, "rb", closefd=False) as file:
                 data = file.read(size)
         finally:
@@ -172,13 +162,6 @@ def _read(path: Path, count: int) -> bytes:
     if sizes is not None:
         sizes[real] = found.st_size
     return data
-
-
-def _path_of(handle: int, path: Path) -> str:
-    """Return the real path of an open file."""
-    with contextlib.suppress(OSError):
-        return os.readlink(f"/proc/self/fd/{handle}")
-    return os.path.realpath(path)
 
 
 @contextmanager

@@ -59,13 +59,7 @@ class NotReplacedError(InputError):
 
 
 def output_path(path: object, what: str, instead: str = "") -> Path:
-    """Return the path of an output, or raise InputError if it is an open file or no path at all.
-
-    Args:
-        path: what was given as the path.
-        what: the output in the message, such as "a picture".
-        instead: advice for the end of the message.
-    """
+    """Return the path of an output, such as "a picture", or raise InputError with some advice if it is not a path."""
     if not isinstance(path, (str, os.PathLike)):
         raise InputError(f"{what} is written to a path, not to {type(path).__name__}{instead}")
     return Path(path)
@@ -79,14 +73,7 @@ def require_writable(path: Path, kind: Kind, *, force: bool = False) -> None:
 def free_path(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset(), force: bool = False) -> Path:
     """Return the first of `NAME`, `NAME-render`, `NAME-render-2` and so on where a file of a kind may be written.
 
-    Args:
-        path: the path to try first.
-        kind: the kind of the output.
-        taken: paths that must not be used.
-        force: see `write_atomically`.
-
-    Raises:
-        InputError: where all names are taken, or the path cannot be used.
+    Paths in `taken` are not used.
     """
     for number in range(_MOST_NAMES):
         tried = path if number == 0 else path.with_stem(f"{path.stem}-render{'' if number == 1 else f'-{number}'}")
@@ -100,13 +87,7 @@ def free_path(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset(), 
 
 
 def write_atomically(path: Path, write: Callable[[Path], object], kind: Kind, *, force: bool = False) -> None:
-    """Write a file atomically: `write` fills a temporary file, which then replaces `path`.
-
-    Args:
-        path: the path to write; a link is followed.
-        write: function that is called with the path of an empty temporary file in the same folder.
-        kind: the kind of the output.
-        force: whether to replace any file that this process has not read.
+    """Write a file atomically: `write` fills an empty temporary file in the same folder, which then replaces `path`.
 
     Raises:
         InputError: when the file cannot be written, or the rules above forbid it.
@@ -117,7 +98,7 @@ def write_atomically(path: Path, write: Callable[[Path], object], kind: Kind, *,
         with _temporary(target) as (temporary, handle):
             write(temporary)
             os.fsync(handle)  # otherwise a crash could leave an empty file under the new name
-            target = _target(path, kind, force)  # check again: a file may have appeared there meanwhile
+            target = _target(path, kind, force)  # check again: a file may have appeared there
             with contextlib.suppress(OSError):  # there is no old file, or the file system has no modes
                 os.fchmod(handle, stat.S_IMODE(target.stat().st_mode))
             temporary.replace(target)
@@ -131,38 +112,17 @@ def write_atomically(path: Path, write: Callable[[Path], object], kind: Kind, *,
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Give an empty temporary folder, which is moved to `path` at the end of the context unless it is still empty.
-
-    Raises:
-        InputError: where `path` exists, or a folder cannot be created.
-    """
+    """Give an empty temporary folder, which is moved to `path` at the end of the context unless it is still empty."""
     if os.path.lexists(path):
         raise NotReplacedError(f"{path}: already exists; name another file")
-    _sweep(path.parent)
     try:
-        folder, handle = _make_folder(path)
-        try:
+        _sweep(path.parent)
+        with _temporary(path, is_folder=True) as (folder, _):
             yield folder
             if any(folder.iterdir()):
                 folder.rename(path)
-        finally:
-            _remove(folder)
-            os.close(handle)
     except OSError as error:
         raise InputError(f"{path}: cannot be made: {first_line(error)}") from None
-
-
-def _make_folder(path: Path) -> tuple[Path, int]:
-    """Return a new folder beside `path`, and a handle of it that is locked."""
-    while True:
-        folder = path.with_name(_temporary_name())
-        folder.mkdir()
-        with contextlib.suppress(FileNotFoundError):  # another process removed it as a leftover before it was locked
-            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-            _lock(handle, wait=True)
-            if folder.is_dir():
-                return folder, handle
-            os.close(handle)
 
 
 def _remove(path: Path) -> None:
@@ -196,18 +156,14 @@ def _target(path: Path, kind: Kind, force: bool) -> Path:
     if not found.st_mode & 0o222 or not os.access(target, os.W_OK):
         raise NotReplacedError(f"{path}: is write-protected; name another file")
     may_replace = (force and kind.may_force) or _written.get(os.fspath(target)) == (identity_of(found), kind)
-    if found.st_size and not may_replace and not _is_own(target, kind):  # an empty file is no loss
+    if found.st_size and not may_replace:  # an empty file is no loss
+        with contextlib.suppress(OSError):  # it may be unreadable
+            may_replace = kind.is_own(target)
+    if found.st_size and not may_replace:
         what = f" and is not {kind.name}" if kind.name else ""
         hint = ", or replace it by --force (force=True)" if kind.may_force else ""
         raise NotReplacedError(f"{path}: already exists{what}; name another file{hint}")
     return target
-
-
-def _is_own(target: Path, kind: Kind) -> bool:
-    try:
-        return kind.is_own(target)
-    except OSError:  # it may not be read
-        return False
 
 
 def _require_folder(path: Path, folder: Path) -> None:
@@ -219,28 +175,32 @@ def _require_folder(path: Path, folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def _temporary(target: Path) -> Iterator[tuple[Path, int]]:
-    """Give the path and file descriptor of an empty file in the target's folder.
+def _temporary(target: Path, *, is_folder: bool = False) -> Iterator[tuple[Path, int]]:
+    """Give the path and file descriptor of an empty file or folder beside the target, removed unless renamed.
 
     It is locked, so that no other process takes it for a leftover. Its name is short, since a longer form of the
     target's name could exceed the limit of the file system.
     """
     while True:
-        path = target.with_name(_temporary_name() + target.suffix)
+        path = target.with_name(f".wrt-{_host()}-{os.urandom(4).hex()}.part" + ("" if is_folder else target.suffix))
+        if is_folder:
+            path.mkdir()
         # Opened without mkstemp, whose files only their owner may read.
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        flags = os.O_RDONLY | os.O_DIRECTORY if is_folder else os.O_WRONLY | os.O_CREAT | os.O_EXCL
+        try:
+            handle = os.open(path, flags | os.O_CLOEXEC, 0o666)
+        except FileNotFoundError:
+            if not is_folder:
+                raise
+            continue  # another process removed it as a leftover before it was locked
         try:
             _lock(handle, wait=True)
-            if path.exists():  # no other process removed it as a leftover before it was locked
+            if path.exists():  # not removed either
                 yield path, handle
                 return
         finally:
-            path.unlink(missing_ok=True)
+            _remove(path)
             os.close(handle)
-
-
-def _temporary_name() -> str:
-    return f".wrt-{_host()}-{os.urandom(4).hex()}.part"
 
 
 @cache
@@ -268,11 +228,11 @@ def _sweep(folder: Path) -> None:
     with contextlib.suppress(OSError):
         for found in filter(None, map(_TEMPORARY.fullmatch, os.listdir(folder))):
             with contextlib.suppress(OSError):
-                left = folder / found[0]
-                handle = os.open(left, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+                leftover = folder / found[0]
+                handle = os.open(leftover, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
                 try:
                     age = time.time() - os.fstat(handle).st_mtime
                     if (found[1] == _host() or age > _FOREIGN_SECONDS) and _lock(handle, wait=False):
-                        _remove(left)
+                        _remove(leftover)
                 finally:
                     os.close(handle)

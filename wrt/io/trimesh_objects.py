@@ -32,7 +32,7 @@ _LINEAR_FILES = ("glb", "gltf")
 """File types whose vertex colours are linear."""
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
-"""Normals count as computed by trimesh if at least a share of _MOSTLY is within _COMPUTED of those that wrt computes.
+"""Normals count as computed by trimesh if a share of at least _MOSTLY is within _COMPUTED of the normals of faces.
 Normals from files differ by 1e-8 or more, as they are rounded to single precision or to decimal digits."""
 
 _IN_PBR = ("baseColorTexture", "metallicRoughnessTexture", "metallicFactor", "roughnessFactor")
@@ -95,13 +95,12 @@ class _HeldImages(GltfImages):
 
     def reference(self, image: Any) -> Tree:
         """Return a texture reference to an image."""
-        numbers = [number for number, held in enumerate(self._held) if held is image]
-        if not numbers:
-            numbers = [len(self._held)]
+        number = next((number for number, each in enumerate(self._held) if each is image), len(self._held))
+        if number == len(self._held):
             self._held.append(image)
-            self._tree["images"].append({"uri": str(numbers[0])})
-            self._tree["textures"].append({"source": numbers[0]})
-        return {"index": numbers[0]}
+            self._tree["images"].append({"uri": str(number)})
+            self._tree["textures"].append({"source": number})
+        return {"index": number}
 
     def _bytes(self, number: int) -> Source:
         image: Source = self._held[number]
@@ -163,23 +162,22 @@ class _Reader:
             for number in np.unique(numbers).tolist()
         ]
 
-    def _colors(self, given: Any) -> NDArray[Any]:
+    def _colors(self, colors: Any) -> NDArray[Any]:
         """Return decoded colours; without alpha if they come from glTF, where only a material can enable it."""
-        colors = decoded(np.asarray(given), linear=self._linear)
-        return colors[:, :3] if self._linear else colors
+        values = decoded(np.asarray(colors), linear=self._linear)
+        return values[:, :3] if self._linear else values
 
     def _with_material(self, part: Part, material: Any) -> Part:
         """Return a part with its material, and with the texture coordinates and colours that the material needs."""
         from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
         if isinstance(material, PBRMaterial):
-            if id(material) not in self._numbers:
-                self._numbers[id(material)] = len(self._descriptions)
+            number = self._numbers.setdefault(id(material), len(self._descriptions))
+            if number == len(self._descriptions):
                 self._descriptions.append(self._described(material))
-            return self._physical.dressed(part, self._numbers[id(material)])
+            return self._physical.dressed(part, number)
         if isinstance(material, SimpleMaterial):
-            statements = self._statements(material)
-            if statements:
+            if statements := self._statements(material):
                 laid, colored = part.uvs is not None, part.colors is not None
                 # Several materials may have the same name.
                 key = f"{material.name} {id(material)}"
@@ -191,7 +189,7 @@ class _Reader:
     def _described(self, material: Any) -> Tree:
         """Return a PBRMaterial as glTF describes it (section 3.9)."""
 
-        def told(names: tuple[str, ...]) -> Tree:
+        def values_of(names: tuple[str, ...]) -> Tree:
             values = {name: getattr(material, name) for name in names}
             return {
                 name: self._images.reference(value) if name.endswith("Texture") else value
@@ -199,7 +197,7 @@ class _Reader:
                 if value is not None
             }
 
-        described = {"pbrMetallicRoughness": told(_IN_PBR), **told(_BESIDE_PBR)}
+        described = {"pbrMetallicRoughness": values_of(_IN_PBR), **values_of(_BESIDE_PBR)}
         if material.baseColorFactor is not None:
             described["pbrMetallicRoughness"]["baseColorFactor"] = (np.asarray(material.baseColorFactor) / 255).tolist()
         if material.emissiveFactor is not None:
@@ -214,33 +212,26 @@ class _Reader:
         """
         from trimesh.visual.color import DEFAULT_COLOR
 
-        said = dict(material.kwargs)
+        statements = dict(material.kwargs)
         for key, rounded in (("kd", material.diffuse), ("ks", material.specular)):
-            if key in said and _rounds_to(said[key], rounded):
+            if key in statements and _rounds_to(statements[key], rounded):
                 continue
-            said.pop(key, None)
+            statements.pop(key, None)
             if not np.array_equal(rounded, DEFAULT_COLOR):  # the default stands for no colour
-                said[key] = (rounded[:3] / 255.0).tolist()
+                statements[key] = (rounded[:3] / 255.0).tolist()
                 if key == "kd" and 0 < rounded[3] < 255:
-                    said.setdefault("d", [str(rounded[3] / 255.0)])
-        if "ns" in said or material.glossiness != 1.0:  # 1 is the default
-            said["ns"] = material.glossiness
+                    statements.setdefault("d", [str(rounded[3] / 255.0)])
+        if "ns" in statements or material.glossiness != 1.0:  # 1 is the default
+            statements["ns"] = material.glossiness
         if material.image is not None and not is_stand_in(material.image):
-            said[COLOR_MAP] = [self._label(material.image)]
-        return said
+            statements[COLOR_MAP] = [self._label(material.image)]
+        return statements
 
     def _label(self, image: Any) -> str:
-        """Return a name by which `_find` knows an image."""
-        for label, known in self._maps.items():
-            if known is image:
-                return label
-        first = label = str(image.info.get("file_path") or "image")
-        for number in itertools.count(2):
-            if label not in self._maps:
-                break
-            label = f"{first} {number}"
-        self._maps[label] = image
-        return label
+        """Return a name by which `_find` finds an image."""
+        name = str(image.info.get("file_path") or "image")
+        labels = itertools.chain([name], (f"{name} {number}" for number in itertools.count(2)))
+        return next(label for label in labels if self._maps.setdefault(label, image) is image)
 
     def _find(self, name: str) -> Source:
         """Return the image with a label from `_label`, or an image file beside the object's file.
@@ -271,20 +262,20 @@ def _rounds_to(value: Any, rounded: NDArray[np.uint8]) -> bool:
 
 
 def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
-    """Return the vertex normals, or None if they are those that trimesh computes from the faces.
+    """Return the vertex normals, or None if trimesh has computed them from the faces.
 
     trimesh keeps both in its cache and has no public way to ask whether a mesh has any: asking for
     them computes them, which without scipy takes a time that is quadratic in the vertices.
     """
     if "vertex_normals" not in mesh._cache.cache:
         return None
-    given, vertices = np.asarray(mesh.vertex_normals), np.asarray(mesh.vertices, np.float64)
-    if given.shape != vertices.shape or not len(mesh.faces):
+    normals, vertices = np.asarray(mesh.vertex_normals), np.asarray(mesh.vertices, np.float64)
+    if normals.shape != vertices.shape or not len(mesh.faces):
         return None
     with np.errstate(all="ignore"):
         computed = corner_weighted_normals(vertices, np.asarray(mesh.faces))
-        near = (np.abs(given - computed) < _COMPUTED).all(axis=1)
-    return None if near.mean() >= _MOSTLY else given
+        near = (np.abs(normals - computed) < _COMPUTED).all(axis=1)
+    return None if near.mean() >= _MOSTLY else normals
 
 
 def _camera(scene: Any) -> Tree:
@@ -307,7 +298,7 @@ def _camera(scene: Any) -> Tree:
 
 
 def _lights(scene: Any, name: str) -> Tree:
-    """Return a scene's lights as glTF describes them: those given to it, and those that trimesh keeps from a glTF file.
+    """Return the lights that a scene was given, or that trimesh keeps from a glTF file, as glTF describes them.
 
     trimesh adds two lights to a scene without any when it shows it; these are left out. Messages name the scene.
     """
@@ -321,8 +312,8 @@ def _lights(scene: Any, name: str) -> Tree:
             nodes.append({"matrix": matrix.T.reshape(-1).tolist(), "extensions": extensions})
             lights.append(light)
 
-    given = getattr(scene, "_lights", None) or []
-    for light in given if any(not _is_automatic(light) for light in given) else []:
+    own_lights = getattr(scene, "_lights", None) or []
+    for light in [] if all(_is_automatic(light) for light in own_lights) else own_lights:
         kind = type(light).__name__.removesuffix("Light").lower()
         color = (np.asarray(light.color)[:3] / 255.0).tolist()
         cone = {key: getattr(light, key) for key in ("innerConeAngle", "outerConeAngle") if hasattr(light, key)}

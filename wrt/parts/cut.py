@@ -52,9 +52,9 @@ def grid(crop: CropWindow, columns: int, rows: int) -> list[CropWindow]:
 def _cell(crop: CropWindow, columns: int, rows: int, index: int) -> CropWindow:
     x0, y0, x1, y1 = crop
     row, column = divmod(index, columns)
-    left, right = (x0 + (x1 - x0) * i // columns for i in (column, column + 1))
-    top, bottom = (y0 + (y1 - y0) * i // rows for i in (row, row + 1))
-    return left, top, right, bottom
+    x_begin, x_end = (x0 + (x1 - x0) * i // columns for i in (column, column + 1))
+    y_begin, y_end = (y0 + (y1 - y0) * i // rows for i in (row, row + 1))
+    return x_begin, y_begin, x_end, y_end
 
 
 def pixels_of(windows: Sequence[CropWindow]) -> int:
@@ -63,10 +63,9 @@ def pixels_of(windows: Sequence[CropWindow]) -> int:
 
 
 def in_picture(windows: Sequence[CropWindow], crop: CropWindow) -> Iterator[tuple[slice, slice, slice]]:
-    """Yield for each window where its pixels are.
+    """Yield for each window the slice of its pixels among those of all windows in turn, and its rows and columns.
 
-    The first slice is of the pixels of all windows, one window after the other; the others are of the rows and columns
-    of a picture of `crop`.
+    Rows and columns count in a picture of `crop`.
     """
     first = 0
     for x0, y0, x1, y1 in windows:

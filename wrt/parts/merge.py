@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.backend.device import Device
 from wrt.develop.picture import Developed
-from wrt.developing import DEVELOPED_SUFFIXES, Exposure, names_file
+from wrt.develop.settings import DEVELOPED_SUFFIXES, Exposure, names_file
 from wrt.errors import InputError
 from wrt.io.images import picture_path
 from wrt.io.safe_read import PathLike
@@ -21,8 +21,8 @@ from wrt.rendering.checkpoint import write_checkpoint
 from wrt.rendering.film import Film
 from wrt.rendering.picture import Picture
 
-NAMED = 3
-"""Missing parts that a message names."""
+MOST_LISTED = 3
+"""Missing parts that a message lists."""
 
 
 class Merged(Picture):
@@ -37,7 +37,7 @@ class Merged(Picture):
     """
 
     def __init__(self, first: Part, device: Device) -> None:
-        """Start the picture of which `first` is a part, without pixels."""
+        """Start with an empty film for the picture of a part."""
         self.settings, self._identity = first.settings, first.header["identity"]
         self.integrator, self.seed = str(self._identity["integrator"]), int(self._identity["seed"])
         x0, y0, x1, y1 = first.crop
@@ -68,15 +68,15 @@ class Merged(Picture):
         """Write the picture; see `wrt.Renderer.save`.
 
         Raises:
-            InputError: also where only the parts name a configuration of OpenColorIO, see `require_own_tone`.
+            InputError: also if only the parts name a configuration of OpenColorIO, see `require_own_tone`.
         """
         self.require_own_tone(picture_path(path), tone)
         return super().save(path, tone=tone, exposure=exposure, force=force)
 
     def require_own_tone(self, path: Path, tone: str | None) -> None:
-        """Raise InputError where a picture would be developed by a file that only the parts name.
+        """Raise InputError if a picture would be developed by a file that only the parts name.
 
-        Parts may come from others, and the file would be looked for on this machine.
+        Parts may come from strangers, and the file would be opened on this machine.
         """
         stored = self.settings.tone
         if tone is None and path.suffix.lower() in DEVELOPED_SUFFIXES and names_file(stored):
@@ -100,9 +100,9 @@ class Merged(Picture):
         """Raise InputError if no render can have produced the arrays of a part."""
         arrays = self.film.arrays()
         for name, array in arrays.items():
-            found = part.arrays.get(name)
+            of_part = part.arrays.get(name)
             shape = (len(part.arrays["count"]), *array.shape[1:])
-            if found is None or found.shape != shape or found.dtype != array.dtype:
+            if of_part is None or of_part.shape != shape or of_part.dtype != array.dtype:
                 raise InputError(f"{part.name}: damaged, its array {name!r} is missing or of another shape")
         try:
             self.film.check_values(part.arrays, len(part.materials))
@@ -117,21 +117,21 @@ def merge(parts: Iterable[PathLike | Part]) -> Merged:
         parts: the parts, or the paths of their files, in any order.
 
     Raises:
-        InputError: naming a part that is damaged, that is missing or there twice, or that is of another picture,
-            version of wrt, number of samples, device or kind of processor.
+        InputError: naming a part that is damaged, missing or repeated, or that is of another picture, version of wrt,
+            number of samples, device or kind of processor.
     """
-    given = list(parts)
-    if not given:
+    sources = list(parts)
+    if not sources:
         raise InputError("there are no parts to merge")
-    first = _loaded(given[0])
+    first = _loaded(sources[0])
     names: dict[int, str] = {}
-    if first.of > len(given):  # before there is memory for a picture of which a small file claims to be a part
-        for each in given:
-            _add_name(_loaded(each), first, names)
+    if first.of > len(sources):  # a small file may claim to be a part of a picture too large for the memory
+        for source in sources:
+            _add_name(_loaded(source), first, names)
         _require_all(names, first.of)
     merged, names = Merged(first, Device("cpu", threads=1)), {}
     state = merged.film.state()
-    for part in itertools.chain([first], map(_loaded, given[1:])):
+    for part in itertools.chain([first], map(_loaded, sources[1:])):
         _add_name(part, first, names)
         merged.check(part)
         for name, array in state.items():
@@ -146,27 +146,22 @@ def _loaded(part: PathLike | Part) -> Part:
 
 
 def _add_name(part: Part, first: Part, names: dict[int, str]) -> None:
-    """Add a part's name to those by number; raise InputError unless it fits the first part and is there once."""
-    _require_fit(part, first)
-    if part.number in names:
-        both = f"{names[part.number]} and {part.name}"
-        raise InputError(f"{both} are the same part, {part.number} of {part.of}; leave one out")
-    names[part.number] = part.name
-
-
-def _require_fit(part: Part, first: Part) -> None:
-    """Raise InputError unless two parts are of one picture."""
+    """Add a part's name to those by number; raise InputError unless it fits the first part and is not repeated."""
     what = f"does not fit {first.name}, these differ"
     part.require_fit(first.header, what=what, pair="{}, not {}")
-    for name, own, other in (("samples per pixel", part.spp, first.spp), ("number of parts", part.of, first.of)):
-        if own != other:
-            raise InputError(f"{part.name}: {what}: {name} ({own}, not {other})")
+    for label, value, expected in (("samples per pixel", part.spp, first.spp), ("number of parts", part.of, first.of)):
+        if value != expected:
+            raise InputError(f"{part.name}: {what}: {label} ({value}, not {expected})")
+    if part.number in names:
+        pair = f"{names[part.number]} and {part.name}"
+        raise InputError(f"{pair} are the same part, {part.number} of {part.of}; leave one out")
+    names[part.number] = part.name
 
 
 def _require_all(names: dict[int, str], of: int) -> None:
     missing = of - len(names)
     if missing:
-        named = itertools.islice((number for number in range(1, of + 1) if number not in names), NAMED)
-        more = f" and {missing - NAMED} more" if missing > NAMED else ""
+        listed = itertools.islice((number for number in range(1, of + 1) if number not in names), MOST_LISTED)
+        further = f" and {missing - MOST_LISTED} more" if missing > MOST_LISTED else ""
         parts, are = ("part", "is") if missing == 1 else ("parts", "are")
-        raise InputError(f"{parts} {', '.join(map(str, named))}{more} of {of} {are} missing")
+        raise InputError(f"{parts} {', '.join(map(str, listed))}{further} of {of} {are} missing")

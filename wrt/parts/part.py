@@ -1,4 +1,4 @@
-"""A part of a render: the film of some of its pixels, with all that it depends on.
+"""A part of a render: the film of some of its pixels, and a header that identifies the render.
 
 The file has the layout of a checkpoint, with another header: `part` (number and count), `wrt`, `identity` as in
 checkpoints, `arithmetic` (see `wrt.backend.arithmetic`), `developing` (how the picture becomes 8 bits), `spp` and
@@ -37,10 +37,10 @@ PART = kind_of_state("a part", "part")
 """A part replaces only parts, even with `force`."""
 
 DEVELOPING = ("tone", "exposure", "denoise")
-"""Settings by which a picture is developed; parts store them, since the scene is not there when they are merged."""
+"""Settings by which a picture is developed; parts store them, since they are merged without the scene."""
 
 MATERIALS = "materials"
-"""Name in files of the array with the numbers of the materials of the scene's shapes."""
+"""The name in files of the array with the material numbers of the scene's shapes."""
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ class Part:
     """A part of a render, see `wrt.Renderer.part`.
 
     Attributes:
-        name: what messages call it: its file, or its number.
-        header: what the file says of it.
+        name: its file, or its number, for messages.
+        header: the header of its file.
         arrays: the arrays of a film, `wrt.rendering.film.Film.state`, for the pixels of its windows in turn.
-        materials: numbers of the materials of the scene's shapes.
+        materials: the material numbers of the scene's shapes.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Part:
 
     @property
     def crop(self) -> CropWindow:
-        """The window of which it is a part."""
+        """The window that all parts cover."""
         settings = self.settings
         return settings.crop or (0, 0, settings.width, settings.height)
 
@@ -141,12 +141,12 @@ class Part:
             what: the beginning of the message, after the part's name.
             pair: see `wrt.rendering.checkpoint.require_same`.
         """
-        stored, wanted = ({**each["identity"], **each["arithmetic"]} for each in (self.header, header))
-        require_same(self.name, stored, wanted, what=what, pair=pair)
+        stored, expected = ({**each["identity"], **each["arithmetic"]} for each in (self.header, header))
+        require_same(self.name, stored, expected, what=what, pair=pair)
 
 
 def _check_header(header: dict[str, Any]) -> None:
-    """Raise KeyError or InputError unless a header has what `header_of` and `wrt.Renderer.part` write."""
+    """Raise KeyError or InputError unless a header has the entries that `render_part` writes."""
     for key in ("identity", "arithmetic", "developing"):
         if not isinstance(header[key], dict):
             raise InputError(f"its {key!r} is no table")
@@ -160,7 +160,7 @@ def _check_header(header: dict[str, Any]) -> None:
 
 
 def header_of(renderer: Renderer) -> dict[str, Any]:
-    """Return what the headers of all parts of a renderer's picture have in common."""
+    """Return the entries that are the same in the headers of all parts of a renderer's picture."""
     header = {
         "wrt": __version__,
         "identity": identity_of(renderer),

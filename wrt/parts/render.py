@@ -14,7 +14,6 @@ from wrt.parts.part import Part, header_of
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.passes import LONGEST_PASS, Progress
 from wrt.rendering.renderer import Renderer
-from wrt.rendering.sharing import sharing
 from wrt.scene.scene import MAX_SPP
 from wrt.upload.camera import CropWindow
 from wrt.values import integer
@@ -63,8 +62,8 @@ def render_part(
     arrays, seconds, _ = render_windows(renderer, windows, spp, state=state, watch=watch)
     seconds += 0.0 if begun is None else begun.header["seconds"]
     materials = np.array(material_numbers([shape.material for shape in renderer.scene.shapes]), np.int32)
-    own = {"part": [number, of], **header, "spp": spp, "seconds": seconds}
-    return Part(f"part {number} of {of}", own, arrays, materials)
+    header = {"part": [number, of], **header, "spp": spp, "seconds": seconds}
+    return Part(f"part {number} of {of}", header, arrays, materials)
 
 
 def render_windows(
@@ -82,18 +81,19 @@ def render_windows(
         renderer: a renderer of the whole picture; its own film is not touched.
         windows: windows of it, in pixels of the whole picture.
         spp: samples per pixel in the end.
-        state: arrays of a film for the pixels of the windows, to go on from; by default an empty one.
+        state: arrays of a film for the pixels of the windows, to go on from; by default it is empty.
         watch: called after each pass.
-        seconds_left: if given, there is one pass, which nothing interrupts, and the caller renders for so long.
+        seconds_left: estimated time until the whole picture is finished; with it, a window is one pass, which nothing
+            interrupts.
 
     Returns:
         The arrays of a film for the pixels of the windows, one window after the other; the seconds of rendering, and
         the rays that were traced.
     """
-    found: list[dict[str, NDArray[Any]]] = []
+    films: list[dict[str, NDArray[Any]]] = []
     seconds, rays, first = 0.0, 0, 0
     for index, window in enumerate(windows):
-        one = sharing(renderer, crop=window)
+        one = renderer.sharing(crop=window)
         if state is not None:
             one.film.restore({name: array[first : first + one.film.pixels] for name, array in state.items()})
         first += one.film.pixels
@@ -102,7 +102,7 @@ def render_windows(
         else:
             for progress in one.passes(spp=spp, pass_seconds=LONGEST_PASS):
                 watch(index, progress)
-        found.append(one.film.arrays())
+        films.append(one.film.arrays())
         seconds += one.seconds_render
         rays += one.rays
-    return {name: np.concatenate([each[name] for each in found]) for name in found[0]}, seconds, rays
+    return {name: np.concatenate([each[name] for each in films]) for name in films[0]}, seconds, rays

@@ -5,10 +5,11 @@ The file is an uncompressed NumPy archive (.npz layout) of the film's arrays and
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,32 +20,16 @@ from wrt.io.npy import read_archive
 from wrt.io.safe_read import PathLike, first_line, forget_input, read_file
 from wrt.io.safe_write import Kind, write_atomically
 from wrt.rendering.fingerprint import scene_fingerprint
-from wrt.rendering.noise.noise_target import NoiseEstimate
 from wrt.rendering.noise.pilot import Pilot, has_pilot
+from wrt.scene.scene import RenderSettings
 
 if TYPE_CHECKING:
-    from typing_extensions import Self
-
-    from wrt.rendering.film import Film
     from wrt.rendering.renderer import Renderer
-    from wrt.scene.scene import Scene
 
-SETTINGS_OF_PICTURE = (
-    "width",
-    "height",
-    "max_depth",
-    "max_scatterings",
-    "filter",
-    "sampler",
-    "crop",
-    "integrator",
-    "min_attenuation",
-    "jittered_rays",
-    "ao_distance",
-    "layers",
-    "clamp_indirect",
-    "regularization",
-    "transparent",
+SETTINGS_OF_PICTURE = tuple(
+    field.name
+    for field in dataclasses.fields(RenderSettings)
+    if field.name not in ("spp", "noise", "adaptive", "denoise", "tone", "exposure")
 )
 """The fields of `RenderSettings` that change a picture; checkpoints store them."""
 
@@ -178,84 +163,30 @@ def identity_of(renderer: Renderer) -> dict[str, Any]:
     }
 
 
-class Resumable:
-    """The part of a Renderer that saves its film and continues from a saved one."""
+def save(renderer: Renderer, path: PathLike) -> None:
+    """Write the checkpoint of a renderer; see `Renderer.save_checkpoint`."""
+    if renderer.has_updated_vertices:
+        raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")
+    pilot = {} if renderer.pilot is None else renderer.pilot.state()
+    arrays = {**renderer.film.state(), **renderer.noise_estimate.state(), **pilot}
+    write_checkpoint(path, identity_of(renderer), arrays)
 
-    film: Film
-    scene: Scene
-    _noise_estimate: NoiseEstimate
-    _pilot: Pilot | None
-    _updated: bool
 
-    def _estimate_noise(self, pilot: Pilot | None) -> None:
-        """Estimate the noise anew, by a pilot or by the picture itself."""
-        self._pilot = pilot
-        self._noise_estimate = NoiseEstimate(self.film) if pilot is None else pilot.estimate
+def restore(renderer: Renderer, path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+    """Have a renderer continue from the content of a checkpoint that was read from `path`.
 
-    @property
-    def has_updated_vertices(self) -> bool:
-        """Whether vertices were updated, so that the picture is no longer that of `scene`."""
-        return self._updated
-
-    def _decide_by_pilot(self, wanted: bool) -> None:
-        """Let a pilot decide where rendering stops, or the picture itself; keep what is there."""
-        if wanted != (self._pilot is not None):
-            self._estimate_noise(Pilot(cast("Renderer", self)) if wanted else None)
-
-    def save_checkpoint(self, path: PathLike) -> None:
-        """Write everything needed to resume, atomically. An existing file is replaced only if it is a checkpoint.
-
-        Raises:
-            InputError: when it cannot be written or would replace another file, or when vertices were updated, which
-                a checkpoint does not store.
-        """
-        if self._updated:
-            raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")
-        pilot = {} if self._pilot is None else self._pilot.state()
-        arrays = {**self.film.state(), **self._noise_estimate.state(), **pilot}
-        write_checkpoint(path, identity_of(cast("Renderer", self)), arrays)
-
-    @classmethod
-    def resume(cls, path: PathLike, scene: Scene, *, device: str = "cpu", threads: int | None = None) -> Self:
-        """Return a renderer that continues from a checkpoint, with its size, seed and settings.
-
-        Raises:
-            InputError: when the file is not a checkpoint, or of another scene or version.
-        """
-        header, arrays = read_checkpoint(path)
-        options = {key: header.get(key) for key in ("seed", "strategy", "light_choice", *SETTINGS_OF_PICTURE)}
-        try:
-            renderer = cls(scene, device=device, threads=threads, **options)  # type: ignore[call-arg]
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
-        renderer.restore(path, header, arrays)
-        return renderer
-
-    def load_checkpoint(self, path: PathLike) -> None:
-        """Continue from a checkpoint of the same scene, size, seed and settings.
-
-        Raises:
-            InputError: listing the differences.
-        """
-        self.restore(path, *read_checkpoint(path))
-
-    def restore(self, path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-        """Continue from the content of a checkpoint that was read from `path`."""
-        require_same(path, header, identity_of(cast("Renderer", self)))
-        try:
-            self.film.check(arrays, len(self.scene.shapes))
-            self._estimate_noise(Pilot(cast("Renderer", self)) if has_pilot(arrays) else None)
-            if self._pilot is None:
-                self._noise_estimate.restore(arrays)
-            else:
-                self._pilot.restore(arrays, len(self.scene.shapes))
-        except InputError as error:
-            raise InputError(f"{path}: damaged, {error}") from None
-        self.film.restore(arrays)
-
-    def __reduce_ex__(self, _: Any) -> Any:
-        """Raise TypeError: the arrays and threads of a renderer belong to a device."""
-        raise TypeError(
-            "a Renderer cannot be copied or pickled; copy its Scene and a file from save_checkpoint instead, and "
-            "continue with Renderer.resume"
-        )
+    Raises:
+        InputError: when it is damaged, or of another scene, size, seed or settings; listing the differences.
+    """
+    require_same(path, header, identity_of(renderer))
+    shapes = len(renderer.scene.shapes)
+    try:
+        renderer.film.check(arrays, shapes)
+        renderer.estimate_noise(Pilot(renderer) if has_pilot(arrays) else None)
+        if renderer.pilot is None:
+            renderer.noise_estimate.restore(arrays)
+        else:
+            renderer.pilot.restore(arrays, shapes)
+    except InputError as error:
+        raise InputError(f"{path}: damaged, {error}") from None
+    renderer.film.restore(arrays)

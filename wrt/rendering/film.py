@@ -262,7 +262,7 @@ class Film:
         Once the function is gone the next snapshot takes the memory of the copy.
         """
         backend, images = self.device.backend, self._images
-        if self.device.is_cpu or backend.builds is not None:
+        if self.device.is_cpu:
             image = self.mean()
             return lambda: image
         kept = images.pop() if images else backend.empty(self.pixels, "vec3", self.device.name)
@@ -280,14 +280,19 @@ class Film:
     def on_device(self) -> dict[str, Any]:
         """Return (H, W) arrays on the device by name, which are the film's own memory; see `Renderer.device_film`."""
         backend = self.device.backend
-        own = {name: getattr(self.data, name) for name in (*STATE_ARRAYS, "rays")}
-        return {name: backend.view(each, each.dtype, (self.height, self.width)) for name, each in own.items()}
+        types = {"total": "vec3d", "total_of_squares": "vec3d", "count": "int32", "rejected": "int32", "rays": "int64"}
+        shape = (self.height, self.width)
+        return {
+            name: backend.to_warp(backend.view(getattr(self.data, name), kind, shape), kind)
+            for name, kind in types.items()
+        }
 
     def device_mean(self) -> Any:
         """Return `mean` as (H, W) wp.array of vec3 on the device."""
-        mean = self.device.backend.empty(self.pixels, "vec3", self.device.name)
+        backend = self.device.backend
+        mean = backend.empty(self.pixels, "vec3", self.device.name)
         self._write_mean(mean)
-        return mean.reshape((self.height, self.width))
+        return backend.to_warp(backend.view(mean, "vec3", (self.height, self.width)), "vec3")
 
     def _write_mean(self, mean_out: Any) -> None:
         """Write `mean` to a (pixels,) array of vec3 on the device."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.scene.mesh import Mesh
 from wrt.upload.accel.bvh import build_bvh, refit_bvh
-from wrt.upload.accel.geometry import device_vectors, first_outside, upload_meshes
+from wrt.upload.accel.geometry import device_vectors, first_outside, is_warp_array, upload_meshes
 from wrt.upload.accel.instances import PlacedTrees
 from wrt.values import FLOAT32_MAX, integer, number
 
@@ -149,8 +150,6 @@ class Intersector:
 
     def _moved(self, vertices: Any, before: Any) -> Any:
         """Return new vertices on the device, checked."""
-        import warp as wp
-
         points = device_vectors("vertices", vertices, self.device.name)
         if len(points) != len(before):
             raise InputError(f"there are {len(points)} vertices, but the tree was built over {len(before)}")
@@ -158,7 +157,7 @@ class Intersector:
         if bad >= 0:
             place = self.device.backend.fetch(points[bad : bad + 1])[0]
             raise InputError(f"vertex {bad} is not finite: {place}")
-        return points if isinstance(vertices, wp.array) else self.device.backend.clone(points)
+        return points if is_warp_array(vertices) else self.device.backend.clone(points)
 
     def closest_hit(self, origins: Any, directions: Any, t_min: float = 0.0, t_max: Any = math.inf) -> Hits:
         """Return the nearest hit of each ray with t in [t_min, t_max].
@@ -173,8 +172,6 @@ class Intersector:
         Raises:
             InputError: on arrays of other shapes or types.
         """
-        import warp as wp
-
         rays, as_numpy = self._rays(origins, directions)
         n, name, backend = len(rays[0]), self.device.name, self.device.backend
         triangle = backend.empty(n, int, name)
@@ -184,9 +181,8 @@ class Intersector:
         if as_numpy:
             weights = backend.fetch(uv)
             return Hits(backend.fetch(t), backend.fetch(triangle), weights[:, 0], weights[:, 1])
-        weights = wp.array(ptr=uv.ptr, shape=(n, 2), dtype=float, device=name)
-        weights._ref = uv  # the view does not own its memory
-        return Hits(t, triangle, weights[:, 0], weights[:, 1])
+        weights = backend.to_warp(backend.view(uv, float, (n, 2)), "float32")
+        return Hits(backend.to_warp(t, "float32"), backend.to_warp(triangle, "int32"), weights[:, 0], weights[:, 1])
 
     def any_hit(self, origins: Any, directions: Any, t_min: float = 0.0, t_max: Any = math.inf) -> Any:
         """Return (N,) bool, whether each ray hits anything with t in [t_min, t_max]; see `closest_hit`."""
@@ -197,54 +193,55 @@ class Intersector:
         self._trace(rays, t_min, t_max, [triangle, *unused], any_hit=True)
         if as_numpy:
             return backend.fetch(triangle) >= 0
-        from wrt.kernels.accel.ray_batch import is_hit
-
         hit = backend.empty(len(triangle), "bool", name)
-        self.device.launch(is_hit, len(triangle), [triangle, hit])
-        return hit
+        kernel = backend.kernels("wrt.kernels.accel.ray_batch").is_hit
+        self.device.launch(kernel, len(triangle), [triangle, hit])
+        return backend.to_warp(hit, "bool")
 
     def _rays(self, origins: Any, directions: Any) -> tuple[list[Any], bool]:
         """Return both arrays on the device, and whether they were NumPy's."""
-        import warp as wp
-
         arrays = [
             device_vectors(name, value, self.device.name)
             for name, value in (("origins", origins), ("directions", directions))
         ]
         if len(arrays[0]) != len(arrays[1]):
             raise InputError(f"there are {len(arrays[0])} origins but {len(arrays[1])} directions")
-        return arrays, not (isinstance(origins, wp.array) or isinstance(directions, wp.array))
+        return arrays, not (is_warp_array(origins) or is_warp_array(directions))
 
     def _trace(self, rays: list[Any], t_min: float, t_max: Any, outputs: list[Any], *, any_hit: bool) -> None:
-        import warp as wp
-
-        from wrt.kernels.accel.instances import trace_rays_instances
-        from wrt.kernels.accel.interleaved import trace_interleaved
-        from wrt.kernels.accel.packets import trace_packets
-        from wrt.kernels.accel.ray_batch import RayBatch, trace_rays
-        from wrt.kernels.native.constants import PACKET, RAYS_PER_THREAD
-
-        n, name = len(rays[0]), self.device.name
+        n, name, backend = len(rays[0]), self.device.name, self.device.backend
         if n == 0:
             return
         t_min = number(t_min, "t_min", minimum=0.0)
-        if isinstance(t_max, wp.array):
-            if t_max.dtype is not wp.float32 or t_max.shape not in ((1,), (n,)) or str(t_max.device) != name:
+        if is_warp_array(t_max):
+            if (
+                t_max.dtype is not sys.modules["warp"].float32
+                or t_max.shape not in ((1,), (n,))
+                or str(t_max.device) != name
+            ):
                 raise InputError(f"t_max must be a Warp array of 1 or {n} floats on {name}")
-            t_max = t_max.contiguous()
+            t_max = backend.from_warp(t_max.contiguous(), float)
         else:
             limits = np.atleast_1d(np.asarray(t_max, dtype=np.float32))
             if limits.shape not in ((1,), (n,)) or np.isnan(limits).any():
                 raise InputError(f"t_max must be a number or ({n},), and not NaN")
-            t_max = self.device.backend.array(limits, float, name)
-        kernel, rays_per_thread = trace_rays, 1
+            t_max = backend.array(limits, float, name)
+        batches = backend.kernels("wrt.kernels.accel.ray_batch")
+        rays_per_thread = 1
         if self._placed:
-            kernel = trace_rays_instances
+            kernel = backend.kernels("wrt.kernels.accel.instances").trace_rays_instances
         elif self.device.is_cpu and n >= SMALL_BATCH:
             together = self._built.bytes <= LARGE_TREE and self._coherent(*rays)
-            kernel = trace_packets if together else trace_interleaved
-            rays_per_thread = PACKET if together else RAYS_PER_THREAD
-        batch = RayBatch()
+            constants = backend.kernels("wrt.kernels.native.constants")
+            if together:
+                kernel = backend.kernels("wrt.kernels.accel.packets").trace_packets
+                rays_per_thread = constants.PACKET
+            else:
+                kernel = backend.kernels("wrt.kernels.accel.interleaved").trace_interleaved
+                rays_per_thread = constants.RAYS_PER_THREAD
+        else:
+            kernel = batches.trace_rays
+        batch = batches.RayBatch()
         batch.origins, batch.directions = rays
         batch.t_min, batch.t_max, batch.any_hit = t_min, t_max, int(any_hit)
         batch.triangle_out, batch.t_out, batch.uv_out = outputs

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wrt._version import __version__
 from wrt.develop.exposure import stops
 from wrt.develop.picture import Developed
-from wrt.developing import DEVELOPED_SUFFIXES, Exposure
+from wrt.develop.settings import DEVELOPED_SUFFIXES, Exposure
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike

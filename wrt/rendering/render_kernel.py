@@ -7,12 +7,10 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-from wrt.backend import prefers_compiled
-from wrt.backend.builds import NotCompiled
 from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
 from wrt.compiling import general, later
-from wrt.compiling.kernel import SCALAR, declaration
+from wrt.compiling.kernel import SCALAR, declaration, is_compiled
 from wrt.rendering.wide_kernel import SPEEDUP, SPEEDUP_OF_OWN, WORTH_SECONDS, WideKernel, threads_of
 from wrt.upload.accel.bvh import kernels_of_building
 
@@ -53,16 +51,19 @@ class RenderKernel:
         self._wide: WideKernel | None = None
         self._stand_in: WideKernel | None = None
         self._is_general_requested = False
-        builds = device.backend.builds
-        found = None if builds is None else general.compiled_for(features, lanes_here(), builds)
+        can_launch = device.is_cpu and device.backend.artefacts.can_launch
+        found = general.compiled_for(features, lanes_here()) if can_launch else None
         if found is not None and read is not None and not read.has_uploads_of(found):
             found = None
         self.read = features if found is None else found
         self.scalar: Any = None
         if found is None or features.guides:
-            regenerates = os.environ.get(REGENERATE) != "0"
-            call = declaration(self.read, SCALAR) if device.is_cpu else (*OF_GPU, self.read, regenerates)
-            self.scalar = device.backend.call(*call)
+            self._use_scalar()
+
+    def _use_scalar(self) -> None:
+        regenerates = os.environ.get(REGENERATE) != "0"
+        call = declaration(self.read, SCALAR) if self._device.is_cpu else (*OF_GPU, self.read, regenerates)
+        self.scalar = self._device.backend.call(*call)
 
     def compile(self, compile: Callable[[Any], None]) -> None:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""
@@ -75,14 +76,14 @@ class RenderKernel:
     def start(self) -> None:
         """Load the kernel that stands in for the scalar one, if it must, now that the arguments are known.
 
-        Raises:
-            NotCompiled: if that is impossible, for instance because an array is too large for it.
+        If that is impossible, for instance because an array is too large for it, use the scalar one.
         """
         if self.scalar is None and self._stand_in is None:
             stand_in = WideKernel(self._device, self.read, self.records)
             stand_in.expect(math.inf)
             if stand_in.kernel is None:
-                raise NotCompiled("the scalar kernel")
+                self._use_scalar()
+                return
             self._stand_in = stand_in
             if self.read == self._features:
                 self._wide = stand_in
@@ -110,10 +111,12 @@ class RenderKernel:
         if self._is_general_requested or not (guides or seconds_left > WORTH_SECONDS):
             return
         lanes = lanes_here()
-        if self._device.is_cpu and prefers_compiled() and lanes > 0:
+        if self._device.is_cpu and self._device.backend.artefacts.can_launch and lanes > 0:
             self._is_general_requested = True
+            lanes = SCALAR if guides else lanes
             for features in general.general_features(self._features)[:1]:
-                later.request_if_missing(features, SCALAR if guides else lanes, self._device.backend.builds)
+                if not is_compiled(features, lanes):
+                    later.request(features, lanes)
 
     def share_wide(self, other: RenderKernel) -> None:
         """Use the wide kernel of `other` if it is for the same features, instead of loading another."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.backend import compiled_first, using
+from wrt import _notebook
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
-from wrt.errors import InputError, warn
-from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, Resumable
+from wrt.errors import InputError, did_you_mean, warn
+from wrt.io.safe_read import PathLike
+from wrt.rendering import checkpoint
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
-from wrt.rendering.on_device import OnDevice
+from wrt.rendering.noise.noise_target import NoiseEstimate
+from wrt.rendering.noise.pilot import Pilot
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, run_passes
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
@@ -37,13 +39,29 @@ from wrt.upload.vertex_updates import shape_number
 from wrt.values import integer, one_of
 
 if TYPE_CHECKING:
+    from typing_extensions import Self
+
     from wrt.parts.part import Part
 
 STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
 
 
-class Renderer(Picture, Resumable, OnDevice):
+def changed_settings(settings: RenderSettings, changes: dict[str, Any]) -> RenderSettings:
+    """Return settings with changes, of which None are left out.
+
+    Raises:
+        InputError: on unusable values.
+        TypeError: on a setting that does not exist.
+    """
+    names = [field.name for field in dataclasses.fields(RenderSettings)]
+    for name in changes:
+        if name not in names:
+            raise TypeError(f"there is no render setting {name!r}{did_you_mean(name, names)}")
+    return dataclasses.replace(settings, **{name: value for name, value in changes.items() if value is not None})
+
+
+class Renderer(Picture):
     """Renders a scene pass after pass; the picture improves with each and is available at any time.
 
     The picture depends only on scene, size, seed, sample count, device and version. It is the same bit for bit for any
@@ -60,108 +78,106 @@ class Renderer(Picture, Resumable, OnDevice):
         self,
         scene: Scene,
         *,
-        width: int | None = None,
-        height: int | None = None,
         device: str = "cpu",
         seed: int = 0,
         threads: int | None = None,
-        max_depth: int | None = None,
-        filter: str | None = None,
-        sampler: str | None = None,
         strategy: str = "mis",
-        crop: CropWindow | None = None,
-        integrator: str | None = None,
         light_choice: str = "auto",
-        min_attenuation: float | None = None,
-        jittered_rays: int | None = None,
-        ao_distance: float | None = None,
-        layers: Sequence[str] | None = None,
-        clamp_indirect: float | None = None,
-        regularization: float | None = None,
-        max_scatterings: int | None = None,
-        transparent: bool | None = None,
+        **settings: Any,
     ) -> None:
         """Build a scene for a device and compile its kernel.
 
         Args:
             scene: the scene; later changes to it have no effect.
-            width: pixels; by default the scene's own setting, as for height, max_depth, filter and sampler.
-            height: pixels.
             device: "cpu", "cuda" or "cuda:N".
             seed: 0 to 2³² − 1; other seeds give statistically independent pictures.
             threads: CPU threads; by default all cores.
-            max_depth: most segments in a path.
-            filter: reconstruction filter, see `wrt.scene.scene.FILTERS`.
-            sampler: source of random numbers, see `wrt.scene.scene.SAMPLERS`.
             strategy: "mis", or "light" or "bsdf" to sample surface and image lights with only one technique.
-            crop: the part of the picture to render, see `wrt.RenderSettings`; by default the scene's own setting.
-            integrator: one of `wrt.scene.scene.INTEGRATORS`; like the options below it defaults to the scene's setting.
             light_choice: how next-event estimation selects a light: "auto", or "power" or "tree" to compare the two.
-            min_attenuation: for integrator "whitted".
-            jittered_rays: for integrator "whitted".
-            ao_distance: for integrator "ao", metres.
-            layers: names of `wrt.scene.layers.LAYERS` to render besides radiance, see `layers`.
-            clamp_indirect: for integrator "path", biased: upper limit of the indirect radiance of a path.
-            regularization: for integrator "path", biased: roughness that surfaces gain along a path.
-            max_scatterings: for integrator "volpath".
-            transparent: whether the camera sees no environment, and pictures have an alpha channel.
+            settings: fields of `wrt.RenderSettings`, such as `width`, `max_depth` or `layers`; None and those that are
+                left out are the scene's own.
 
         Raises:
             InputError: on unusable values, an empty scene, or a device that does not exist.
+            TypeError: on a setting that does not exist.
         """
-        arguments = locals()
         require_scene(scene, "a renderer")
-        self.settings: RenderSettings = dataclasses.replace(
-            scene.settings, **{name: arguments[name] for name in SETTINGS_OF_PICTURE if arguments[name] is not None}
-        )
-        self.integrator = choose_integrator(scene, self.settings)
-        if self.width * self.height >= 2**31:
-            raise InputError(f"a picture of {self.width}x{self.height} has more than the 2^31 pixels that are possible")
+        self._use(scene, changed_settings(scene.settings, settings))
         self.seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
         self.strategy = one_of(strategy, STRATEGIES, "strategy")
         self.light_choice = one_of(light_choice, LIGHT_CHOICES, "light_choice")
         self.scene = with_camera(scene, self.width / self.height)
         if self.integrator not in WITHOUT_LIGHT and not has_light(self.scene):
             warn("the scene has no light: the picture will be black", UserWarning)
-        self.seconds_render, self.paths, self._updated = 0.0, 0, False
-        start = partial(self._start, device, threads)
-        compiled_first(start) if device == "cpu" else start()
-
-    def _start(self, device: str, threads: int | None) -> None:
-        """Open the device, build the scene there and compile all kernels."""
+        self.has_updated_vertices = False
         self.device = Device(device, threads=threads)
-        x0, y0, x1, y1 = self.crop
-        self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
+        self._start_film()
         self._build()
-        self._estimate_noise(None)
-        self.film.require_memory()  # check again, now that the scene has taken its memory
-        self._inputs = self._prepare()
-        self._guides = self._guides_at_start()
-
-    def _guides_at_start(self) -> Guides | None:
-        """Return the guides of a picture that will be denoised, whose kernel is compiled with the others."""
-        return Guides(self) if self.settings.denoise and self.renders_light else None
+        self.device.backend.artefacts.save()
 
     def _build(self) -> None:
-        """Build the scene on the device, and compile its kernel meanwhile."""
+        """Build the scene on the device, and compile its kernel at the same time."""
         with self.device.compiling() as compile:
-            uv, choose = "uv" in self.settings.layers, partial(self._choose_kernel, compile=compile)
             self._built = build_scene(
-                self.scene, self.device, texture_coordinates=uv, light_choice=self.light_choice, on_features=choose
+                self.scene,
+                self.device,
+                texture_coordinates="uv" in self.settings.layers,
+                light_choice=self.light_choice,
+                on_features=partial(self._choose_kernel, compile=compile),
             )
+        self.film.require_memory()  # check again, now that the scene has taken its memory
+        self._inputs = self._kernel_inputs()
+        self._guides = Guides(self) if self.settings.denoise and self.renders_light else None
+
+    def sharing(self, **settings: Any) -> Renderer:
+        """Return a renderer with other settings and a film of its own that shares the scene on the device.
+
+        The scene is not built again, and nothing is compiled unless the integrator or the layers need another kernel.
+        All renderers of a scene share its camera: after `set_camera` on one, call it on another before that renders
+        again.
+
+        Args:
+            settings: fields of `wrt.RenderSettings`, except the filter and the sampler.
+
+        Raises:
+            InputError: on unusable settings, or when memory does not suffice for the film.
+        """
+        other = Renderer.__new__(Renderer)
+        for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
+            setattr(other, name, getattr(self, name))
+        other._use(self.scene, dataclasses.replace(self.settings, **settings))
+        other._start_film()
+        other._guides = None
+        with self.device.compiling() as compile:
+            other._choose_kernel(self._built.features, compile, self._built.read)
+        other._inputs = other._kernel_inputs()
+        other._kernel.share_wide(self._kernel)
+        return other
+
+    def _use(self, scene: Scene, settings: RenderSettings) -> None:
+        self.settings = settings
+        self.integrator = choose_integrator(scene, settings)
+        if self.width * self.height >= 2**31:
+            raise InputError(f"a picture of {self.width}x{self.height} has more than the 2^31 pixels that are possible")
+
+    def _start_film(self) -> None:
+        x0, y0, x1, y1 = self.crop
+        self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
+        self.seconds_render, self.paths = 0.0, 0
+        self.estimate_noise(None)
 
     def _choose_kernel(self, features: Any, compile: Callable[[Any], None], read: Any = None) -> Any:
         """Choose the kernel for a scene with these features, compile all kernels needed, and return what it reads.
 
         If the scene is uploaded already, `read` are the features for which it was.
         """
-        own = {"sampler": self.settings.sampler, "cameras": outside_cameras(self.scene.camera)}
-        features = integrator_features(dataclasses.replace(features, **own), self.integrator, self.settings)
+        of_picture = {"sampler": self.settings.sampler, "cameras": outside_cameras(self.scene.camera)}
+        features = integrator_features(dataclasses.replace(features, **of_picture), self.integrator, self.settings)
         self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height, read=read)
         self._kernel.compile(compile)
         return self._kernel.read
 
-    def _prepare(self) -> list[Any]:
+    def _kernel_inputs(self) -> list[Any]:
         """Return the arguments of the kernel after the number of samples."""
         path = path_settings(self.scene, self.settings, self.integrator)
         path.strategy = STRATEGIES.index(self.strategy)
@@ -268,9 +284,15 @@ class Renderer(Picture, Resumable, OnDevice):
             first_pass=self.first_pass,
             renders_light=self.renders_light,
         )
-        self._decide_by_pilot(limits.adaptive == UNBIASED)
+        if (limits.adaptive == UNBIASED) != (self.pilot is not None):
+            self.estimate_noise(Pilot(self) if self.pilot is None else None)
         self._kernel.expect(limits.least_seconds(self.film))
-        return run_passes(self.film, self._noise_estimate, self._trace, self._needs_short_passes, limits)
+        return run_passes(self.film, self.noise_estimate, self._trace, self._needs_short_passes, limits)
+
+    def estimate_noise(self, pilot: Pilot | None) -> None:
+        """Estimate the noise anew, by a pilot or by the picture itself."""
+        self.pilot = pilot
+        self.noise_estimate = NoiseEstimate(self.film) if pilot is None else pilot.estimate
 
     def noise(self) -> float | None:
         """Return the relative noise: the mean standard error of the pixels over their mean radiance, or None.
@@ -279,7 +301,7 @@ class Renderer(Picture, Resumable, OnDevice):
         `wrt.rendering.noise.noise_target`. Otherwise it follows from the variance of the samples and is an upper bound,
         except with the sampler "independent"; see `variance`. None while pixels have too few samples.
         """
-        known = self._noise_estimate.noise_now()
+        known = self.noise_estimate.noise_now()
         return self.film.noise() if known is None else known
 
     def _trace(self, target: int, seconds_left: float) -> tuple[float, int]:
@@ -287,10 +309,10 @@ class Renderer(Picture, Resumable, OnDevice):
         before = self.film.tally().samples
         started = time.perf_counter()
         try:
-            with using(self.device.backend), self.film.leaving_out(self._noise_estimate.stopped_pixels(), target):
+            with self.film.leaving_out(self.noise_estimate.stopped_pixels(), target):
                 self._kernel.launch([target, *self._inputs], seconds_left)
-            if self._pilot is not None:
-                self._pilot.trace(self, target)
+            if self.pilot is not None:
+                self.pilot.trace(self, target)
         finally:  # an interrupted pass counts, too
             seconds = time.perf_counter() - started
             paths = self.film.tally().samples - before
@@ -301,8 +323,7 @@ class Renderer(Picture, Resumable, OnDevice):
     def trace_film(self, film: Film, target: int, seed: int) -> None:
         """Bring every pixel of another film of this picture's size to `target` samples, with another seed."""
         _, *inputs = self.arguments_for(film, self._kernel)
-        with using(self.device.backend):
-            self._kernel.launch([target, seed, *inputs], 0.0)
+        self._kernel.launch([target, seed, *inputs], 0.0)
 
     def _needs_short_passes(self) -> bool:
         return not self.device.is_cpu or self._kernel.is_being_compiled
@@ -342,9 +363,6 @@ class Renderer(Picture, Resumable, OnDevice):
         """
         if not self.renders_light:
             raise InputError(f"integrator {self.integrator} renders only layers, which are not denoised")
-        return self.with_backend(self._guide_layers)
-
-    def _guide_layers(self) -> dict[str, NDArray[np.float32]]:
         if self._guides is None:
             self._guides = Guides(self)
         return self._guides.layers()
@@ -360,10 +378,6 @@ class Renderer(Picture, Resumable, OnDevice):
             InputError: if the kernel or the trees do not fit this camera.
         """
         require_camera(camera)
-        self.with_backend(partial(self._set_camera, camera))
-        self._clear()
-
-    def _set_camera(self, camera: Camera) -> None:
         old = self.camera
         if outside_cameras(camera) != outside_cameras(old):
             names = f"from {type(old).__name__} to {type(camera).__name__}"
@@ -375,13 +389,13 @@ class Renderer(Picture, Resumable, OnDevice):
         seed, _, *others = self._shared_inputs
         self._shared_inputs = [seed, self._device_camera(), *others]
         self._inputs = self.arguments_for(self.film, self._kernel)
+        self._clear()
 
     def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
         """Move a shape's vertices and restart the picture, for the next frame of a simulation.
 
         The ray tree is refitted, which takes a fraction of the time of a build; tracing is fastest near the positions
-        of the build. Nothing else in the scene changes. The first call builds the scene again unless Warp was imported
-        before the renderer was made.
+        of the build. Nothing else in the scene changes.
 
         Args:
             shape: one of the scene's shapes, or its number; it must not emit, and the scene must not have instances or
@@ -395,16 +409,77 @@ class Renderer(Picture, Resumable, OnDevice):
                 beyond 10^12.
         """
         number = shape_number(self.scene, shape)
-        self._go_over_to_warp()
         self._built.world.update(number, self.scene.shapes[number], vertices, normals)
-        self._updated = True
+        self.has_updated_vertices = True
         self._clear()
 
     def _clear(self) -> None:
         self.film.clear()
-        self._estimate_noise(None)
+        self.estimate_noise(None)
         if self._guides is not None:
             self._guides.clear()
+
+    def device_image(self) -> Any:
+        """Return `image` as a (H, W) wp.array of vec3 on the renderer's device.
+
+        Other frameworks share it without a copy, as (H, W, 3): by DLPack, `torch.from_dlpack(image)` or
+        `jax.dlpack.from_dlpack(image)`, and by `__cuda_array_interface__`, or `__array_interface__` on the CPU. On a
+        GPU it is made on Warp's current stream.
+        """
+        return self.film.device_mean()
+
+    def device_film(self) -> dict[str, Any]:
+        """Return the film itself as (H, W) Warp arrays on the renderer's device, without a copy; only read them.
+
+        They change with each pass, and hold the next picture after `update_vertices` or `set_camera`. Other frameworks
+        share them as `device_image`; dividing `total` by `count` gives the picture, in double precision.
+
+        Returns:
+            "total" and "total_of_squares", vec3d sums of samples and of their squares; "count", int32 samples, and
+            "rejected", int32 of these that were not finite and count as black; "rays", int64 rays traced.
+        """
+        return self.film.on_device()
+
+    def save_checkpoint(self, path: PathLike) -> None:
+        """Write everything needed to resume, atomically. An existing file is replaced only if it is a checkpoint.
+
+        Raises:
+            InputError: when it cannot be written or would replace another file, or when vertices were updated, which
+                a checkpoint does not store.
+        """
+        checkpoint.save(self, path)
+
+    def load_checkpoint(self, path: PathLike) -> None:
+        """Continue from a checkpoint of the same scene, size, seed and settings.
+
+        Raises:
+            InputError: listing the differences.
+        """
+        checkpoint.restore(self, path, *checkpoint.read_checkpoint(path))
+
+    @classmethod
+    def resume(cls, path: PathLike, scene: Scene, *, device: str = "cpu", threads: int | None = None) -> Self:
+        """Return a renderer that continues from a checkpoint, with its size, seed and settings.
+
+        Raises:
+            InputError: when the file is not a checkpoint, or of another scene or version.
+        """
+        header, arrays = checkpoint.read_checkpoint(path)
+        names = ("seed", "strategy", "light_choice", *checkpoint.SETTINGS_OF_PICTURE)
+        options: dict[str, Any] = {name: header.get(name) for name in names}
+        try:
+            renderer = cls(scene, device=device, threads=threads, **options)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        checkpoint.restore(renderer, path, header, arrays)
+        return renderer
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Raise TypeError: the arrays and threads of a renderer belong to a device."""
+        raise TypeError(
+            "a Renderer cannot be copied or pickled; copy its Scene and a file from save_checkpoint instead, and "
+            "continue with Renderer.resume"
+        )
 
     def variance(self) -> NDArray[np.float64]:
         """Return (H, W, 3) float64 variance of the estimate; NaN below two samples.
@@ -419,13 +494,13 @@ class Renderer(Picture, Resumable, OnDevice):
 
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""
-        return import_module("wrt.view.notebook").view_renderer(self, spp=spp)
+        return _notebook.viewer().view_renderer(self, spp=spp)
 
     def __repr__(self) -> str:
         return f"<wrt.Renderer {self.width}x{self.height} {self.integrator} on {self.device.name}, {self.spp} spp>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = import_module("wrt.view.notebook").picture_of_renderer(self)
+        picture: bytes | None = _notebook.viewer().picture_of_renderer(self)
         return picture
 
     def part(self, number: int, of: int, *, spp: int | None = None) -> Part:

@@ -13,24 +13,18 @@ import subprocess
 import threading
 import time
 import weakref
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from wrt.backend import cache_folders
-from wrt.backend.builds import Builds, NotCompiled
+from wrt.backend.arrays import Array, Struct
 from wrt.backend.device import Device
 from wrt.backend.lanes import lanes_here
 from wrt.compiling import kernel as compiler
 from wrt.compiling import later
 
-if TYPE_CHECKING:
-    from wrt.backend import Backend
-
-LOADING_SECONDS, COMPILED_LOADING_SECONDS = 2.0, 0.02
-"""Skip loading if fewer than this many seconds remain to render. Warp must generate the code again (1 s); the compiled
-backend need not (1 ms)."""
+LOADING_SECONDS = 0.02
+"""Skip loading if fewer than this many seconds remain to render."""
 
 WORTH_SECONDS = 0.3
 """Compile nothing for the next render if fewer than this many seconds remain of this one: it has nothing to gain."""
@@ -45,8 +39,7 @@ MOST_BYTES = 2**31 - 1
 """Largest array that the kernel can read, because its offsets are 32-bit numbers."""
 
 _LOADING = threading.Lock()
-"""Held by the thread that loads a wide kernel: Warp generates code in one thread at a time, and renderers of the same
-scene share a kernel."""
+"""Held by the thread that loads a wide kernel, as renderers of the same scene share a kernel."""
 
 
 def threads_of(width: int, height: int, tile: int) -> int:
@@ -70,7 +63,6 @@ class WideKernel:
         self._lanes = 0
         self._possible: bool | None = None if device.is_cpu else False  # None: not known yet
         self._compiler: subprocess.Popen[bytes] | None = None
-        self._builds: Builds | None = None
         self._compiling_since: float | None = None
         self._seconds = 0.0
         self._is_requested = False
@@ -100,25 +92,21 @@ class WideKernel:
             if self._compiler.poll() is None:
                 return
             self._compiled()
-        if (
-            seconds_left > (LOADING_SECONDS if self._device.backend.builds is None else COMPILED_LOADING_SECONDS)
-            and self._is_usable()
-        ):
-            if self._builds is not None and self._request is not None and later.is_done(self._request):
+        if seconds_left > LOADING_SECONDS and self._is_usable():
+            if self._request is not None and later.is_done(self._request):
                 self._request = None
-                self._builds.refresh()
+                self._device.backend.artefacts.refresh()
             if self._is_compiled():
                 self._load()
             elif compiling_pays(seconds_left, self._device.threads, speedup):
                 self._compile()
             elif seconds_left > WORTH_SECONDS and not self._is_requested:
                 self._is_requested = True
-                self._request = self._for_later()()
+                self._request = later.request(self._features, self._lanes)
 
     def expect(self, seconds: float) -> None:
-        """Load the kernel if it is compiled, loads quickly, and at least so many seconds are to be rendered."""
-        quick = self._device.backend.builds is not None and seconds > COMPILED_LOADING_SECONDS
-        if quick:
+        """Load the kernel if it is compiled, and at least so many seconds are to be rendered."""
+        if seconds > LOADING_SECONDS:
             with _LOADING:
                 if self.kernel is None and self._is_usable() and self._is_compiled():
                     self._load()
@@ -153,18 +141,16 @@ class WideKernel:
         if self._possible is None:
             self._lanes = lanes_here()
             suits = self._lanes > 0 and self._features.integrator not in compiler.UNLIKE_PATHS
-            largest = partial(largest_array, self._device.backend)
-            if suits and max(map(largest, self._records)) <= MOST_BYTES:
-                self._builds = self._device.backend.builds or Builds.known()
-            self._possible = self._builds is not None
+            can_launch = self._device.backend.artefacts.can_launch
+            self._possible = suits and can_launch and max(map(largest_array, self._records)) <= MOST_BYTES
         return self._possible
 
     def _is_compiled(self) -> bool:
-        return self._builds is not None and self._builds.has(compiler.name_of_kernel(self._features, self._lanes))
+        return compiler.is_compiled(self._features, self._lanes)
 
     def _load(self) -> None:
         self._possible = False  # do not try again, whatever happens
-        with contextlib.suppress(NotCompiled, OSError):  # the scalar kernel continues, with the same bits
+        with contextlib.suppress(OSError):  # the scalar kernel continues, with the same bits
             kernel = self._device.backend.call(*compiler.declaration(self._features, self._lanes))
             self.tile = self._device.backend.kernels("wrt.kernels.native.constants").TILE
             self._device.compile(kernel)
@@ -185,14 +171,7 @@ class WideKernel:
             self._possible = False
             return
         self._compiling_since = time.perf_counter()
-        weakref.finalize(self, _end, self._compiler, self._for_later())  # nothing else would end it
-
-    def _for_later(self) -> Callable[[], Path | None]:
-        """Return a function, which does not refer to this object, that requests the kernel for the next render."""
-        if self._builds is not None:
-            with contextlib.suppress(FileNotFoundError):  # nothing that is compiled could be kept
-                return partial(later.request, self._features, self._lanes, self._builds, cache_folders.kernels_folder())
-        return lambda: None
+        weakref.finalize(self, _end, self._compiler, self._features, self._lanes)  # nothing else would end it
 
     def _folders(self) -> list[str]:
         """Return the folders for the compiler's work, for its kernels, and for notes if their usual folder fails."""
@@ -204,25 +183,23 @@ class WideKernel:
             folders[1] = kernels
         except OSError as error:
             cache_folders.say_unwritable(Path(error.filename or folders[1]).parent, error)
-        if self._builds is not None:
-            self._builds.folders.append(folders[2])
+        self._device.backend.artefacts.folders.append(folders[2])
         return [str(folder) for folder in folders]
 
     def _compiled(self) -> None:
         """Record the result of compiling."""
         self._seconds, self._compiling_since = self.seconds, None
         self._compiler = None
-        if self._builds is not None:
-            self._builds.refresh()
+        self._device.backend.artefacts.refresh()
         self._possible = self._is_compiled()
 
 
-def _end(compiler: subprocess.Popen[bytes], for_later: Callable[[], Path | None]) -> None:
+def _end(compiler: subprocess.Popen[bytes], features: Any, lanes: int) -> None:
     """End the compiler of a render that ends before it; the next render gets the kernel nevertheless."""
     if compiler.poll() is None:
         compiler.kill()
         compiler.wait()
-        for_later()
+        later.request(features, lanes)
 
 
 def compiling_pays(seconds_left: float, threads: int, speedup: float) -> bool:
@@ -237,12 +214,12 @@ def compiling_pays(seconds_left: float, threads: int, speedup: float) -> bool:
     return left_then * (1.0 - 1.0 / speedup) > cost
 
 
-def largest_array(backend: Backend, record: Any) -> int:
+def largest_array(record: Struct) -> int:
     """Return the bytes of the largest array in a record, except for the ray tree, which has 64-bit offsets."""
     most = 0
-    for name, value in backend.fields(record).items():
-        if hasattr(value, "ptr"):
-            most = max(most, value.numpy().nbytes)
-        elif name != "bvh":
-            most = max(most, largest_array(backend, value))
+    for name, value in record.fields().items():
+        if isinstance(value, Array):
+            most = max(most, value.rows.nbytes)
+        elif isinstance(value, Struct) and name != "bvh":
+            most = max(most, largest_array(value))
     return most

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
 from wrt.linalg import norm
+from wrt.scene.description import Checks, Kind, instance_of, optional, word_of
 from wrt.scene.motion import Motion
-from wrt.scene.registration import register_class
-from wrt.values import Vec3, integer, number, one_of, vector
-
-if TYPE_CHECKING:
-    from wrt.kernels.camera.camera import CameraModel
+from wrt.values import Vec3, integer, number, vector
 
 APERTURES = ("disk", "square", "polygon")
 """Shapes of the aperture."""
@@ -23,9 +21,11 @@ APERTURES = ("disk", "square", "polygon")
 _RIGID = 1e-4
 """Tolerance for stretch in a camera's motion, due to rounding."""
 
+_positive = partial(number, above=0.0)
+
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(Kind):
     """Base of all cameras.
 
     Attributes:
@@ -39,9 +39,6 @@ class Camera:
         motion: motion of the camera, applied to `origin`, `target` and `up`.
     """
 
-    type_name: ClassVar[str] = ""
-    """The camera's `type` in scene files."""
-
     origin: Vec3 = (0.0, 0.0, 3.0)
     target: Vec3 = (0.0, 0.0, 0.0)
     up: Vec3 = (0.0, 1.0, 0.0)
@@ -50,27 +47,26 @@ class Camera:
     shutter_ramp: float = field(default=0.0, kw_only=True)
     motion: Motion | None = field(default=None, kw_only=True)
 
+    checks: ClassVar[Checks] = {
+        **dict.fromkeys(("origin", "target", "up"), vector),
+        **dict.fromkeys(("shutter_open", "shutter_close"), number),
+        "shutter_ramp": partial(number, minimum=0.0, maximum=1.0),
+        "motion": optional(instance_of(Motion)),
+    }
+
     def __post_init__(self) -> None:
-        for name in ("origin", "target", "up"):
-            object.__setattr__(self, name, vector(getattr(self, name), f"camera {name}"))
-        for name in ("shutter_open", "shutter_close"):
-            self._check(name)
+        super().__post_init__()
         if self.shutter_close < self.shutter_open:
             raise InputError(
                 f"camera shutter_close must not be before shutter_open: {self.shutter_close:g} is before "
                 f"{self.shutter_open:g}"
             )
-        self._check("shutter_ramp", minimum=0.0, maximum=1.0)
-        if self.motion is not None:
-            if not isinstance(self.motion, Motion):
-                raise InputError(f"camera motion must be a wrt.Motion, not {type(self.motion).__name__}")
-            if np.abs(self.motion.parts.stretches - np.eye(3)).max() > _RIGID:
-                raise InputError("camera motion must be rigid: one of its keys stretches or mirrors")
+        if self.motion is not None and np.abs(self.motion.parts.stretches - np.eye(3)).max() > _RIGID:
+            raise InputError("camera motion must be rigid: one of its keys stretches or mirrors")
         self.frame()
 
-    def _check(self, name: str, **limits: float) -> None:
-        """Make an attribute a float within its limits."""
-        object.__setattr__(self, name, number(getattr(self, name), f"camera {name}", **limits))
+    def _label(self, name: str) -> str:
+        return f"camera {name}"
 
     def frame(self) -> np.ndarray:
         """Return the orthonormal rows right, up and forward, (3, 3) float64."""
@@ -85,11 +81,6 @@ class Camera:
             raise InputError("camera up must not be zero or parallel to the view")
         right = right / length
         return np.stack([right, np.cross(right, forward), forward])
-
-    @property
-    def model(self) -> str:
-        """Name of the model in kernels, by default the camera's own."""
-        return self.type_name.replace("-", "_")
 
     def film(self, width: int, height: int) -> dict[str, Any]:
         """Return fields of the kernels' Camera for a picture of this size in pixels.
@@ -122,15 +113,13 @@ class LensCamera(Camera):
     aperture_blades: int = field(default=6, kw_only=True)
     aperture_rotation_degrees: float = field(default=0.0, kw_only=True)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("aperture_radius", minimum=0.0)
-        if self.focus_distance is not None:
-            self._check("focus_distance", above=0.0)
-        one_of(self.aperture, APERTURES, "camera aperture")
-        blades = integer(self.aperture_blades, "camera aperture_blades", minimum=3, maximum=1000)
-        object.__setattr__(self, "aperture_blades", blades)
-        self._check("aperture_rotation_degrees")
+    checks: ClassVar[Checks] = {
+        "aperture_radius": partial(number, minimum=0.0),
+        "focus_distance": optional(_positive),
+        "aperture": word_of(APERTURES),
+        "aperture_blades": partial(integer, minimum=3, maximum=1000),
+        "aperture_rotation_degrees": number,
+    }
 
     @property
     def distance_in_focus(self) -> float:
@@ -157,16 +146,14 @@ class PerspectiveCamera(LensCamera):
     shift_x: float = field(default=0.0, kw_only=True)
     shift_y: float = field(default=0.0, kw_only=True)
 
+    checks: ClassVar[Checks] = {"fov_degrees": _positive, "shift_x": number, "shift_y": number}
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check("fov_degrees", above=0.0)
         if self.fov_degrees >= 180.0:
             raise InputError(f"camera fov_degrees must be less than 180, not {self.fov_degrees:g}")
-        self._check("shift_x")
-        self._check("shift_y")
 
     def film(self, width: int, height: int) -> dict[str, Any]:
-        """Return fields of the kernels' Camera."""
         pixel = 2.0 * math.tan(math.radians(self.fov_degrees) / 2.0) / height
         return {"pixel": (pixel, pixel), "shift": (self.shift_x * height * pixel, self.shift_y * height * pixel)}
 
@@ -185,12 +172,9 @@ class OrthographicCamera(LensCamera):
 
     view_height: float = 2.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("view_height", above=0.0)
+    checks: ClassVar[Checks] = {"view_height": _positive}
 
     def film(self, width: int, height: int) -> dict[str, Any]:
-        """Return fields of the kernels' Camera."""
         return {"pixel": (self.view_height / height, self.view_height / height)}
 
 
@@ -208,13 +192,12 @@ class PanoramaCamera(Camera):
     horizontal_degrees: float = 360.0
     vertical_degrees: float = 180.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("horizontal_degrees", above=0.0, maximum=360.0)
-        self._check("vertical_degrees", above=0.0, maximum=180.0)
+    checks: ClassVar[Checks] = {
+        "horizontal_degrees": partial(number, above=0.0, maximum=360.0),
+        "vertical_degrees": partial(number, above=0.0, maximum=180.0),
+    }
 
     def film(self, width: int, height: int) -> dict[str, Any]:
-        """Return fields of the kernels' Camera."""
         degrees = (self.horizontal_degrees / width, self.vertical_degrees / height)
         return {"pixel": (math.radians(degrees[0]), math.radians(degrees[1]))}
 
@@ -233,12 +216,9 @@ class FisheyeCamera(Camera):
 
     fov_degrees: float = 180.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check("fov_degrees", above=0.0, maximum=360.0)
+    checks: ClassVar[Checks] = {"fov_degrees": partial(number, above=0.0, maximum=360.0)}
 
     def film(self, width: int, height: int) -> dict[str, Any]:
-        """Return fields of the kernels' Camera."""
         pixel = math.radians(self.fov_degrees) / min(width, height)
         return {"pixel": (pixel, pixel), "limit": math.radians(self.fov_degrees) / 2.0}
 
@@ -253,20 +233,3 @@ def require_camera(value: object) -> None:
     """Raise InputError unless a value is a camera."""
     if not isinstance(value, tuple(CAMERAS.values())):
         raise InputError(f"the scene's camera must be one of wrt's cameras, not {type(value).__name__}")
-
-
-def register_camera(cls: type[Camera], model: CameraModel) -> None:
-    """Make a custom camera known to scenes and scene files.
-
-    A class of the same name from the same module replaces the one registered before.
-
-    Args:
-        cls: the description, with a `type_name` and a `film`.
-        model: its device functions.
-
-    Raises:
-        InputError: if `type_name` is empty or taken by another camera.
-    """
-    from wrt.kernels.camera.models import CAMERA_MODELS
-
-    register_class(CAMERAS, cls, lambda name, owner: CAMERA_MODELS.register(name, model, owner))

@@ -58,8 +58,8 @@ class Deformation:
         elif mesh.normals is not None:
             normals = [following_normals(mesh, vertices) for vertices in self.vertices]
         return [
-            Mesh(vertices, mesh.faces, own, mesh.uvs, mesh.colors, mesh.name)
-            for vertices, own in zip(self.vertices, normals, strict=True)
+            Mesh(vertices, mesh.faces, normals_of_key, mesh.uvs, mesh.colors, mesh.name)
+            for vertices, normals_of_key in zip(self.vertices, normals, strict=True)
         ]
 
     def at(self, time: float, mesh: Mesh) -> Mesh:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from functools import partial
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.linalg import norm, product
+from wrt.linalg import norm, product, weighted_sum
+from wrt.scene.description import Checks, Description, optional
 from wrt.scene.lights import DirectionalLight
-from wrt.scene.skies.harmonics import harmonics
 from wrt.scene.skies.hosek_wilkie import sky_rgb, sun_rgb
-from wrt.scene.skies.preetham import rgb_from_xyz, sky_xyz, sun_xyz
-from wrt.sums import weighted_sum
-from wrt.values import ColorLike, Vec3, boolean, color, image, number, one_of, owned, sealed, vector
+from wrt.values import ColorLike, Vec3, boolean, color, image, number, owned, sealed, vec3, vector
 
 SUN_DIAMETER_DEGREES = 0.53
 """The sun's mean angular diameter."""
@@ -24,17 +23,28 @@ SUN_DIAMETER_DEGREES = 0.53
 _SKY_HEIGHT = 512
 """Rows of the image of a sky; even, so the horizon lies between two rows."""
 
-SKY_MODELS = {"hosek-wilkie": 1.0, "preetham": 2.0}
-"""Models of clear skies, with their minimum turbidity."""
-
 _HARMONICS_ROWS = 64
 """Image rows per degree of spherical harmonics; see `SphericalHarmonicsEnvironment`."""
 
 _MOST_DEGREE = 16
 
+_not_negative = partial(number, minimum=0.0)
+
+
+def _axis(value: Vec3, name: str) -> Vec3:
+    axis = vector(value, name)
+    if not any(axis):
+        raise InputError(f"{name} must not be zero")
+    return axis
+
+
+def _direction(value: Vec3, name: str) -> Vec3:
+    axis = _axis(value, name)
+    return vec3(np.array(axis) / norm(axis))
+
 
 @dataclass(frozen=True)
-class ConstantEnvironment:
+class ConstantEnvironment(Description):
     """The same radiance from every direction.
 
     Attributes:
@@ -43,12 +53,11 @@ class ConstantEnvironment:
 
     radiance: ColorLike = 1.0
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "radiance", color(self.radiance, "radiance"))
+    checks: ClassVar[Checks] = {"radiance": color}
 
 
 @dataclass(frozen=True, eq=False)
-class ImageEnvironment:
+class ImageEnvironment(Description):
     """Radiance from an image in latitude-longitude layout, importance-sampled by luminance.
 
     Row 0 is straight up (+y). At rotation 0 the centre column is the direction −z and columns to its right turn
@@ -68,21 +77,37 @@ class ImageEnvironment:
     name: str = "environment"
     rotation_axis: Vec3 = (0.0, 1.0, 0.0)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "pixels", image(self.pixels, f"environment {self.name}"))
-        object.__setattr__(self, "scale", number(self.scale, "scale", minimum=0.0))
-        object.__setattr__(self, "rotation_degrees", number(self.rotation_degrees, "rotation_degrees"))
-        object.__setattr__(self, "rotation_axis", vector(self.rotation_axis, "rotation_axis"))
-        if not any(self.rotation_axis):
-            raise InputError("rotation_axis must not be zero")
+    checks: ClassVar[Checks] = {
+        "pixels": image,
+        "scale": _not_negative,
+        "rotation_degrees": number,
+        "rotation_axis": _axis,
+    }
+
+    def _label(self, name: str) -> str:
+        return f"environment {self.name}: {name}" if name == "pixels" else name
+
+
+def _coefficients(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    values = owned(value, name, np.float64)
+    if values.ndim == 1:
+        values = sealed(np.repeat(values[:, None], 3, axis=1))
+    count = len(values) if values.ndim else 0
+    if values.ndim != 2 or values.shape[1] != 3 or math.isqrt(count) ** 2 != count or count == 0:
+        raise InputError(f"{name} must be 1, 4, 9, 16, ... rows of three numbers, not {values.shape}")
+    if count > (_MOST_DEGREE + 1) ** 2:
+        raise InputError(f"{name} must be at most {(_MOST_DEGREE + 1) ** 2}, not {count}")
+    if not np.isfinite(values).all():
+        raise InputError(f"{name} must be finite numbers")
+    return values
 
 
 @dataclass(frozen=True, eq=False)
-class SphericalHarmonicsEnvironment:
+class SphericalHarmonicsEnvironment(Description):
     """Radiance as a sum of real spherical harmonics; negative values count as 0.
 
-    The basis is that of `wrt.scene.skies.harmonics`: orthonormal, in the world's x, y and z with z as the polar axis,
-    without the Condon-Shortley sign. A constant radiance L has the single coefficient L √(4π).
+    The basis is orthonormal, in the world's x, y and z with z as the polar axis, without the Condon-Shortley sign
+    (`wrt.scene.environment.harmonics`). A constant radiance L has the single coefficient L √(4π).
 
     It is converted to an image of 64 rows per degree l. Along any great circle, a sum of harmonics up to degree l
     changes no faster than l times its maximum (Bernstein). So the error of interpolation between texels is at most
@@ -96,22 +121,7 @@ class SphericalHarmonicsEnvironment:
     coefficients: ArrayLike = field(repr=False)
     scale: float = 1.0
 
-    def __post_init__(self) -> None:
-        try:
-            values = owned(self.coefficients, "coefficients", np.float64)
-        except InputError:
-            values = np.full(1, np.nan)
-        if values.ndim == 1:
-            values = sealed(np.repeat(values[:, None], 3, axis=1))
-        count = len(values)
-        if values.ndim != 2 or values.shape[1] != 3 or math.isqrt(count) ** 2 != count or count == 0:
-            raise InputError(f"coefficients must be 1, 4, 9, 16, ... rows of three numbers, not {values.shape}")
-        if count > (_MOST_DEGREE + 1) ** 2:
-            raise InputError(f"coefficients must be at most {(_MOST_DEGREE + 1) ** 2}, not {count}")
-        if not np.isfinite(values).all():
-            raise InputError("coefficients must be finite numbers")
-        object.__setattr__(self, "coefficients", values)
-        object.__setattr__(self, "scale", number(self.scale, "scale", minimum=0.0))
+    checks: ClassVar[Checks] = {"coefficients": _coefficients, "scale": _not_negative}
 
     @property
     def degree(self) -> int:
@@ -128,28 +138,24 @@ class SphericalHarmonicsEnvironment:
 
 
 @dataclass(frozen=True)
-class SunSkyEnvironment:
+class SunSkyEnvironment(Description):
     """A clear daytime sky with the sun, above a flat diffuse ground.
 
-    The model is "hosek-wilkie" (Hošek and Wilkie 2012, 2013; `wrt.scene.skies.hosek_wilkie`) or "preetham" (Preetham,
-    Shirley and Smits 1999; `wrt.scene.skies.preetham`). The sun is a uniform disk of 0.53 degrees. The ground reflects
-    the irradiance of sun and sky uniformly. Radiance is absolute: a few W·sr⁻¹·m⁻² in the sky and over 10⁶ in the sun.
-    Irradiance exceeds 100 W·m⁻², so pictures are exposed automatically unless an exposure is given. At −5.5 stops a
-    white surface (reflectance 0.8) under a sun at 45 degrees has three quarters of full brightness; a low sun needs
-    about −5.
+    The model is that of Hošek and Wilkie (2012, 2013; `wrt.scene.skies.hosek_wilkie`). The sun is a uniform disk of
+    0.53 degrees. The ground reflects the irradiance of sun and sky uniformly. Radiance is absolute: a few W·sr⁻¹·m⁻² in
+    the sky and over 10⁶ in the sun. Irradiance exceeds 100 W·m⁻², so pictures are exposed automatically unless an
+    exposure is given. At −5.5 stops a white surface (reflectance 0.8) under a sun at 45 degrees has three quarters of
+    full brightness; a low sun needs about −5.
 
     Attributes:
         elevation_degrees: elevation of the sun above the horizon, above 0 to 90.
         azimuth_degrees: azimuth of the sun, from −z towards +x.
         sun_direction: direction to the sun, instead of both angles; any length but zero.
-        turbidity: haziness of the air: 2 very clear, 3 clear, 6 hazy, 10 thick haze. At least 1, or 2 for Preetham's
-            model.
-        ground_albedo: reflectance of the ground per channel, 0 to 1. In Hošek and Wilkie's model it also brightens the
-            sky.
+        turbidity: haziness of the air, 1 to 10: 2 very clear, 3 clear, 6 hazy, 10 thick haze.
+        ground_albedo: reflectance of the ground per channel, 0 to 1. It also brightens the sky.
         sky_scale: multiplies the radiance of sky and ground.
         sun_scale: multiplies the radiance of the sun; 0 removes it from the sky, but not from the light on the ground.
         ground: whether to show the ground; otherwise everything below the horizon is black.
-        model: "hosek-wilkie" or "preetham".
     """
 
     elevation_degrees: float = 45.0
@@ -160,32 +166,26 @@ class SunSkyEnvironment:
     sky_scale: float = 1.0
     sun_scale: float = 1.0
     ground: bool = True
-    model: str = "hosek-wilkie"
+
+    checks: ClassVar[Checks] = {
+        "elevation_degrees": partial(number, above=0.0, maximum=90.0),
+        "azimuth_degrees": number,
+        "sun_direction": optional(_direction),
+        "turbidity": partial(number, minimum=1.0, maximum=10.0),
+        "ground_albedo": partial(color, maximum=1.0),
+        "sky_scale": _not_negative,
+        "sun_scale": _not_negative,
+        "ground": boolean,
+    }
 
     def __post_init__(self) -> None:
-        one_of(self.model, tuple(SKY_MODELS), "model")
-        boolean(self.ground, "ground")
+        super().__post_init__()
         if self.sun_direction is not None:
-            direction = np.array(vector(self.sun_direction, "sun_direction"))
-            length = norm(direction)
-            if length == 0.0:
-                raise InputError("sun_direction must not be zero")
-            x, y, z = (float(v) for v in direction / length)
+            x, y, z = self.sun_direction
             elevation, azimuth = math.degrees(math.asin(y)), math.degrees(math.atan2(x, -z))
             if elevation <= 0.0:
                 raise InputError(f"sun_direction must point above the horizon; its elevation is {elevation:g} degrees")
-            object.__setattr__(self, "sun_direction", (x, y, z))
-            object.__setattr__(self, "elevation_degrees", elevation)
-            object.__setattr__(self, "azimuth_degrees", azimuth)
-        for name, limits in {
-            "elevation_degrees": {"above": 0.0, "maximum": 90.0},
-            "azimuth_degrees": {},
-            "turbidity": {"minimum": SKY_MODELS[self.model], "maximum": 10.0},
-            "sky_scale": {"minimum": 0.0},
-            "sun_scale": {"minimum": 0.0},
-        }.items():
-            object.__setattr__(self, name, number(getattr(self, name), name, **limits))
-        object.__setattr__(self, "ground_albedo", color(self.ground_albedo, "ground_albedo", maximum=1.0))
+            self._set(elevation_degrees=elevation, azimuth_degrees=azimuth)
 
     @property
     def to_sun(self) -> Vec3:
@@ -200,12 +200,8 @@ class SunSkyEnvironment:
         upper = directions[: _SKY_HEIGHT // 2]
         cos_zenith, cos_sun = upper[..., 1], weighted_sum(upper, self.to_sun)
         elevation = math.radians(self.elevation_degrees)
-        if self.model == "preetham":
-            sky = rgb_from_xyz(sky_xyz(cos_zenith, cos_sun, 0.5 * math.pi - elevation, self.turbidity))
-            sun = rgb_from_xyz(sun_xyz(0.5 * math.pi - elevation, self.turbidity))
-        else:
-            sky = sky_rgb(cos_zenith, cos_sun, elevation, self.turbidity, self.ground_albedo)  # type: ignore[arg-type]
-            sun = sun_rgb(elevation, self.turbidity)
+        sky = sky_rgb(cos_zenith, cos_sun, elevation, self.turbidity, self.ground_albedo)  # type: ignore[arg-type]
+        sun = sun_rgb(elevation, self.turbidity)
         irradiance = sun * math.pi * math.sin(0.5 * math.radians(SUN_DIAMETER_DEGREES)) ** 2
 
         pixels = np.zeros((*directions.shape[:2], 3), np.float32)
@@ -251,3 +247,39 @@ ENVIRONMENTS: dict[str, type[Any]] = {
     "sun-sky": SunSkyEnvironment,
 }
 """Environments by their `type` in scene files."""
+
+
+def harmonics(degree: int, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values of all real spherical harmonics up to a degree, (N, (degree + 1)²), at unit vectors (N, 3).
+
+    They are orthonormal over the sphere, in the world's x, y and z with z as the polar axis, without the
+    Condon-Shortley sign: the convention of Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance
+    Environment Maps" (2001), equation 3, and of Sloan, "Stupid Spherical Harmonics Tricks" (2008), except for his sign
+    (−1)^m:
+
+        Y₀₀ = 0.282095,  Y₁₋₁ = 0.488603 y,  Y₁₀ = 0.488603 z,  Y₁₁ = 0.488603 x,
+        Y₂₋₂ = 1.092548 xy,  Y₂₋₁ = 1.092548 yz,  Y₂₀ = 0.315392 (3z² − 1),  Y₂₁ = 1.092548 xz,
+        Y₂₂ = 0.546274 (x² − y²).
+
+    The coefficient of Y_lm has the index l² + l + m.
+
+    sin^m θ cos mφ and sin^m θ sin mφ are the real and the imaginary part of (x + iy)^m. The other factor of the
+    associated Legendre functions is a polynomial in z, given by the usual recurrence (Sloan 2008, appendix A1).
+    """
+    x, y, z = np.asarray(directions, np.float64).T
+    values = np.empty((len(z), (degree + 1) ** 2))
+    turning = np.ones(len(z), np.complex128)
+    diagonal = 1.0
+    for m in range(degree + 1):
+        before, legendre = np.zeros_like(z), np.full_like(z, diagonal)
+        for l in range(m, degree + 1):  # noqa: E741 (the customary name)
+            norm = math.sqrt((2 * l + 1) / (4.0 * math.pi) * math.factorial(l - m) / math.factorial(l + m))
+            if m == 0:
+                values[:, l * l + l] = norm * legendre
+            else:
+                values[:, l * l + l + m] = math.sqrt(2.0) * norm * legendre * turning.real
+                values[:, l * l + l - m] = math.sqrt(2.0) * norm * legendre * turning.imag
+            before, legendre = legendre, ((2 * l + 1) * z * legendre - (l + m) * before) / (l - m + 1)
+        turning = turning * (x + 1j * y)
+        diagonal *= 2 * m + 1
+    return values

@@ -6,13 +6,15 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import determinant, gauss_legendre, product
+from wrt.scene.description import Checks, Description, instance_of, optional
 from wrt.scene.mesh import Mesh
 from wrt.scene.shapes import box
 from wrt.values import FLOAT32_MAX, ColorLike, Vec3, array, color, number, owned, vector
@@ -21,8 +23,34 @@ MOST_CELLS = 2**29
 """The most cells of a grid: 2 GB of densities."""
 
 
+def _cells(values: Any, name: str, *, channels: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return values of cells as a read-only float32 array with one of these numbers of channels; 0 for no axis."""
+    with np.errstate(over="ignore"):
+        result = owned(values, name, np.float32)
+    shapes = ["(nz, ny, nx)" if count == 0 else f"(nz, ny, nx, {count})" for count in channels]
+    if not any(result.shape[3:] == ((count,) if count else ()) for count in channels) or result.ndim < 3:
+        raise InputError(f"{name} must be {' or '.join(shapes)}, not {result.shape}")
+    if result.size == 0:
+        raise InputError(f"{name} must have a cell at least, not {result.shape}")
+    if result.size > MOST_CELLS:
+        raise InputError(f"{name} has {result.size} numbers; the limit is {MOST_CELLS}")
+    if not np.isfinite(result).all() or float(result.min()) < 0.0:
+        raise InputError(f"{name} must be finite and not negative")
+    return result
+
+
+def _affine(value: Any, name: str) -> NDArray[np.float64]:
+    matrix = array(value, name, np.float64).copy()
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not np.array_equal(matrix[3], (0, 0, 0, 1)):
+        raise InputError(f"{name} must be a (4, 4) affine matrix")
+    if not abs(determinant(matrix[:3, :3])) > 0.0:
+        raise InputError(f"{name} must not flatten space")
+    matrix.flags.writeable = False
+    return matrix
+
+
 @dataclass(frozen=True, eq=False)
-class DensityGrid:
+class DensityGrid(Description):
     """The density of a medium in a box, on a grid of cells.
 
     It multiplies the coefficients of the medium. Values are those at the centres of cells, and trilinear between them;
@@ -50,25 +78,26 @@ class DensityGrid:
     emission: NDArray[np.float32] | None = field(default=None, repr=False)
     name: str = "density"
 
-    def __post_init__(self) -> None:
-        def put(name: str, value: object) -> None:
-            object.__setattr__(self, name, value)
+    checks: ClassVar[Checks] = {
+        "values": partial(_cells, channels=(0,)),
+        "lower": vector,
+        "upper": vector,
+        "transform": optional(_affine),
+        "factor": partial(number, minimum=0.0, maximum=FLOAT32_MAX),
+        "albedo": optional(partial(_cells, channels=(3,))),
+        "emission": optional(partial(_cells, channels=(0, 3))),
+    }
 
-        what = f"density {self.name}"
-        put("values", _cells(self.values, f"{what}: values", channels=(0,)))
-        put("lower", vector(self.lower, f"{what}: lower"))
-        put("upper", vector(self.upper, f"{what}: upper"))
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if not all(low < high for low, high in zip(self.lower, self.upper, strict=True)):
-            raise InputError(f"{what}: lower must be less than upper on each axis, not {self.lower} and {self.upper}")
-        put("factor", number(self.factor, f"{what}: factor", minimum=0.0, maximum=FLOAT32_MAX))
-        if self.transform is not None:
-            put("transform", _affine(self.transform, f"{what}: transform"))
-        if self.albedo is not None:
-            put("albedo", _cells(self.albedo, f"{what}: albedo", channels=(3,)))
-            if self.albedo.max() > 1.0:
-                raise InputError(f"{what}: albedo must be at most 1, not {self.albedo.max():g}")
-        if self.emission is not None:
-            put("emission", _cells(self.emission, f"{what}: emission", channels=(0, 3)))
+            name = self._label("lower")
+            raise InputError(f"{name} must be less than upper on each axis, not {self.lower} and {self.upper}")
+        if self.albedo is not None and self.albedo.max() > 1.0:
+            raise InputError(f"{self._label('albedo')} must be at most 1, not {self.albedo.max():g}")
+
+    def _label(self, name: str) -> str:
+        return f"density {self.name}: {name}"
 
     @functools.cached_property
     def greatest(self) -> float:
@@ -96,7 +125,7 @@ class DensityGrid:
 
 
 @dataclass(frozen=True)
-class Medium:
+class Medium(Description):
     """A medium, homogeneous unless it has a grid of densities.
 
     Coefficients are per metre and per channel. The transmittance over a distance d is
@@ -118,12 +147,11 @@ class Medium:
     emission: ColorLike = 0.0
     density: DensityGrid | None = None
 
-    def __post_init__(self) -> None:
-        for name in ("absorption", "scattering", "emission"):
-            object.__setattr__(self, name, color(getattr(self, name), name))
-        object.__setattr__(self, "g", number(self.g, "g", minimum=-0.99, maximum=0.99))
-        if self.density is not None and not isinstance(self.density, DensityGrid):
-            raise InputError(f"density must be a wrt.DensityGrid, not {type(self.density).__name__}")
+    checks: ClassVar[Checks] = {
+        **dict.fromkeys(("absorption", "scattering", "emission"), color),
+        "g": partial(number, minimum=-0.99, maximum=0.99),
+        "density": optional(instance_of(DensityGrid)),
+    }
 
     @property
     def extinction(self) -> Vec3:
@@ -165,11 +193,11 @@ class Medium:
         Raises:
             InputError: if a channel is 0, which would take infinite absorption.
         """
-        left = _color(color, "color", maximum=1.0)
-        if min(left) <= 0.0:
-            raise InputError(f"color must be greater than 0 in each channel, not {left}: no medium absorbs everything")
+        share = _color(color, "color", maximum=1.0)
+        if min(share) <= 0.0:
+            raise InputError(f"color must be greater than 0 in each channel, not {share}: no medium absorbs everything")
         distance = number(distance, "distance", above=0.0)
-        absorption = tuple(abs(math.log(share)) / distance for share in left)
+        absorption = tuple(abs(math.log(x)) / distance for x in share)
         return cls(absorption=absorption, emission=emission, density=density)
 
     @classmethod
@@ -276,29 +304,3 @@ MEDIA: dict[str, Callable[..., Medium]] = {
 
 def _color(value: ColorLike, name: str, maximum: float = 1e30) -> Vec3:
     return color(value, name, maximum=maximum)
-
-
-def _cells(values: Any, what: str, channels: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return values of cells as a read-only float32 array with one of these numbers of channels; 0 for no axis."""
-    with np.errstate(over="ignore"):
-        result = owned(values, what, np.float32)
-    shapes = ["(nz, ny, nx)" if count == 0 else f"(nz, ny, nx, {count})" for count in channels]
-    if not any(result.shape[3:] == ((count,) if count else ()) for count in channels) or result.ndim < 3:
-        raise InputError(f"{what} must be {' or '.join(shapes)}, not {result.shape}")
-    if result.size == 0:
-        raise InputError(f"{what} must have a cell at least, not {result.shape}")
-    if result.size > MOST_CELLS:
-        raise InputError(f"{what} has {result.size} numbers; the limit is {MOST_CELLS}")
-    if not np.isfinite(result).all() or float(result.min()) < 0.0:
-        raise InputError(f"{what} must be finite and not negative")
-    return result
-
-
-def _affine(value: Any, what: str) -> NDArray[np.float64]:
-    matrix = array(value, what, np.float64).copy()
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not np.array_equal(matrix[3], (0, 0, 0, 1)):
-        raise InputError(f"{what} must be a (4, 4) affine matrix")
-    if not abs(determinant(matrix[:3, :3])) > 0.0:
-        raise InputError(f"{what} must not flatten space")
-    matrix.flags.writeable = False
-    return matrix

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wrt import _notebook
 from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
 from wrt.values import array, number, owned, refuse_codes, sealed, vector
@@ -78,7 +78,7 @@ class Mesh:
         return f"<wrt.Mesh {self.name}: {len(self.faces)} triangles, {len(self.vertices)} vertices{parts}>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = import_module("wrt.view.notebook").picture_of_mesh(self)  # for notebooks
+        picture: bytes | None = _notebook.viewer().picture_of_mesh(self)
         return picture
 
     def __post_init__(self) -> None:
@@ -143,9 +143,9 @@ class Mesh:
             colors: (N, 3), (N, 4) or None.
             name: source of the mesh, for messages.
         """
-        for given in (vertices, faces, normals, uvs, colors):
-            if given is not None:
-                sealed(given)
+        for values in (vertices, faces, normals, uvs, colors):
+            if values is not None:
+                sealed(values)
         return cls(vertices, faces, normals, uvs, colors, name)
 
     def share(self, name: str, array: NDArray[Any]) -> None:
@@ -210,10 +210,10 @@ class Mesh:
 
     def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:
         """Return a copy turned about an axis through the origin (Rodrigues' formula)."""
-        given = np.array(vector(axis, f"{self.name}: an axis"))
-        if not given.any():
+        direction = np.array(vector(axis, f"{self.name}: an axis"))
+        if not direction.any():
             raise InputError(f"{self.name}: an axis must have a length above 0")
-        x, y, z = given / norm(given)
+        x, y, z = direction / norm(direction)
         k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         angle = np.deg2rad(number(degrees, f"{self.name}: degrees"))
         m = np.eye(4)
@@ -223,12 +223,12 @@ class Mesh:
 
 def columns(mesh: Mesh, name: str, first: int, stop: int, default: float) -> NDArray[np.float32]:
     """Return (N, stop − first) columns of a vertex attribute, `default` where the mesh has none."""
-    given = getattr(mesh, name)
-    if given is not None and given.shape[1] >= stop:
-        return np.asarray(given[:, first:stop])
+    values = getattr(mesh, name)
+    if values is not None and values.shape[1] >= stop:
+        return np.asarray(values[:, first:stop])
     rows = np.full((len(mesh.vertices), stop - first), default, np.float32)
-    if given is not None and given.shape[1] > first:
-        rows[:, : given.shape[1] - first] = given[:, first:]
+    if values is not None and values.shape[1] > first:
+        rows[:, : values.shape[1] - first] = values[:, first:]
     return rows
 
 

@@ -99,15 +99,15 @@ class Motion:
             degrees: angle, which may exceed a full turn.
             center: a point on the axis, metres.
             times: begin and end, seconds.
-            offset: translation of the centre meanwhile, metres; along the axis it makes a screw motion.
+            offset: translation of the centre between the two times, metres; along the axis it makes a screw motion.
         """
         begin, end = pair(times, "times")
         keys = 1 + max(1, math.ceil(abs(number(degrees, "degrees")) / _LONGEST_TURN))
-        pivot, way = np.array(vector(center, "center")), np.array(vector(offset, "offset"))
+        pivot, shift = np.array(vector(center, "center")), np.array(vector(offset, "offset"))
         matrices = np.tile(np.eye(4), (keys, 1, 1))
         for matrix, share in zip(matrices, np.linspace(0.0, 1.0, keys), strict=True):
             matrix[:3, :3] = rotation_matrix(axis, share * degrees)
-            matrix[:3, 3] = pivot + share * way - product(matrix[:3, :3], pivot)
+            matrix[:3, 3] = pivot + share * shift - product(matrix[:3, :3], pivot)
         return cls(np.linspace(begin, end, keys), matrices, tuple(pivot))
 
     def after(self, matrix: ArrayLike) -> Motion:
@@ -192,8 +192,8 @@ def check_affine(matrix: FloatArray, name: str) -> None:
     if determinant(matrix[:3, :3]) == 0.0:
         raise InputError(f"{name} is not invertible")
     with np.errstate(over="ignore"):
-        both = np.concatenate([matrix, inverse(matrix)]).astype(np.float32)
-    if not np.isfinite(both).all():
+        rounded = np.concatenate([matrix, inverse(matrix)]).astype(np.float32)
+    if not np.isfinite(rounded).all():
         raise InputError(f"{name} scales by over 1e38 or by under 1e-38")
 
 

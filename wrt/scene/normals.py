@@ -22,6 +22,8 @@ CHUNK = 1 << 13
 
 _Float = NDArray[np.float64]
 _Int = NDArray[np.intp]
+_Vertices = NDArray[np.floating[Any]]
+_Faces = NDArray[np.integer[Any]]
 
 
 CREASE_DEGREES = 60.0
@@ -47,9 +49,7 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
         return replace(mesh, normals=sealed(_made_unit(mesh)))
     positions = same_positions(mesh.vertices)
     if len(mesh.faces) > CREASE_LIMIT:
-        from wrt.scene.large_mesh_normals import smooth_normals
-
-        normals = smooth_normals(mesh.vertices, mesh.faces, positions, _size(mesh))
+        normals = _group_normals(mesh.vertices, mesh.faces, positions).astype(np.float32).T.take(positions, axis=0)
         if _any(normals).all():
             return replace(mesh, normals=sealed(normals))
     faces = mesh.faces.astype(np.intp)
@@ -112,19 +112,9 @@ def vertex_normals(mesh: Mesh) -> _Float:
     return _smooth(mesh, np.arange(len(mesh.vertices)))
 
 
-def corner_weighted_normals(vertices: _Float, faces: NDArray[np.integer[Any]]) -> _Float:
-    """Return (N, 3) unit normals weighted like those of `vertex_normals`, in double precision throughout."""
-    corners = vertices[faces]
-    edges = np.roll(corners, -1, axis=1) - corners
-    cross = np.cross(edges[:, 0], edges[:, 1])
-    twice_area = np.linalg.norm(cross, axis=1)
-    normals = _unit(cross)[0]
-    result = np.zeros(vertices.shape)
-    for k in range(3):
-        angles = np.arctan2(twice_area, -np.einsum("ij,ij->i", edges[:, k], edges[:, k - 1]))
-        for axis in range(3):
-            result[:, axis] += np.bincount(faces[:, k], normals[:, axis] * angles, len(vertices))
-    return _unit(result)[0]
+def corner_weighted_normals(vertices: _Float, faces: _Faces) -> _Float:
+    """Return (N, 3) unit normals as `vertex_normals`, of vertices in double precision; zero where they cancel."""
+    return _group_normals(vertices, faces, np.arange(len(vertices))).T
 
 
 def following_normals(mesh: Mesh, vertices: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -172,17 +162,18 @@ def _keys(rows: NDArray[np.float32]) -> NDArray[np.uint64]:
     return keys
 
 
-def _faces_in_chunks(mesh: Mesh) -> Iterator[tuple[slice, _Float, _Float]]:
+def _faces_in_chunks(vertices: _Vertices, faces: _Faces) -> Iterator[tuple[slice, _Float, _Float]]:
     """Yield the normals and angles of a chunk of faces at a time.
 
     Yields:
         The slice of faces; their (3, n) unit normals, a row for each axis, zero for faces without area; and their
         (3, n) interior angles, radians, a row for each corner.
     """
-    first = mesh.vertices[0].astype(np.float64)
-    scale = _size(mesh)  # so that products of tiny or huge edges stay inside float64
-    for part in _chunks(len(mesh.faces)):
-        corners = (mesh.vertices.take(mesh.faces[part], axis=0) - first) / scale
+    first = vertices[0].astype(np.float64)
+    # The largest distance along an axis from there, so that products of tiny or huge edges stay inside float64.
+    scale = float(np.abs(box_around(vertices) - first).max()) or 1.0
+    for part in _chunks(len(faces)):
+        corners = (vertices.take(faces[part], axis=0) - first) / scale
         a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0))
         edges = (b - a, c - b, a - c)
         (ux, uy, uz), (vx, vy, vz) = edges[0], -edges[2]
@@ -197,11 +188,6 @@ def _faces_in_chunks(mesh: Mesh) -> Iterator[tuple[slice, _Float, _Float]]:
         yield part, normals, angles
 
 
-def _size(mesh: Mesh) -> float:
-    """Return the largest distance along an axis from a mesh's first vertex to its bounds."""
-    return float(np.abs(box_around(mesh.vertices) - mesh.vertices[0].astype(np.float64)).max()) or 1.0
-
-
 def _length(vectors: _Float) -> _Float:
     """Return (n,) lengths of (3, n) vectors."""
     x, y, z = vectors
@@ -212,12 +198,12 @@ def _length(vectors: _Float) -> _Float:
 def _face_normals(mesh: Mesh) -> tuple[_Float, _Float]:
     """Return (M, 3) unit face normals, zero for faces without area, and (M, 3) interior angles in radians."""
     normals, angles = np.empty(mesh.faces.shape), np.empty(mesh.faces.shape)
-    for part, some_normals, some_angles in _faces_in_chunks(mesh):
+    for part, some_normals, some_angles in _faces_in_chunks(mesh.vertices, mesh.faces):
         normals[part], angles[part] = some_normals.T, some_angles.T
     return normals, angles
 
 
-def _group_normals(mesh: Mesh, groups: _Int) -> _Float:
+def _group_normals(vertices: _Vertices, faces: _Faces, groups: _Int) -> _Float:
     """Return (3, G) unit normals of groups of vertices: the angle-weighted mean over all their corners.
 
     The normal is zero where the mean cancels or no face has an area.
@@ -225,9 +211,9 @@ def _group_normals(mesh: Mesh, groups: _Int) -> _Float:
     size = int(groups.max(initial=0)) + 1
     # Complex pairs halve the number of memory accesses.
     sums = np.zeros((2, size), np.complex128)
-    for part, normals, angles in _faces_in_chunks(mesh):
+    for part, normals, angles in _faces_in_chunks(vertices, faces):
         x, y, z = normals
-        for corners, angle in zip(mesh.faces[part].T, angles, strict=True):
+        for corners, angle in zip(faces[part].T, angles, strict=True):
             of_corners = groups.take(corners)
             np.add.at(sums[0], of_corners, (x + 1j * y) * angle)
             np.add.at(sums[1], of_corners, (z + 1j) * angle)
@@ -291,10 +277,11 @@ def _corner_normals(groups: NDArray[np.intp], face_normals: _Float, angles: _Flo
 
 
 def _mean(sums: _Float, total: _Float) -> _Float:
-    """Return (3, G) unit normals of angle-weighted sums, whose angles add up to `total`; zero where normals cancel."""
+    """Make (3, G) angle-weighted sums unit normals, zero where they cancel; `total` is the sum of the angles."""
     length = _length(sums)
     length[length <= 1e-6 * total] = np.inf  # opposite faces leave only rounding errors
-    return sums / length
+    sums /= length
+    return sums
 
 
 def _any(rows: NDArray[Any]) -> NDArray[np.bool_]:
@@ -307,13 +294,13 @@ def _smooth(mesh: Mesh, groups: _Int) -> _Float:
 
     If the normals around a group of vertices cancel, the last face's is used; if all faces are degenerate, (0, 1, 0).
     """
-    result = _group_normals(mesh, groups).T.take(groups, axis=0)
+    result = _group_normals(mesh.vertices, mesh.faces, groups).T.take(groups, axis=0)
     blank = ~_any(result)
     if blank.any():
         result[blank] = (0.0, 1.0, 0.0)
-        for part, normals, _ in _faces_in_chunks(mesh):
+        for part, normals, _ in _faces_in_chunks(mesh.vertices, mesh.faces):
             solid = _any(normals.T)
             for index in mesh.faces[part][solid].T:
-                here = blank[index]
-                result[index[here]] = normals.T[solid][here]
+                mended = blank[index]
+                result[index[mended]] = normals.T[solid][mended]
     return result

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from importlib import import_module
-from typing import Annotated, Any
+from functools import partial
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrt.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
+from wrt import _notebook
+from wrt.develop.settings import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.errors import InputError
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.deformation import Deformation
+from wrt.scene.description import Checks, Description, optional, word_of
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.layers import layer_names
@@ -26,7 +28,7 @@ from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion, check_affine
 from wrt.scene.textures import ColorSource, shines
-from wrt.values import FLOAT32_MAX, Vec3, boolean, integer, number, one_of
+from wrt.values import FLOAT32_MAX, Vec3, boolean, integer, number
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 """Reconstruction filters by name; `kernels/film/filters.py` defines them."""
@@ -85,10 +87,9 @@ class Shape:
                 raise InputError(f"{self.name}: deformation must be a wrt.Deformation")
             if isinstance(self.mesh, Analytic):
                 raise InputError(f"{self.name}: exact shapes cannot be deformed; take mesh.tessellated()")
-            count = self.deformation.vertices.shape[1]
-            if count != len(self.mesh.vertices):
-                own = len(self.mesh.vertices)
-                raise InputError(f"{self.name}: the deformation has {count} vertices, but the mesh has {own}")
+            moving, count = self.deformation.vertices.shape[1], len(self.mesh.vertices)
+            if moving != count:
+                raise InputError(f"{self.name}: the deformation has {moving} vertices, but the mesh has {count}")
         emission = color_source(self.emission, f"{self.name}: emission", maximum=FLOAT32_MAX)
         object.__setattr__(self, "emission", emission if shines(emission) else self.material.emission)
 
@@ -157,7 +158,7 @@ def adaptive_choice(value: object) -> bool | str:
 
 
 @dataclass(slots=True)
-class RenderSettings:
+class RenderSettings(Description):
     """Render settings of a scene; options given to the renderer override them.
 
     Attributes:
@@ -181,7 +182,7 @@ class RenderSettings:
         jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a material "glossy"; later
             ones send one. With 0 it has direct light alone.
         ao_distance: distance up to which surfaces occlude for integrator "ao", metres; None for no limit.
-        layers: names from `wrt.scene.layers.LAYERS` to render besides radiance.
+        layers: layers to render besides radiance, see docs/integrators.md.
         clamp_indirect: limit of the indirect radiance of one path per channel, W·sr⁻¹·m⁻²; None for no limit. Biased:
             energy above the limit is lost.
         regularization: roughness r that widens rough surfaces to √(α² + r²) after the first non-specular scattering of
@@ -212,31 +213,28 @@ class RenderSettings:
     tone: Annotated[str, TONE_SCHEMA] = DEFAULT_TONE
     transparent: bool = False
 
+    checks: ClassVar[Checks] = {
+        **dict.fromkeys(("width", "height"), partial(integer, minimum=1, maximum=65536)),
+        "spp": partial(integer, minimum=1, maximum=MAX_SPP),
+        "noise": optional(partial(number, above=0.0, maximum=1.0)),
+        "adaptive": lambda value, _: adaptive_choice(value),
+        **dict.fromkeys(("denoise", "transparent"), boolean),
+        "max_depth": partial(integer, minimum=1, maximum=65536),
+        "max_scatterings": partial(integer, minimum=0, maximum=65535),
+        "filter": word_of(FILTERS),
+        "sampler": word_of(SAMPLERS),
+        "tone": lambda value, _: check_tone(value),
+        "exposure": lambda value, _: check_exposure(value),
+        "integrator": optional(word_of(INTEGRATORS)),
+        **dict.fromkeys(("min_attenuation", "regularization"), partial(number, minimum=0.0, maximum=1.0)),
+        "jittered_rays": partial(integer, minimum=0, maximum=MOST_JITTERED_RAYS),
+        "ao_distance": optional(partial(number, above=0.0)),
+        "layers": lambda value, _: layer_names(value),
+        "clamp_indirect": optional(partial(number, above=0.0, maximum=FLOAT32_MAX)),
+    }
+
     def __post_init__(self) -> None:
-        self.width = integer(self.width, "width", minimum=1, maximum=65536)
-        self.height = integer(self.height, "height", minimum=1, maximum=65536)
-        self.spp = integer(self.spp, "spp", minimum=1, maximum=MAX_SPP)
-        if self.noise is not None:
-            self.noise = number(self.noise, "noise", above=0.0, maximum=1.0)
-        self.adaptive = adaptive_choice(self.adaptive)
-        self.denoise = boolean(self.denoise, "denoise")
-        self.max_depth = integer(self.max_depth, "max_depth", minimum=1, maximum=65536)
-        self.max_scatterings = integer(self.max_scatterings, "max_scatterings", minimum=0, maximum=65535)
-        self.filter = one_of(self.filter, FILTERS, "filter")
-        self.sampler = one_of(self.sampler, SAMPLERS, "sampler")
-        self.tone = check_tone(self.tone)
-        self.exposure = check_exposure(self.exposure)
-        if self.integrator is not None:
-            self.integrator = one_of(self.integrator, INTEGRATORS, "integrator")
-        self.min_attenuation = number(self.min_attenuation, "min_attenuation", minimum=0.0, maximum=1.0)
-        self.jittered_rays = integer(self.jittered_rays, "jittered_rays", minimum=0, maximum=MOST_JITTERED_RAYS)
-        if self.ao_distance is not None:
-            self.ao_distance = number(self.ao_distance, "ao_distance", above=0.0)
-        self.layers = layer_names(self.layers)
-        if self.clamp_indirect is not None:
-            self.clamp_indirect = number(self.clamp_indirect, "clamp_indirect", above=0.0, maximum=FLOAT32_MAX)
-        self.regularization = number(self.regularization, "regularization", minimum=0.0, maximum=1.0)
-        self.transparent = boolean(self.transparent, "transparent")
+        Description.__post_init__(self)  # super() knows the class without slots only
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
 
@@ -279,10 +277,10 @@ class Scene:
     Attributes:
         shapes: meshes with their materials.
         lights: lights without a mesh.
-        environment: radiance of rays that hit nothing; None is black.
+        environment: radiance of rays that hit nothing; None for black.
         camera: the camera; None lets the renderer frame the shapes.
         settings: render settings.
-        medium: medium that fills all space outside bodies; None is clear.
+        medium: medium that fills all space outside bodies; None for a vacuum.
         studio_shapes: how many of the first shapes stand in wrt's studio, which the others are; 0 elsewhere.
     """
 
@@ -305,16 +303,15 @@ class Scene:
             )
         if wrong := _wrong_item(self.lights, tuple(LIGHTS.values())):
             raise InputError(f"lights must be a list of wrt's lights, not {wrong}")
-        if self.environment is not None and not isinstance(self.environment, Environment):
-            raise InputError(
-                f"the scene's environment must be one of wrt's environments, not {type(self.environment).__name__}"
-            )
         if self.camera is not None:
             require_camera(self.camera)
-        if not isinstance(self.settings, RenderSettings):
-            raise InputError(f"the scene's settings must be wrt.RenderSettings, not {type(self.settings).__name__}")
-        if self.medium is not None and not isinstance(self.medium, Medium):
-            raise InputError(f"the scene's medium must be a wrt.Medium, not {type(self.medium).__name__}")
+        for value, kinds, rule in (
+            (self.environment, Environment | None, "environment must be one of wrt's environments"),
+            (self.settings, RenderSettings, "settings must be wrt.RenderSettings"),
+            (self.medium, Medium | None, "medium must be a wrt.Medium"),
+        ):
+            if not isinstance(value, kinds):
+                raise InputError(f"the scene's {rule}, not {type(value).__name__}")
 
     def add(
         self,
@@ -394,14 +391,14 @@ class Scene:
         Raises:
             InputError: when anywidget is not installed (`pip install "wrt[notebook]"`), or on unusable options.
         """
-        return import_module("wrt.view.notebook").view_scene(self, spp=spp, **options)
+        return _notebook.viewer().view_scene(self, spp=spp, **options)
 
     def __repr__(self) -> str:
         kinds = f"{len(self.shapes)} shapes, {len(self.lights)} lights"
         return f"<wrt.Scene: {kinds}, {self.settings.width}x{self.settings.height}>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = import_module("wrt.view.notebook").picture_of_scene(self)
+        picture: bytes | None = _notebook.viewer().picture_of_scene(self)
         return picture
 
     @property

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from functools import partial
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.scene.description import Checks, Description, optional, word_of
 from wrt.values import ColorLike, boolean, color, image, integer, number, one_of, pair
 
 CHANNELS = ("r", "g", "b")
@@ -22,9 +24,22 @@ WRAPS = ("repeat", "mirror", "clamp")
 TEXTURE_FILTERS = ("bilinear", "nearest", "trilinear")
 """Texture filters. "trilinear" interpolates between two levels of a mipmap, each half the size of the one before."""
 
+_cutoff = optional(partial(number, minimum=0.0))
+
+
+def _one_or_two(value: float | Sequence[float], name: str) -> tuple[float, float]:
+    return pair((value, value) if isinstance(value, (int, float)) else value, name)
+
+
+def _two_wraps(wrap: str | Sequence[str], name: str) -> tuple[str, ...]:
+    wraps = (wrap, wrap) if isinstance(wrap, str) else tuple(wrap)
+    if len(wraps) != 2:
+        raise InputError(f"{name} must be one of {', '.join(WRAPS)}, or two of them for u and v")
+    return tuple(one_of(each, WRAPS, name) for each in wraps)
+
 
 @dataclass(frozen=True, eq=False)
-class ImageTexture:
+class ImageTexture(Description):
     """An image mapped to a mesh by its texture coordinates.
 
     A parameter that is a number reads the red channel, unless `channel` names another. Load images of numbers, not
@@ -66,28 +81,28 @@ class ImageTexture:
     vertex_alpha: bool = False
     uv_set: int = 0
 
-    def __post_init__(self) -> None:
-        def put(name: str, value: object) -> None:
-            object.__setattr__(self, name, value)
+    checks: ClassVar[Checks] = {
+        "pixels": image,
+        "channel": optional(word_of(CHANNELS)),
+        "factor": color,
+        "scale": _one_or_two,
+        "rotation_degrees": number,
+        "offset": pair,
+        "wrap": _two_wraps,
+        "filter": word_of(TEXTURE_FILTERS),
+        "cutoff": _cutoff,
+        "vertex_colors": boolean,
+        "vertex_alpha": boolean,
+        "uv_set": partial(integer, minimum=0, maximum=1),
+    }
 
-        what = f"texture {self.name}"
-        put("pixels", image(self.pixels, what))
-        if self.channel is not None:
-            one_of(self.channel, CHANNELS, f"{what}: channel")
-        put("factor", color(self.factor, f"{what}: factor"))
-        scale = self.scale
-        put("scale", pair((scale, scale) if isinstance(scale, (int, float)) else scale, f"{what}: scale"))
-        put("rotation_degrees", number(self.rotation_degrees, f"{what}: rotation_degrees"))
-        put("offset", pair(self.offset, f"{what}: offset"))
-        put("wrap", _two_wraps(self.wrap, what))
-        one_of(self.filter, TEXTURE_FILTERS, f"{what}: filter")
-        if self.cutoff is not None:
-            put("cutoff", number(self.cutoff, f"{what}: cutoff", minimum=0.0))
-        boolean(self.vertex_colors, f"{what}: vertex_colors")
-        boolean(self.vertex_alpha, f"{what}: vertex_alpha")
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.vertex_colors and self.vertex_alpha:
-            raise InputError(f"{what}: use either vertex_colors or vertex_alpha, not both")
-        put("uv_set", integer(self.uv_set, f"{what}: uv_set", minimum=0, maximum=1))
+            raise InputError(f"texture {self.name}: use either vertex_colors or vertex_alpha, not both")
+
+    def _label(self, name: str) -> str:
+        return f"texture {self.name}: {name}"
 
     @property
     def has_levels(self) -> bool:
@@ -105,7 +120,7 @@ class ImageTexture:
 
 
 @dataclass(frozen=True)
-class VertexColor:
+class VertexColor(Description):
     """The mesh's vertex colours, interpolated over each triangle (white if it has none).
 
     Attributes:
@@ -118,19 +133,25 @@ class VertexColor:
     alpha: bool = False
     cutoff: float | None = None
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "factor", color(self.factor, "vertex colours: factor"))
-        boolean(self.alpha, "vertex colours: alpha")
-        if self.cutoff is not None:
-            object.__setattr__(self, "cutoff", number(self.cutoff, "vertex colours: cutoff", minimum=0.0))
+    checks: ClassVar[Checks] = {"factor": color, "alpha": boolean, "cutoff": _cutoff}
+
+    def _label(self, name: str) -> str:
+        return f"vertex colours: {name}"
 
 
 NORMAL_CONVENTIONS = ("gltf", "mitsuba", "right-handed")
 """Conventions of normal maps, in the order of their numbers in `kernels/textures/normal_maps.py`."""
 
 
+def _encoded_normals(value: NDArray[np.float32] | ImageTexture, name: str) -> NDArray[np.float32]:
+    pixels = image(value.pixels if isinstance(value, ImageTexture) else value, name)
+    if pixels.max() > 1.0:
+        raise InputError(f"{name} must be 0 to 1, not {pixels.max():g}")
+    return pixels
+
+
 @dataclass(frozen=True, eq=False)
-class NormalMap:
+class NormalMap(Description):
     """Shading normals in tangent space, as in glTF 2.0 (section 3.9.3): n = 2c − 1 of a colour c.
 
     x points along u, y along v, z along the mesh's own normal; blue is at least 1/2. The pixels are data, not colours:
@@ -163,26 +184,22 @@ class NormalMap:
     heights: bool = False
     convention: str = "gltf"
 
+    checks: ClassVar[Checks] = {
+        "pixels": _encoded_normals,
+        "scale": number,
+        "filter": boolean,
+        "wrap": _two_wraps,
+        "heights": boolean,
+        "convention": word_of(NORMAL_CONVENTIONS),
+    }
+
     def __post_init__(self) -> None:
-        given = self.pixels.pixels if isinstance(self.pixels, ImageTexture) else self.pixels
-        pixels = image(given, f"normal map {self.name}")
-        if pixels.max() > 1.0:
-            raise InputError(f"normal map {self.name}: pixels must be 0 to 1, not {pixels.max():g}")
-        object.__setattr__(self, "pixels", pixels)
-        object.__setattr__(self, "scale", number(self.scale, "normal map scale"))
-        boolean(self.filter, "normal map filter")
-        object.__setattr__(self, "wrap", _two_wraps(self.wrap, f"normal map {self.name}"))
-        boolean(self.heights, "normal map heights")
-        one_of(self.convention, NORMAL_CONVENTIONS, "normal map convention")
+        super().__post_init__()
         if self.filter and (self.heights or self.convention != "gltf"):
             raise InputError("normal map: filter is for normals by the convention of glTF")
 
-
-def _two_wraps(wrap: str | Sequence[str], what: str) -> tuple[str, ...]:
-    wraps = (wrap, wrap) if isinstance(wrap, str) else tuple(wrap)
-    if len(wraps) != 2:
-        raise InputError(f"{what}: wrap must be one of {', '.join(WRAPS)}, or two of them for u and v")
-    return tuple(one_of(each, WRAPS, f"{what}: wrap") for each in wraps)
+    def _label(self, name: str) -> str:
+        return f"normal map {self.name}: {name}"
 
 
 ColorSource: TypeAlias = ColorLike | ImageTexture | VertexColor

@@ -12,9 +12,8 @@ from typing import Any
 from warp._src.codegen import constant_str
 
 from wrt.spmd import ir
+from wrt.spmd.analysis import Liveness, constant_ranges
 from wrt.spmd.library import ANYTHING, can_be_called
-from wrt.spmd.passes.uniform import known_ranges
-from wrt.spmd.passes.uses import Liveness
 from wrt.spmd.types import NUMBERS, Types
 
 _ORDERED = {ANYTHING, "Floats", "Ints", "Uints", "Longs", "Doubles"}
@@ -35,7 +34,7 @@ class Emitter:
         self._function = function
         self.liveness = Liveness(function.body)
         self.keep_all = False
-        self._known = known_ranges(function.body)
+        self._ranges = constant_ranges(function.body)
         self._counters = {
             s.variable: s.value.arguments[0]
             for s in ir.walk(function.body)
@@ -49,7 +48,7 @@ class Emitter:
 
     def declaration(self, v: ir.Variable) -> str:
         """Return the declaration of a variable; empty if C++ needs none."""
-        if v in self._known or self._counters.get(v) in self._known or v.is_pointer:
+        if v in self._ranges or self._counters.get(v) in self._ranges or v.is_pointer:
             return ""
         if v.constant is not None:
             return f"    const {v.ctype} {v.name} = {constant_str(v.constant)};\n"
@@ -99,12 +98,12 @@ class Emitter:
             case ir.Loop():
                 return self._loop(s)
             case ir.Leave(loop, condition):
-                if range_of(s) in self._known:
+                if range_of(s) in self._ranges:
                     return ""
                 mask = "lanes::more" if range_of(s) else "lanes::to_bool"
                 mask += f"({self._operand(range_of(s) or condition)})"
-                left = f"broken_{loop} = broken_{loop} | (exec & ~on); exec = exec & on;"
-                return f"{{ const lanes::Mask on = {mask}; {left} }} if (!lanes::any(exec)) break;"
+                leaving = f"broken_{loop} = broken_{loop} | (exec & ~on); exec = exec & on;"
+                return f"{{ const lanes::Mask on = {mask}; {leaving} }} if (!lanes::any(exec)) break;"
             case ir.Jump(kind, loop):
                 mask = f"{'broken' if kind == 'end' else 'continued'}_{loop}"
                 return f"{mask} = {mask} | exec; exec = false;"
@@ -125,10 +124,10 @@ class Emitter:
         self._depth += 1
         text += self.code(s.body)
         self._depth -= 1
-        left = ["returned_"]  # lanes that have returned, or left the round of the innermost loop
+        inactive = ["returned_"]  # lanes that have returned, or left the round of the innermost loop
         if self._loops:
-            left += [f"broken_{self._loops[-1]}", f"continued_{self._loops[-1]}"]
-        text += f"    }} exec = {before} & ~({' | '.join(left)}); }}"
+            inactive += [f"broken_{self._loops[-1]}", f"continued_{self._loops[-1]}"]
+        text += f"    }} exec = {before} & ~({' | '.join(inactive)}); }}"
         if self._depth:
             return text
         if self._result is not None and not self._loops and _has(s.body, ir.Return):
@@ -140,7 +139,7 @@ class Emitter:
     def _loop(self, s: ir.Loop) -> str:
         loop = s.label
         head = "for (;;) {"
-        if ends := self._known.get(range_of(s.body[0])):
+        if ends := self._ranges.get(range_of(s.body[0])):
             begin, end, step = (0, ends[0], 1) if len(ends) == 1 else (ends[0], ends[1], (*ends, 1)[2])
             k = f"counter_{loop}"
             head = f"LANES_UNROLL for (int {k} = {begin}; {k} {'<' if step > 0 else '>'} {end}; {k} += {step}) {{"
@@ -148,9 +147,9 @@ class Emitter:
         self._loops.append(loop)
         code = self.code(s.body)
         self._loops.pop()
-        again = f"exec = before_{loop} & ~(returned_ | broken_{loop}); continued_{loop} = false;"
+        next_round = f"exec = before_{loop} & ~(returned_ | broken_{loop}); continued_{loop} = false;"
         return f"""{{ const lanes::Mask before_{loop} = exec; {masks} {head}
-{code}    {again} if (!lanes::any(exec)) break; }}
+{code}    {next_round} if (!lanes::any(exec)) break; }}
     exec = before_{loop} & ~returned_; }}"""
 
     def _do(self, call: ir.Builtin | ir.Call) -> str:
@@ -159,7 +158,7 @@ class Emitter:
             return f"wide_{call.function}({arguments}, exec);"
         if call.name == "store":
             parts = ir.expressions(call.arguments[0])
-            if any(isinstance(e, ir.ElementAddress) or _is(e, "address") for e in parts):
+            if any(isinstance(e, ir.ElementAddress) or ir.is_builtin(e, "address") for e in parts):
                 raise self._unsupported("stores into a part of an array's element")
             return f"lanes::set(*{arguments}, exec);"
         if not can_be_called(call.name, self._kinds(call.arguments)):
@@ -170,13 +169,13 @@ class Emitter:
 
     def _set(self, s: ir.Set) -> str:
         v = s.variable
-        value = "" if v in self._known else self._value(s.value)
-        if v in self._known or v.is_pointer:
+        value = "" if v in self._ranges else self._value(s.value)
+        if v in self._ranges or v.is_pointer:
             return ""
         if v in self._counters:
-            known = self._counters[v] in self._known
-            return f"const int {v.name} = counter_{self._loops[-1]};" if known else f"{v.name} = {value};"
-        moves = isinstance(s.value, ir.Variable) or _is(s.value, "load", "copy", "where", "extract")
+            is_constant = self._counters[v] in self._ranges
+            return f"const int {v.name} = counter_{self._loops[-1]};" if is_constant else f"{v.name} = {value};"
+        moves = isinstance(s.value, ir.Variable) or ir.is_builtin(s.value, "load", "copy", "where", "extract")
         if v.ctype in ("wp::uint8", "wp::uint16") and not moves:
             raise self._unsupported("arithmetic on fewer than 32 bits")
         shared = self._types.is_shared(v.type) or v.ctype == "wp::shape_t"
@@ -195,10 +194,11 @@ class Emitter:
 
     def _with_known_indices(self, arguments: tuple[ir.Expression, ...]) -> str:
         """Return arguments with constant indices as numbers, which select the C++ overload."""
-        first, *others = arguments
-        constants = [a.constant if isinstance(a, ir.Variable) else None for a in others]
-        known = (str(c) if type(c) is int else self._operand(a) for c, a in zip(constants, others, strict=True))
-        return ", ".join([self._operand(first), *known])
+        texts = [self._operand(arguments[0])]
+        for a in arguments[1:]:
+            constant = a.constant if isinstance(a, ir.Variable) else None
+            texts.append(str(constant) if type(constant) is int else self._operand(a))
+        return ", ".join(texts)
 
     def _value(self, e: ir.Expression) -> str:
         match e:
@@ -209,11 +209,8 @@ class Emitter:
             case ir.Zero(t):
                 return self._types.zero(t)
             case ir.Address(base, fields):
-                if (
-                    fields
-                    and not self._types.is_whole(base.type)
-                    and fields[0] not in dict(self._types.fields(base.type))
-                ):
+                is_whole = not fields or self._types.is_whole(base.type)
+                if not is_whole and fields[0] not in dict(self._types.fields(base.type)):
                     raise self._unsupported(f"{base.name}.{fields[0]}: each lane has its own array")
                 return f"&({_member(base, fields)})"
             case ir.MemberAddress(base, field):
@@ -262,10 +259,6 @@ def _member(base: ir.Variable, fields: tuple[str, ...]) -> str:
     for f in fields:
         text = f"({text}).{f}"
     return text
-
-
-def _is(e: ir.Expression, *names: str) -> bool:
-    return isinstance(e, ir.Builtin) and e.name in names
 
 
 def range_of(s: ir.Statement) -> Any:

@@ -1,7 +1,7 @@
 """The intermediate form of a kernel's functions: a tree of statements over typed variables.
 
-`parse.py` makes this tree from Warp's plain statements, labels and `goto`s. Passes (`passes/`) analyse and rearrange
-it, and `emit.py` writes it as C++ for several lanes.
+`parse.py` makes this tree from Warp's plain statements, labels and `goto`s, and `emit.py` writes it as C++ for several
+lanes.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -33,9 +33,6 @@ class Variable:
     def is_pointer(self) -> bool:
         """Whether it points into another variable; its uses are replaced by its target."""
         return self.ctype.endswith("*")
-
-
-# --- Expressions ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -114,9 +111,6 @@ class Operation:
 
 
 Expression = Variable | Literal | Address | MemberAddress | ElementAddress | Builtin | Call | Zero | Compose | Operation
-
-
-# --- Statements ----------------------------------------------------------------------------------------
 
 
 @dataclass(eq=False, slots=True, kw_only=True)
@@ -221,7 +215,20 @@ class Function:
     result: Any = None
 
 
-# --- Walks ---------------------------------------------------------------------------------------------
+class Module:
+    """The functions of a module by their C++ names, and their marks."""
+
+    def __init__(self, functions: list[Function]) -> None:
+        """Take the functions."""
+        self.functions = {f.name: f for f in functions}
+
+    def marked(self, mark: str) -> set[str]:
+        """Return the names of functions with a mark."""
+        return {name for name, f in self.functions.items() if mark in f.marks}
+
+    def calls(self, s: Statement, mark: str) -> bool:
+        """Return whether a statement, or a nested one, calls a function with a mark."""
+        return not self.marked(mark).isdisjoint(calls([s]))
 
 
 def _fields(e: Any) -> Iterable[str]:
@@ -277,3 +284,8 @@ def calls(statements: Iterable[Statement]) -> Iterator[str]:
     """Yield the names of the module's functions that statements call."""
     for s in walk(statements):
         yield from (e.function for e in own_expressions(s) if isinstance(e, Call))
+
+
+def is_builtin(e: Any, *names: str) -> bool:
+    """Return whether an expression is a call of one of Warp's functions with these names."""
+    return isinstance(e, Builtin) and e.name in names

@@ -1,15 +1,19 @@
-"""The C++ library of the wide kernels: its text, and its functions with the kinds of their parameters."""
+"""The C++ library of the wide kernels, the kinds of parameters of its functions, and native functions for lanes."""
 
 import functools
 import re
+from collections.abc import Iterable
+from typing import Any
 
-from wrt.kernels.native import text_of
+from wrt.kernels.native import headers_of, included_by, text_of
+from wrt.spmd.ir import Unsupported
 
 
 def library(lanes: int, *, exact: str = "") -> str:
-    """Return the C++ that all wide code for so many lanes begins with; which may include a header.
+    """Return the C++ that all wide code with this number of lanes begins with.
 
-    That is "exact/with_spheres.h" or "exact/with_quadrics.h" if kernels test spheres, or disks and cylinders, too.
+    `exact` is a header that comes first: "exact/with_spheres.h" or "exact/with_quadrics.h" if kernels test spheres, or
+    disks and cylinders, too.
     """
     define = text_of(exact) if exact else ""
     return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"
@@ -19,6 +23,15 @@ ANYTHING = "?"
 """The kind of a parameter whose type is a template parameter."""
 A_NUMBER = "number"
 """The kind of a parameter that is a vector's element, of any type."""
+
+_WIDE = {
+    "_traverse": "closest_hit",
+    "make_exact_queries__locals__traverse": "closest_hit",
+    "_sample_tree": "sample_light_tree",
+    "reverse_bits": "reverse_bits",
+    "further_dimension": "further_dimension",
+}
+"""Native functions (`wp.func_native`) with a version for lanes in `kernels/native/lanes`, by name."""
 
 _MACRO = re.compile(r"^#define (LANES_\w+)\((.*?)\)((?:.*\\\n)*.*)\n", re.MULTILINE)
 _FUNCTION = re.compile(r"LANES_(?:INLINE|VECTOR|MATRIX)\b[^;{}()]*?\b(\w+)\(([^{};]*?)\)(?: -> [^{};]*)?\s*\{")
@@ -45,7 +58,7 @@ def library_functions() -> dict[str, set[tuple[str, ...]]]:
 
 
 def can_be_called(name: str, arguments: list[str]) -> bool:
-    """Return whether there is a function for arguments of these kinds, some of which may be ANYTHING."""
+    """Return whether the library has a function for arguments of these kinds; ANYTHING fits each."""
 
     def takes(parameter: str, argument: str) -> bool:
         number = parameter == A_NUMBER and argument in _NUMBERS.values()
@@ -82,3 +95,39 @@ def _kind(parameter: str) -> str:
             return kind
     words = re.sub(r"\bconst\b|&", "", parameter).split()
     return _NUMBERS.get(words[0], ANYTHING)
+
+
+def traverses_one_tree(functions: Iterable[str]) -> bool:
+    """Return whether any of the functions with these names looks for hits in a tree without instances."""
+    return any(_WIDE.get(name) == "closest_hit" for name in functions)
+
+
+def native_function(types: Any, function: Any) -> str:
+    """Return the C++ of a native function for lanes: its wide version, or a loop that calls it for each lane."""
+    if (header := included_by(function)) is not None:
+        return "" if header in headers_of("lanes/library.h") else text_of(header)
+    name = f"wide_{function.native_func}"
+    arguments = function.adj.args
+    result = function.adj.return_var[0]
+    wide_parameters = ", ".join(f"const {types.wide(a.type)}& {a.label}" for a in arguments)
+    if function.key in _WIDE:
+        passed = ", ".join(a.label for a in arguments)
+        call = f"lanes::{_WIDE[function.key]}({passed}, exec)"
+        return (
+            f"LANES_INLINE {types.wide(result.type)} {name}({wide_parameters}, lanes::Mask exec) {{ return {call}; }}\n"
+        )
+    if not all(types.is_whole(a.type) for a in arguments):
+        raise Unsupported(f"{function.key}: takes arrays that differ between lanes")
+    parameters = ", ".join(f"{a.ctype()} {a.label}" for a in arguments)
+    passed = ", ".join(a.label if types.is_shared(a.type) else f"lanes::lane({a.label}, l)" for a in arguments)
+    return f"""
+static {result.ctype()} {name}_of_one({parameters}) {{
+{function.native_snippet}
+}}
+static {types.wide(result.type)} {name}({wide_parameters}, lanes::Mask exec) {{
+    using lanes::set_lane;
+    {types.wide(result.type)} r;
+    LANES_EACH(l, exec) set_lane(r, l, {name}_of_one({passed}));
+    return r;
+}}
+"""

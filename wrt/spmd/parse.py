@@ -63,7 +63,7 @@ class _Parser:
 
     def __init__(self, structs: dict[str, Any], variables: dict[str, ir.Variable]) -> None:
         self._structs = structs
-        self._variables = variables
+        self.variables = variables
         self._pointers: dict[str, ir.Expression] = {}
         self._loops: list[str] = []
         self.bodies: list[list[ir.Statement]] = [[]]
@@ -86,143 +86,127 @@ class _Parser:
 
     # Blocks.
 
-    def _if(self, negated: str, condition: str) -> ir.Statement:
+    def open_if(self, negated: str, condition: str) -> ir.Statement:
         body: list[ir.Statement] = []
         self.bodies.append(body)
-        return ir.If(self._operand(condition), bool(negated), body)
+        return ir.If(self.operand(condition), bool(negated), body)
 
-    def _close(self) -> None:
+    def close(self) -> None:
         self.bodies.pop()
 
-    def _loop(self, label: str) -> ir.Statement:
+    def open_loop(self, label: str) -> ir.Statement:
         body: list[ir.Statement] = []
         self.bodies.append(body)
         self._loops.append(label)
         return ir.Loop(label, body)
 
-    def _end_loop(self, label: str) -> None:
+    def close_loop(self, label: str) -> None:
         last = self.bodies.pop().pop()  # back to the start
         if self._loops.pop() != label or not isinstance(last, ir.Jump) or last.kind != "start":
             raise ir.Unsupported(f"loop {label}: contains labels of another loop")
 
-    def _jump(self, kind: str, label: str) -> ir.Statement:
+    def jump(self, kind: str, label: str) -> ir.Statement:
         if label != self._loops[-1]:
             raise ir.Unsupported(f"goto {kind}_{label}: leaves more than one loop")
         return ir.Jump(kind, label)
 
-    def _leave(self, condition: str, label: str) -> ir.Statement:
-        return ir.Leave(label, self._operand(condition))
-
-    def _no_more(self, condition: str, label: str) -> ir.Statement:
-        return ir.Leave(label, ir.Builtin("iter_cmp", (self._operand(condition),)))
-
-    def _return(self, name: str | None) -> ir.Statement:
-        return ir.Return(self._variables[name] if name else None)
-
     # Values.
 
-    def _set(self, name: str, text: str) -> ir.Statement:
-        value = self._expression(text)
-        if self._variables[name].is_pointer:
+    def set(self, name: str, text: str) -> ir.Statement:
+        value = self.expression(text)
+        if self.variables[name].is_pointer:
             self._pointers[name] = value
-        return ir.Set(self._variables[name], value)
+        return ir.Set(self.variables[name], value)
 
-    def _update(self, name: str, fields: str, value: str) -> ir.Statement:
-        return ir.Update(self._variables[name], tuple(fields.split(".")[1:]), self._variables[value])
+    def update(self, name: str, fields: str, value: str) -> ir.Statement:
+        return ir.Update(self.variables[name], tuple(fields.split(".")[1:]), self.variables[value])
 
-    def _assign(self, name: str, value: str) -> ir.Statement:
-        return self._update(name, "", value)
-
-    def _effect(self, name: str, arguments: str) -> ir.Statement:
-        return ir.Do(ir.Builtin(name, self._operands(arguments)))
-
-    def _do(self, name: str, arguments: str) -> ir.Statement:
-        return ir.Do(self._call(name, arguments))
-
-    def _operand(self, name: str) -> ir.Expression:
+    def operand(self, name: str) -> ir.Expression:
         """Return a variable, or the target of a pointer."""
-        if name not in self._pointers and name not in self._variables:
+        if name not in self._pointers and name not in self.variables:
             raise ir.Unsupported(f"{name}: is not a variable")
-        return self._pointers.get(name) or self._variables[name]
+        return self._pointers.get(name) or self.variables[name]
 
-    def _operands(self, text: str) -> tuple[ir.Expression, ...]:
-        return tuple(map(self._operand, text.split(", "))) if text else ()
+    def operands(self, text: str) -> tuple[ir.Expression, ...]:
+        return tuple(map(self.operand, text.split(", "))) if text else ()
 
-    def _expression(self, text: str) -> ir.Expression:
+    def expression(self, text: str) -> ir.Expression:
         for pattern, make in _EXPRESSIONS:
             if m := pattern.fullmatch(text):
                 value: ir.Expression = make(self, *m.groups())
                 return value
         raise ir.Unsupported(text)
 
-    def _address(self, base: str, fields: str) -> ir.Expression:
-        return ir.Address(self._variables[base], tuple(fields.split(").")[1:]))
+    def call(self, name: str, arguments: str) -> ir.Call:
+        return ir.Call(name, tuple(self.variables[a] for a in arguments.split(", ") if a))
 
-    def _member_address(self, base: str, field: str) -> ir.Expression:
-        return ir.MemberAddress(self._operand(base), field)
-
-    def _element(self, base: str, array: str, index: str, field: str) -> ir.Expression:
-        path = tuple(array.split(").")[1:])
-        return ir.ElementAddress(self._variables[base], path, self._variables[index], field)
-
-    def _builtin(self, name: str, arguments: str) -> ir.Expression:
-        return ir.Builtin(_CONVERSIONS.get(name, name), self._operands(arguments))
-
-    def _cast(self, to: str, value: str) -> ir.Expression:
-        return ir.Builtin(f"cast_{to}", self._operands(value))
-
-    def _to_bool(self, value: str) -> ir.Expression:
-        return ir.Builtin("to_bool", self._operands(value))
-
-    def _compose(self, container: str, size: str, number: str, arguments: str) -> ir.Expression:
-        return ir.Compose(container, size, number, self._operands(arguments))
-
-    def _operation(self, left: str, operator: str, right: str) -> ir.Expression:
-        return ir.Operation(operator, self._variables[left], self._variables[right])
-
-    def _call(self, name: str, arguments: str) -> ir.Call:
-        return ir.Call(name, tuple(self._variables[a] for a in arguments.split(", ") if a))
-
-    def _function(self, name: str, arguments: str) -> ir.Expression:
+    def function(self, name: str, arguments: str) -> ir.Expression:
         if name not in self._structs:
-            return self._call(name, arguments)
+            return self.call(name, arguments)
         if arguments:
             raise ir.Unsupported(f"{name}({arguments}): constructs a struct from values")
         return ir.Zero(self._structs[name])
+
+
+def _path(members: str) -> tuple[str, ...]:
+    """Return the names in ").name).name"."""
+    return tuple(members.split(").")[1:])
+
+
+def _builtin(parser: _Parser, name: str, arguments: str) -> ir.Expression:
+    return ir.Builtin(_CONVERSIONS.get(name, name), parser.operands(arguments))
+
+
+def _operation(parser: _Parser, left: str, operator: str, right: str) -> ir.Expression:
+    return ir.Operation(operator, parser.variables[left], parser.variables[right])
 
 
 def _compiled(table: dict[str, Any]) -> list[tuple[re.Pattern[str], Callable[..., Any]]]:
     return [(re.compile(pattern), make) for pattern, make in table.items()]
 
 
-_STATEMENTS = _compiled({
-    rf"if \((!?){_V}\) \{{": _Parser._if,
-    r"\}": _Parser._close,
-    rf"start_{_LABEL}:;": _Parser._loop,
-    rf"end_{_LABEL}:;": _Parser._end_loop,
-    rf"if \(iter_cmp\({_V}\) == 0\) goto end_{_LABEL};": _Parser._no_more,
-    rf"if \(\({_V}\) == false\) goto end_{_LABEL};": _Parser._leave,
-    rf"goto (start|end)_{_LABEL};": _Parser._jump,
-    rf"return ?{_V}?;": _Parser._return,
-    rf"wp::assign\({_V}, {_V}\);": _Parser._assign,
-    r"wp::(assign_inplace|array_store|store)\((.*)\);": _Parser._effect,
-    rf"{_V}((?:\.\w+)+) = {_V};": _Parser._update,
-    rf"{_V} = (.*);": _Parser._set,
-    r"([a-zA-Z_]\w*)\((.*)\);": _Parser._do,
-})  # fmt: skip
+_STATEMENTS = _compiled(
+    {
+        rf"if \((!?){_V}\) \{{": _Parser.open_if,
+        r"\}": _Parser.close,
+        rf"start_{_LABEL}:;": _Parser.open_loop,
+        rf"end_{_LABEL}:;": _Parser.close_loop,
+        rf"if \(iter_cmp\({_V}\) == 0\) goto end_{_LABEL};": lambda p, range_, label: ir.Leave(
+            label, ir.Builtin("iter_cmp", (p.operand(range_),))
+        ),
+        rf"if \(\({_V}\) == false\) goto end_{_LABEL};": lambda p, condition, label: ir.Leave(
+            label, p.operand(condition)
+        ),
+        rf"goto (start|end)_{_LABEL};": _Parser.jump,
+        rf"return ?{_V}?;": lambda p, name: ir.Return(p.variables[name] if name else None),
+        rf"wp::assign\({_V}, {_V}\);": lambda p, name, value: p.update(name, "", value),
+        r"wp::(assign_inplace|array_store|store)\((.*)\);": lambda p, name, arguments: ir.Do(
+            ir.Builtin(name, p.operands(arguments))
+        ),
+        rf"{_V}((?:\.\w+)+) = {_V};": _Parser.update,
+        rf"{_V} = (.*);": _Parser.set,
+        r"([a-zA-Z_]\w*)\((.*)\);": lambda p, name, arguments: ir.Do(p.call(name, arguments)),
+    }
+)
 
-_EXPRESSIONS = _compiled({
-    _V: _Parser._operand,
-    r"(-?[\d.]+(?:e-?\d+)?(?:f|ll|u|ull)?)": lambda _, text: ir.Literal(text),
-    rf"&\(\(\(\*wp::address\(\(+{_V}((?:\)\.\w+)+), {_V}\)\)\)\.([\w.]+)\)": _Parser._element,
-    rf"&\(\(+{_V}((?:\)\.\w+)+)\)": _Parser._address,
-    rf"&\({_V}(?:->|\.)(\w+)\)": _Parser._member_address,
-    r"wp::cast<wp::(\w+)>\((.*)\)": _Parser._cast,
-    r"wp::(vec|mat)_t<(.*), ?(wp::\w+|bool)>\((.*)\)": _Parser._compose,
-    r"wp::(\w+)\((.*)\)": _Parser._builtin,
-    r"bool\((.*)\)": _Parser._to_bool,
-    r"builtin_tid1d\(\)": lambda _: ir.Builtin("tid", ()),
-    rf"\({_V} (==|!=|<|>|<=|>=) {_V}\)": _Parser._operation,
-    rf"{_V} (&&|\|\|) {_V}": _Parser._operation,
-    r"([A-Za-z_]\w*)\((.*)\)": _Parser._function,
-})  # fmt: skip
+_EXPRESSIONS = _compiled(
+    {
+        _V: _Parser.operand,
+        r"(-?[\d.]+(?:e-?\d+)?(?:f|ll|u|ull)?)": lambda _, text: ir.Literal(text),
+        rf"&\(\(\(\*wp::address\(\(+{_V}((?:\)\.\w+)+), {_V}\)\)\)\.([\w.]+)\)": lambda p, base, array, index, field: (
+            ir.ElementAddress(p.variables[base], _path(array), p.variables[index], field)
+        ),
+        rf"&\(\(+{_V}((?:\)\.\w+)+)\)": lambda p, base, fields: ir.Address(p.variables[base], _path(fields)),
+        rf"&\({_V}(?:->|\.)(\w+)\)": lambda p, base, field: ir.MemberAddress(p.operand(base), field),
+        r"wp::cast<wp::(\w+)>\((.*)\)": lambda p, to, value: ir.Builtin(f"cast_{to}", p.operands(value)),
+        r"wp::(vec|mat)_t<(.*), ?(wp::\w+|bool)>\((.*)\)": lambda p, container, size, number, arguments: ir.Compose(
+            container, size, number, p.operands(arguments)
+        ),
+        r"wp::(\w+)\((.*)\)": _builtin,
+        r"bool\((.*)\)": lambda p, value: ir.Builtin("to_bool", p.operands(value)),
+        r"builtin_tid1d\(\)": lambda _: ir.Builtin("tid", ()),
+        rf"\({_V} (==|!=|<|>|<=|>=) {_V}\)": _operation,
+        rf"{_V} (&&|\|\|) {_V}": _operation,
+        r"([A-Za-z_]\w*)\((.*)\)": _Parser.function,
+    }
+)

@@ -8,15 +8,66 @@ from dataclasses import dataclass
 
 from warp._src.codegen import constant_str
 
+from wrt.spmd.analysis import Liveness, same_for_all, set_by, uses
 from wrt.spmd.emit import Emitter
-from wrt.spmd.ir import Function, Variable
-from wrt.spmd.passes.demands import Module, check_path_function
-from wrt.spmd.passes.rounds import Rounds, cut
-from wrt.spmd.passes.storage import Storage, store
-from wrt.spmd.passes.uses import set_by
+from wrt.spmd.ir import Function, Module, Unsupported, Variable
 from wrt.spmd.ray_queries import ray_query_code
+from wrt.spmd.rounds import Rounds, check_path_function, cut
 from wrt.spmd.templates import fill
 from wrt.spmd.types import Types
+
+
+@dataclass(frozen=True)
+class Storage:
+    """The variables of a path function, each in one of these lists.
+
+    Attributes:
+        constants: Constants.
+        begins: Needed only before the loop.
+        same: Set from constants before the loop, and never changed: recomputed instead of stored.
+        rounds: Needed in later rounds or after the loop: members of a path.
+        across: Needed in several parts of a round: members, which move with the path only if they are in `moved`.
+        local: Needed in one part of a round only.
+        moved: The arguments and the variables of `rounds` and `across` that a path takes along to another lane.
+    """
+
+    constants: list[Variable]
+    begins: list[Variable]
+    same: list[Variable]
+    rounds: list[Variable]
+    across: list[Variable]
+    local: list[Variable]
+    moved: list[Variable]
+
+
+def store(function: Function, rounds: Rounds, liveness: Liveness, varying: list[Variable]) -> Storage:
+    """Return where the variables of a path function are stored; `varying` are its arguments that differ between paths.
+
+    Raises:
+        Unsupported: A ray query uses something that no path stores.
+    """
+    constants, outer, in_round = [], [], []
+    for v in function.variables:
+        if v.constant is not None:
+            constants.append(v)
+        elif liveness.loops.get(v, ())[:1] == (rounds.loop.label,) and v not in liveness.outliving:
+            in_round.append(v)
+        else:
+            outer.append(v)
+    lasting = uses([rounds.loop, *rounds.epilogue]) | {rounds.result}
+    begins = [v for v in outer if v not in lasting]
+    same = [v for v in outer if v in lasting and same_for_all(function, v, rounds.prologue)]
+    in_rounds = [v for v in outer if v in lasting and v not in same]
+    used = [uses(part.statements) for part in rounds.parts]
+    queried = {name for part in rounds.parts if (q := part.query) for name in (q.answer, q.ray, q.distance) if name}
+    across = [v for v in in_round if v.name in queried or sum(v in names for names in used) > 1]
+    if missing := queried - {v.name for v in (*varying, *in_rounds, *across)}:
+        raise Unsupported(f"{function.key}: asks a ray query for {min(missing)}, which is not a variable of the path")
+    shading = next(number for number, part in enumerate(rounds.parts) if part.shades)
+    moving = set().union(*used[:shading]) & set().union(*used[shading:])
+    moved = [v for v in (*varying, *in_rounds) if v in lasting] + [v for v in across if v in moving]
+    local = [v for v in in_round if v not in across]
+    return Storage(constants, begins, same, in_rounds, across, local, moved)
 
 
 @dataclass(frozen=True)
@@ -42,39 +93,69 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
     """
     check_path_function(function, shared, module)
     emitter = Emitter(types, function)
-    own = [a for a in function.arguments if a not in shared]
+    varying = [a for a in function.arguments if a not in shared]
     rounds = cut(function, module, emitter.liveness)
-    storage = store(function, rounds, emitter.liveness, own)
+    storage = store(function, rounds, emitter.liveness, varying)
     name = f"steps_{function.name}"
     emitter.keep_all = True
-    begin = emitter.declarations([*storage.begins, *storage.same]) + emitter.code(rounds.before)
+    begin = emitter.declarations([*storage.begins, *storage.same]) + emitter.code(rounds.prologue)
     emitter.keep_all = False
-    same = emitter.declarations(storage.same) + emitter.code(s for s in rounds.before if set_by(s) in storage.same)
-    parts = _parts(emitter, rounds, storage, same)
-    queries = [part.query for part in rounds.parts if part.query]
+    same = emitter.declarations(storage.same) + emitter.code(s for s in rounds.prologue if set_by(s) in storage.same)
+    variables = {v.name: v for v in (*function.arguments, *function.variables)}
+    names = {f.key: f.name for f in module.functions.values()}
+    parts: list[str] = []
+    queries: list[str] = []
+    steps: list[str] = []
+    for number, part in enumerate(rounds.parts):
+        answered = ""
+        if (q := part.query) is not None:
+            # The first query finds the next surface; the others are for shadow rays, whose answers are integers.
+            k = len(queries)
+            answer = f"answer_{k}" if k else q.answer
+            answer_type = "lanes::Ints" if k else types.wide(variables[q.answer].type)
+            ray_type = types.wide(variables[q.ray].type)
+            queries.append(ray_query_code(q, f"RayQuery{k}", name, answer, ray_type, answer_type, names))
+            steps.append(f"trace<RayQuery{k}>(groups);")
+            if q.distance:
+                answered = f"{q.answer} = lanes::Mask({answer}.v >= 0);"
+        if part.shades:
+            steps.append("close_up_where_sparse(groups);")
+        steps.append(f"run<&Steps::part_{number}>(groups);")
+        parts.append(
+            fill(
+                "part.h",
+                NUMBER=str(number),
+                ENTERING="waiting" if number else "live",
+                LOOP=rounds.loop.label,
+                ANSWER=answered,
+                LOCAL=emitter.declarations(storage.local),
+                SAME=same,
+                CODE=emitter.in_loop(rounds.loop.label, part.statements, cut=True),
+            )
+        )
     moved = [v.name for v in storage.moved if emitter.declaration(v) and not types.is_shared(v.type)]
     code = fill(
         "path.h",
         STEPS=name,
         SHARED="".join(f"    const {types.wide(a.type)}& {a.name};" for a in shared),
-        OWN="".join(f"    {types.wide(a.type)} {a.name};" for a in own),
+        VARYING="".join(f"    {types.wide(a.type)} {a.name};" for a in varying),
         CONSTANTS=constants(storage.constants),
-        KEPT=emitter.declarations([*storage.kept, *storage.across]),
+        KEPT=emitter.declarations([*storage.rounds, *storage.across]),
         ANSWERS="".join(f"    lanes::Ints answer_{k};\n" for k in range(1, len(queries))),
-        SHARED_IN=arguments_in(types, shared),
+        SHARED_IN=_parameters(types, shared),
         SHARED_GIVEN=", ".join(f"{a.name}({a.name}_in)" for a in shared),
-        OWN_IN=arguments_in(types, own),
-        OWN_GIVEN=" ".join(f"lanes::set({a.name}, {a.name}_in, exec);" for a in own),
+        VARYING_IN=_parameters(types, varying),
+        VARYING_GIVEN=" ".join(f"lanes::set({a.name}, {a.name}_in, exec);" for a in varying),
         BEGIN=begin,
         PARTS="".join(parts),
         RESULT_TYPE=types.wide(rounds.result.type),
         SAME=same,
-        END=emitter.code(rounds.after),
+        END=emitter.code(rounds.epilogue),
         RESULT=rounds.result.name,
         MOVES=" ".join(f"move(to.{v}, from.{v}, m);" for v in (*moved, "waiting")),
-        QUERIES="".join(_queries(types, function, module, name, rounds)),
+        QUERIES="".join(queries),
     )
-    return PathObject(name, code, _round(rounds))
+    return PathObject(name, code, "".join(f"            {line}\n" for line in steps))
 
 
 def constants(variables: list[Variable]) -> str:
@@ -82,57 +163,6 @@ def constants(variables: list[Variable]) -> str:
     return "".join(f"    static constexpr {v.ctype} {v.name} = {constant_str(v.constant)};\n" for v in variables)
 
 
-def arguments_in(types: Types, variables: list[Variable]) -> str:
+def _parameters(types: Types, variables: list[Variable]) -> str:
     """Return the parameters of a function that sets variables."""
     return ", ".join(f"const {types.wide(a.type)}& {a.name}_in" for a in variables)
-
-
-def _parts(emitter: Emitter, rounds: Rounds, storage: Storage, same: str) -> list[str]:
-    out = []
-    queries = 0
-    for number, part in enumerate(rounds.parts):
-        answer = ""
-        if part.query and part.query.distance:
-            answer = f"{part.query.answer} = lanes::Mask(answer_{queries}.v >= 0);"
-        queries += part.query is not None
-        out.append(
-            fill(
-                "part.h",
-                NUMBER=str(number),
-                ENTERING="waiting" if number else "live",
-                LOOP=rounds.loop.label,
-                ANSWER=answer,
-                LOCAL=emitter.declarations(storage.local),
-                SAME=same,
-                CODE=emitter.in_loop(rounds.loop.label, part.statements, cut=True),
-            )
-        )
-    return out
-
-
-def _queries(types: Types, function: Function, module: Module, steps: str, rounds: Rounds) -> list[str]:
-    """Return the C++ types of the ray queries."""
-    variables = {v.name: v for v in (*function.arguments, *function.variables)}
-    names = {f.key: f.name for f in module.functions.values()}
-    queries = [part.query for part in rounds.parts if part.query]
-    out = []
-    for number, q in enumerate(queries):
-        answer = "lanes::Ints" if number else types.wide(variables[q.answer].type)
-        member = f"answer_{number}" if number else q.answer
-        of = (types.wide(variables[q.ray].type), answer)
-        out.append(ray_query_code(q, f"RayQuery{number}", steps, member, of, names))
-    return out
-
-
-def _round(rounds: Rounds) -> str:
-    """Return the statements of a pool's round."""
-    lines = []
-    queries = 0
-    for number, part in enumerate(rounds.parts):
-        if part.query:
-            lines.append(f"trace<RayQuery{queries}>(groups);")
-            queries += 1
-        if part.shades:
-            lines.append("close_up_where_sparse(groups);")
-        lines.append(f"run<&Steps::part_{number}>(groups);")
-    return "".join(f"            {line}\n" for line in lines)

@@ -10,10 +10,10 @@ from itertools import chain
 
 from wrt.kernels.native import text_of
 from wrt.spmd import ir
+from wrt.spmd.analysis import changes, uses
 from wrt.spmd.emit import Emitter, range_of
-from wrt.spmd.passes.demands import Module, the_loop
-from wrt.spmd.passes.uses import changes, uses
 from wrt.spmd.path_object import constants, path_object
+from wrt.spmd.rounds import the_loop
 from wrt.spmd.templates import fill
 from wrt.spmd.types import Types
 
@@ -28,12 +28,12 @@ class _Phases:
         target: The end of that range.
         calling: The statement that calls the path function.
         call: That call.
-        before: Statements before the loop.
+        prologue: Statements before the loop.
         around: The `if`s around the call, outermost first.
         starts: Statements before the call in the loop, and in each of the `if`s.
-        rest: Statements after the call within the innermost `if`.
+        completion: Statements after the call within the innermost `if`.
         finish: Later statements in the loop.
-        after: Statements after the loop.
+        epilogue: Statements after the loop.
     """
 
     loop: ir.Loop
@@ -41,12 +41,12 @@ class _Phases:
     target: ir.Variable
     calling: ir.Set
     call: ir.Call
-    before: list[ir.Statement]
+    prologue: list[ir.Statement]
     around: list[ir.If]
     starts: list[list[ir.Statement]]
-    rest: list[ir.Statement]
+    completion: list[ir.Statement]
     finish: list[ir.Statement]
-    after: list[ir.Statement]
+    epilogue: list[ir.Statement]
 
     def start(self, innermost: list[ir.Statement]) -> list[ir.Statement]:
         """Return the statements before the path, with others in place of the call."""
@@ -56,7 +56,7 @@ class _Phases:
         return body
 
 
-def pixel_object(types: Types, kernel: ir.Function, path: ir.Function, module: Module) -> str:
+def pixel_object(types: Types, kernel: ir.Function, path: ir.Function, module: ir.Module) -> str:
     """Return the C++ structs `Path` and `Pixels` of a kernel and its path function, and their driver.
 
     Raises:
@@ -64,53 +64,59 @@ def pixel_object(types: Types, kernel: ir.Function, path: ir.Function, module: M
     """
     phases = _phases(kernel, path)
     call, samples = phases.call, phases.samples
-    passed = call.arguments
-    fixed = [(a, v) for a, v in zip(path.arguments, passed, strict=True) if v in kernel.arguments]
-    own = [v for v in passed if v not in kernel.arguments]
+    fixed = [(a, v) for a, v in zip(path.arguments, call.arguments, strict=True) if v in kernel.arguments]
+    varying = [v for v in call.arguments if v not in kernel.arguments]
     steps = path_object(types, path, module, [a for a, _ in fixed])
 
     used: dict[ir.Variable, set[str]] = {}
-    spans = {"before": phases.before, "start": phases.start([]), "finish": [*phases.rest, *phases.finish]}
-    for phase, statements in {**spans, "after": phases.after}.items():
+    spans = {
+        "before": phases.prologue,
+        "start": phases.start([]),
+        "finish": [*phases.completion, *phases.finish],
+        "after": phases.epilogue,
+    }
+    for phase, statements in spans.items():
         for v in uses(statements):
             used.setdefault(v, set()).add(phase)
     for v in (phases.calling.variable, samples):
         used.setdefault(v, set()).update({"start", "finish"})
     variables = [v for v in kernel.variables if v.constant is None]
-    kept = [v for v in variables if len(used.get(v, ())) > 1]
-    carried = [v.name for v in kept if changes(spans["finish"], v) and "after" in used[v]]
+    members = [v for v in variables if len(used.get(v, ())) > 1]
+    carried = [v.name for v in members if changes(spans["finish"], v) and "after" in used[v]]
     arguments_in = ", ".join(f"const {a.ctype}& {a.name}_in" for a in kernel.arguments)
     emitter = Emitter(types, kernel)
     loop = phases.loop.label
-    given: list[ir.Statement] = [ir.Verbatim(f"given_.{v.name} = {v.name};") for v in own]
-    given.append(ir.Verbatim("begun_ = exec;"))
+    begin_path: list[ir.Statement] = [ir.Verbatim(f"given_.{v.name} = {v.name};") for v in varying]
+    begin_path.append(ir.Verbatim("begun_ = exec;"))
 
     def local(phase: str) -> str:
         return emitter.declarations(v for v in variables if used.get(v) == {phase})
 
     emitter.keep_all = True
-    before = local("before") + emitter.code(phases.before)
-    start = local("start") + emitter.in_loop(loop, phases.start(given))
+    before = local("before") + emitter.code(phases.prologue)
+    start = local("start") + emitter.in_loop(loop, phases.start(begin_path))
     emitter.keep_all = False
     # Statements after the call within the same `if` wait until the path has ended.
-    rest = emitter.in_loop(loop, phases.rest)
-    finish = local("finish") + (f"    exec = begun_; if (lanes::any(exec)) {{\n{rest}    }}\n" if rest else "")
+    completion = emitter.in_loop(loop, phases.completion)
+    finish = local("finish") + (
+        f"    exec = begun_; if (lanes::any(exec)) {{\n{completion}    }}\n" if completion else ""
+    )
     finish += "    exec = sampled_;\n" + emitter.in_loop(loop, phases.finish)
     # Scalar arguments become one number per lane.
-    members = "".join(
+    declared = "".join(
         f"    const {types.wide(a.type)}{'&' if types.is_shared(a.type) else ''} {a.name};\n" for a in kernel.arguments
     )
-    members += emitter.declarations(kept) + constants([v for v in kernel.variables if v.constant is not None])
+    declared += emitter.declarations(members) + constants([v for v in kernel.variables if v.constant is not None])
     code = fill(
         "pixels.h",
         RESULT_TYPE=types.wide(phases.calling.variable.type),
         STEPS=steps.name,
-        GIVEN="".join(f"    {types.wide(v.type)} {v.name};\n" for v in own),
+        GIVEN="".join(f"    {types.wide(v.type)} {v.name};\n" for v in varying),
         SHARED_IN=", ".join(f"const {types.wide(a.type)}& {v.name}" for a, v in fixed),
         SHARED=", ".join(v.name for _, v in fixed),
-        GIVEN_VALUES=", ".join(f"given.{v.name}" for v in own),
+        GIVEN_VALUES=", ".join(f"given.{v.name}" for v in varying),
         PIXELS=f"pixels_{kernel.key}",
-        MEMBERS=members,
+        MEMBERS=declared,
         ARGUMENTS_IN=arguments_in,
         ARGUMENTS_GIVEN=", ".join(f"{a.name}({a.name}_in)" for a in kernel.arguments),
         MASKS=f"lanes::Mask returned_ = false, broken_{loop} = false, continued_{loop} = false;",
@@ -120,7 +126,7 @@ def pixel_object(types: Types, kernel: ir.Function, path: ir.Function, module: M
         START=start,
         RESULT=phases.calling.variable.name,
         FINISH=finish,
-        AFTER=local("after") + emitter.code(phases.after),
+        AFTER=local("after") + emitter.code(phases.epilogue),
     )
     driver: str = text_of("lanes/pool.h").replace("ROUND\n", steps.round).replace("ARGUMENTS_IN", arguments_in)
     driver = driver.replace("ARGUMENTS", ", ".join(f"{a.name}_in" for a in kernel.arguments))
@@ -148,13 +154,23 @@ def _phases(kernel: ir.Function, path: ir.Function) -> _Phases:
             break
         around.append(s)
         body = s.body
-    once = list(ir.calls(kernel.body)).count(path.name) == 1
-    if not once or not isinstance(s, ir.Set) or not isinstance(s.value, ir.Call) or any(chain(*following[1:-1])):
+    calls = list(ir.calls(kernel.body)).count(path.name)
+    if calls != 1 or not isinstance(s, ir.Set) or not isinstance(s.value, ir.Call) or any(chain(*following[1:-1])):
         raise ir.Unsupported(
             f"{kernel.key}: must call {path.key} once in its loop over samples, at the top level, or in the last of "
             "nested `if`s"
         )
-    rest = following[-1] if around else []
-    first = kernel.body.index(loop)
-    before, after = kernel.body[:first], kernel.body[first + 1 :]
-    return _Phases(loop, samples, target, s, s.value, before, around, starts, rest, following[0], after)
+    at = kernel.body.index(loop)
+    return _Phases(
+        loop=loop,
+        samples=samples,
+        target=target,
+        calling=s,
+        call=s.value,
+        prologue=kernel.body[:at],
+        around=around,
+        starts=starts,
+        completion=following[-1] if around else [],
+        finish=following[0],
+        epilogue=kernel.body[at + 1 :],
+    )

@@ -7,7 +7,7 @@ traces them.
 from typing import NamedTuple
 
 from wrt.kernels.accel.intersect import INFINITE_DISTANCE
-from wrt.spmd.natives import traverses_one_tree
+from wrt.spmd.library import traverses_one_tree
 from wrt.spmd.templates import fill
 
 
@@ -29,12 +29,8 @@ class RayQuery(NamedTuple):
     distance: str | None
 
 
-_AS_HIT = "template<class Found> static Answer as_hit(Found found, lanes::Mask exec) { return AS_HIT(found, exec); }"
-_ASK = "static Answer ask(const Steps& steps, const Ray& ray, lanes::Floats reach, lanes::Mask exec) { return ASK; }"
-
-
 def ray_query_code(
-    query: RayQuery, name: str, steps: str, answer: str, types: tuple[str, str], functions: dict[str, str]
+    query: RayQuery, name: str, steps: str, answer: str, ray_type: str, answer_type: str, functions: dict[str, str]
 ) -> str:
     """Return the C++ type of a query.
 
@@ -43,32 +39,36 @@ def ray_query_code(
         name: the name of the type.
         steps: the type of the paths.
         answer: their member for the answer.
-        types: of the ray and of the answer.
+        ray_type: the C++ type of the ray.
+        answer_type: the C++ type of the answer.
         functions: names in Warp's C++ by those in Python.
     """
     nearest = query.distance is None
     together = query.function == functions.get("closest_hit" if nearest else "occluded")
     call = f"wide_{query.function}(steps.{query.scene}, ray"
     if not together or not traverses_one_tree(functions):
-        kind = f"AskedEach<{name}, {types[1]}>"
+        kind = f"AskedEach<{name}, {answer_type}>"
         blocked = f"lanes::choose({call}, reach, exec), (lanes::ints)0, (lanes::ints)-1)"
         ask = f"{call}, exec)" if nearest else f"lanes::Ints({blocked})"
-        own = _ASK.replace("ASK", ask)
+        function = "Answer ask(const Steps& steps, const Ray& ray, lanes::Floats reach, lanes::Mask exec)"
+        member = f"static {function} {{ return {ask}; }}"
     elif nearest:
-        kind, own = f"NearestTogether<{name}>", _AS_HIT.replace("AS_HIT", f"wide_{functions['_hit']}")
+        kind = f"NearestTogether<{name}>"
+        hit = f"wide_{functions['_hit']}(found, exec)"
+        member = f"template<class Found> static Answer as_hit(Found found, lanes::Mask exec) {{ return {hit}; }}"
     else:
-        kind, own = f"AnyTogether<{name}>", ""
+        kind, member = f"AnyTogether<{name}>", ""
     return fill(
         "ray_query.h",
         FUNCTION=query.function,
         NAME=name,
         KIND=kind,
         STEPS=steps,
-        RAY_TYPE=types[0],
-        ANSWER_TYPE=types[1],
+        RAY_TYPE=ray_type,
+        ANSWER_TYPE=answer_type,
         SCENE=query.scene,
         RAY=query.ray,
         ANSWER=answer,
         REACH=f"lanes::Floats({INFINITE_DISTANCE!r}f)" if nearest else f"steps.{query.distance}",
-        OWN=own,
+        MEMBER=member,
     )

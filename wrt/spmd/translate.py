@@ -1,8 +1,8 @@
-"""The compiler's driver: from Warp's C++ of a render kernel to one for several lanes; see docs/spmd.md.
+"""The compiler's driver: from Warp's C++ of a render kernel to C++ for several lanes; see docs/spmd.md.
 
 On CUDA the hardware runs a kernel for 32 threads at a time. On a CPU Warp runs it for one, whose numbers fill a
 fraction of a register. So Warp's C++ of a render kernel is parsed (`parse.py`), cut where paths wait for rays
-(`passes/`) and emitted for several lanes (`emit.py`); the film's bits stay the same.
+(`rounds.py`) and emitted for several lanes (`emit.py`); the film's bits stay the same.
 """
 
 import re
@@ -12,15 +12,13 @@ import warp as wp
 from warp._src.context import ModuleBuilder
 
 from wrt.kernels.native import headers_of, included_by
+from wrt.spmd.analysis import changes
 from wrt.spmd.emit import Emitter
-from wrt.spmd.ir import Function, Unsupported, Variable, calls
-from wrt.spmd.library import library
-from wrt.spmd.natives import native_function
+from wrt.spmd.ir import Function, Module, Unsupported, Variable, calls
+from wrt.spmd.library import library, native_function
 from wrt.spmd.parse import parse
-from wrt.spmd.passes.demands import Module
-from wrt.spmd.passes.inline import without_stages
-from wrt.spmd.passes.uses import changes
 from wrt.spmd.pixel_object import pixel_object
+from wrt.spmd.stages import without_stages
 from wrt.spmd.types import Types, name_of, structs_of
 
 
@@ -41,8 +39,8 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
         raise Unsupported(f"{module.name}: follows no path")
     built = [*builder.functions, *builder.kernels]
     structs, elements = structs_of(built)
-    named = {name_of(s): s for s in structs}
-    *functions, pixels = [parse(f, named) for f in built]
+    by_name = {name_of(s): s for s in structs}
+    *functions, pixels = [parse(f, by_name) for f in built]
     if "pixel_kernel" not in pixels.marks:
         raise Unsupported(f"{pixels.key}: is not marked with @pixel_kernel")
     code = Module(functions)
@@ -62,7 +60,7 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
         native = getattr(of_warp, "native_snippet", None)
         out.append(native_function(types, of_warp) if native else _function(types, f))
     out.append(pixel_object(types, pixels, code.functions[path], code))
-    return _numbered_anew("".join(out), [f.name for f in functions])
+    return _renumbered("".join(out), [f.name for f in functions])
 
 
 def _is_stage(function: Function) -> bool:
@@ -88,7 +86,7 @@ static inline {result} wide_{function.name}({arguments}const lanes::Mask exec_in
 """
 
 
-def _numbered_anew(code: str, names: list[str]) -> str:
+def _renumbered(code: str, names: list[str]) -> str:
     """Return the code with functions of the same name numbered in the order in which they occur.
 
     Warp numbers them in the order in which a process has made them, so that the next process would not recognise the
@@ -101,8 +99,8 @@ def _numbered_anew(code: str, names: list[str]) -> str:
         numbered[name] = f"{base}_{counts[base]}"
         counts[base] += 1
 
-    def anew(identifier: re.Match[str]) -> str:
-        before, name, after = identifier.groups()
-        return f"{before}{numbered[name]}{after}" if name in numbered else identifier[0]
+    def renamed(identifier: re.Match[str]) -> str:
+        prefix, name, suffix = identifier.groups()
+        return f"{prefix}{numbered[name]}{suffix}" if name in numbered else identifier[0]
 
-    return re.sub(r"\b(wide_|steps_|)(\w+_\d+)((?:_of_one|_set_out|_found)?)\b", anew, code)
+    return re.sub(r"\b(wide_|steps_|)(\w+_\d+)((?:_of_one|_set_out|_found)?)\b", renamed, code)

@@ -32,9 +32,9 @@ def has_array(t: Any) -> bool:
 
 
 def structs_of(functions: list[Any]) -> tuple[list[Any], set[str]]:
-    """Return the structs of functions that Warp has built, each after those of its members, and which are in arrays.
+    """Return the structs of functions that Warp has built, and the names of array elements among them.
 
-    The latter are names.
+    Each struct comes after those of its members.
     """
     order: list[Any] = []
     elements = set()
@@ -45,13 +45,13 @@ def structs_of(functions: list[Any]) -> tuple[list[Any], set[str]]:
             t = t.dtype
             if isinstance(t, Struct):
                 elements.add(name_of(t))
-        if isinstance(t, Struct) and t not in seen:
-            seen.add(t)
+        if isinstance(t, Struct) and t not in visited:
+            visited.add(t)
             for v in t.vars.values():
                 visit(v.type)
             order.append(t)
 
-    seen: set[Any] = set()
+    visited: set[Any] = set()
     for function in functions:
         for v in (*function.adj.args, *function.adj.variables):
             visit(v.type)
@@ -132,23 +132,23 @@ class Types:
                 return kind
         return ANYTHING
 
-    def declarations(self, declared: list[Any]) -> str:
+    def declarations(self, arguments: list[Any]) -> str:
         """Return the C++ of all structs for several lanes, and for one lane if Warp does not declare them.
 
-        Warp declares the types `declared` of the kernel's arguments, and those that they contain.
+        Warp declares the types of the kernel's `arguments`, and the types that they contain.
         """
-        known = set()
-        waiting = list(declared)
+        declared = set()
+        waiting = list(arguments)
         while waiting:
             t = strip_reference(waiting.pop())
             if is_array(t):
                 t = t.dtype
-            if isinstance(t, Struct) and t not in known:
-                known.add(t)
+            if isinstance(t, Struct) and t not in declared:
+                declared.add(t)
                 waiting += [v.type for v in t.vars.values()]
         out = []
         for t in self.structs:
-            if t not in known:
+            if t not in declared:
                 fields = " ".join(f"{name_of(v.type)} {v.label};" for v in t.vars.values())
                 out.append(f"struct {name_of(t)} {{ {fields} }};\n")
             if not self.is_uniform(t):

@@ -47,7 +47,7 @@ def guess_up(shapes: list[Shape], default: str) -> str:
     """
     if default not in ("y", "z"):
         return default
-    other = "z" if default == "y" else "y"
+    alternative = "z" if default == "y" else "y"
     surface = _surface(shapes)
     if surface is None:
         return default
@@ -56,15 +56,15 @@ def guess_up(shapes: list[Shape], default: str) -> str:
     points = np.concatenate([shape.mesh.vertices[::step] for shape in shapes])
     extent = np.ptp(points, axis=0)
     if extent["xyz".index(default)] <= _SHEET * extent.max():
-        return other
+        return alternative
     if facing["xyz".index(default)] > _LAND_FACES:
         return default
-    cover, lean = _standing(points, center, "xyz".index(other))
+    cover, lean = _standing(points, center, "xyz".index(alternative))
     if cover < _STANDS_COVER or lean < _STANDS_LEAN:
         return default
     default_cover, default_lean = _standing(points, center, "xyz".index(default))
     falls = default_lean < _FALLS_LEAN or (default_cover < _FALLS_COVER and _FALLS_RATIO * default_cover < cover)
-    return other if falls else default
+    return alternative if falls else default
 
 
 def land_axis(shapes: list[Shape], up: str) -> str | None:
@@ -74,14 +74,14 @@ def land_axis(shapes: list[Shape], up: str) -> str | None:
     """
     if up not in ("y", "z"):
         return None
-    other = "z" if up == "y" else "y"
-    axis = "xyz".index(other)
+    across = "z" if up == "y" else "y"
+    axis = "xyz".index(across)
     low, high = Scene(shapes).bounds
     height, *sides = np.roll(high - low, -axis)
     if not _SHEET * max(sides) < height <= _THIN * min(sides):
         return None
     surface = _surface(shapes)
-    return other if surface is not None and abs(surface[1][axis]) > _LAND_FACES else None
+    return across if surface is not None and abs(surface[1][axis]) > _LAND_FACES else None
 
 
 def _surface(shapes: list[Shape]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -113,11 +113,11 @@ def _standing(points: _Float, center: NDArray[np.float64], axis: int) -> tuple[f
     base = flat[:, heights <= lowest + _BASE * (highest - lowest)]
     directions, outline = _hull(flat)
     _, feet = _hull(base)
-    whole = _area(outline)
+    covered = _area(outline)
     inside = float(((feet - center[across]) * directions).sum(axis=1).min())
     above = float(center[axis]) - lowest
     # A pane on its edge has no outline area, and covers all of it.
-    return _area(feet) / whole if whole > 0.0 else 1.0, inside / above if above > 0.0 else np.inf
+    return _area(feet) / covered if covered > 0.0 else 1.0, inside / above if above > 0.0 else np.inf
 
 
 def _hull(flat: _Float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

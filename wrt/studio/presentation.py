@@ -19,7 +19,7 @@ from wrt.scene.scene import RenderSettings, Scene, Shape
 from wrt.scene.shapes import quad
 from wrt.studio.framing import frame_camera
 from wrt.studio.ground import ground_height
-from wrt.studio.reach import Reach
+from wrt.studio.subjects import Reach
 from wrt.studio.views import VIEWS, azimuth_of, view_angles, view_direction
 
 SETTINGS = RenderSettings(width=960, height=720, spp=128)
@@ -31,7 +31,7 @@ NEUTRAL_KEY, NEUTRAL_FILL = 6.0, 0.7
 GROUND_REFLECTANCE = 0.55
 FOV_DEGREES = 24.0
 MARGIN = 1.3
-"""Size of the picture over that of the object."""
+"""Size of the picture over the size of the object."""
 
 # Axis and degrees of the rotation that turns each up axis into +y.
 _UP_ROTATIONS = {

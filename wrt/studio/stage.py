@@ -1,4 +1,4 @@
-"""What a person asks of a picture beyond its source: view, material, environment, a transparent background."""
+"""Options of a picture besides its source: view, material, environment, a transparent background."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from wrt.scene.materials import Material
 from wrt.scene.scene import Scene, Shape
 from wrt.studio.framing import frame_camera
 from wrt.studio.presentation import FOV_DEGREES, SETTINGS, present
-from wrt.studio.reach import Reach
-from wrt.studio.subjects import share_of_picture, subjects
+from wrt.studio.subjects import Reach, share_of_picture, subjects
 from wrt.studio.views import VIEWS, view_angles, view_direction
 from wrt.values import number, vec3
 
@@ -29,22 +28,22 @@ SMALL = 0.5
 """Part of the picture's width or height that a file's camera must fill with the mesh to be kept."""
 
 _SCENE_MARGIN = 1.15
-_SKY_STOPS = -5.5  # makes the absolute radiance of a day that of a well exposed picture, see SunSkyEnvironment
+_SKY_STOPS = -5.5  # scales the absolute radiance of a day to a well exposed picture, see SunSkyEnvironment
 _SUN = (-0.75, 1.15, 0.8)  # where the studio's lamp is
 
 
 @dataclasses.dataclass(frozen=True)
 class Stage:
-    """The options of `wrt.load` that say how the source is shown.
+    """The options of `wrt.load` for showing the source.
 
     Attributes:
-        view: a view, see `wrt.studio.views`; None for that of the source's camera, or else three-quarter.
+        view: a view, see `wrt.studio.views`; None for the view of the source's camera, or else three-quarter.
         frame: whether to ignore the camera of the source and frame what it shows; None to decide by whether that
             camera shows a mesh well.
         material: replaces the materials of a mesh.
         environment: lights the source instead of the studio, or of the scene's own environment.
         transparent: whether the picture shows neither backdrop nor environment, but how much of each pixel is covered.
-        aspect: width of the picture over its height; None for that of the source's settings.
+        aspect: width of the picture over its height; None to take it from the source's settings.
         time: the time of the source's animation, seconds; None for the source at rest.
         reach: what that animation shows at all times, if there is a time; the studio and its camera are made for it.
     """
@@ -115,8 +114,8 @@ class Stage:
             camera = None
         shines = any(light.shines for light in scene.lights) or any(shape.emits for shape in shapes)
         if scene.environment is not None or (scene.lights and shines):
-            own = dataclasses.replace(scene, shapes=shapes, camera=scene.camera, settings=dataclasses.replace(SETTINGS))
-            return dataclasses.replace(self, material=None, time=None).shown(own)
+            lit = dataclasses.replace(scene, shapes=shapes, camera=scene.camera, settings=dataclasses.replace(SETTINGS))
+            return dataclasses.replace(self, material=None, time=None).shown(lit)
         if scene.lights and self.environment is None:
             warn(f"{name_of(source)}: its lights are dark, so the studio lights it", UserWarning)
         if camera is not None and self.frame is None and isinstance(source, (str, os.PathLike)):
@@ -145,9 +144,9 @@ class Stage:
             share = share_of_picture(self.reach.camera, self.reach.points, aspect)
         if share >= SMALL:
             return camera
-        seen = f"at {share:.0%} of the picture's size" if share > 0.0 else "not at all"
-        kept = "frame=False, or --no-frame, keeps its camera"
-        warn(f"{source}: its camera shows the mesh {seen}, so it is framed anew; {kept}", UserWarning)
+        size = f"at {share:.0%} of the picture's size" if share > 0.0 else "not at all"
+        remedy = "frame=False, or --no-frame, keeps its camera"
+        warn(f"{source}: its camera shows the mesh {size}, so it is framed anew; {remedy}", UserWarning)
         return None
 
 
@@ -182,7 +181,7 @@ def make_stage(
 
 
 def _environment(value: Any, azimuth: float) -> Environment:
-    """Return an environment: the value itself, an image's, or for "sky" that of a sunny day."""
+    """Return an environment: the value itself, the image of a file, or a sunny day for "sky"."""
     if isinstance(value, Environment):
         return value
     if value == SKY:

@@ -64,8 +64,6 @@ class WorldMeshes:
         Raises:
             InputError: on arrays of other sizes, non-finite values, or shapes that cannot be updated.
         """
-        import warp as wp
-
         if number not in self._first or self._tree is None or not self._alone:
             raise InputError(
                 f"{shape.name}: vertices can be updated in scenes without instances and without shapes in motion; "
@@ -84,13 +82,15 @@ class WorldMeshes:
             clone = self._device.backend.clone
             self._data.points, self._data.normals = clone(self._data.points), clone(self._data.normals)
             self._own = True
-        wp.copy(self._data.points, points, dest_offset=first, count=count)
+        backend = self._device.backend
+        backend.copy(self._data.points, points, first, count)
         if given is not None:
-            wp.copy(self._data.normals, given, dest_offset=first, count=count)
+            backend.copy(self._data.normals, given, first, count)
             if shape.mesh.normals is None:
-                shapes = self._device.backend.fetch(self._data.shapes)
+                shapes = backend.fetch(self._data.shapes)
                 shapes["smooth"][number] = True
-                self._data.shapes.assign(shapes)
+                record = backend.kernels("wrt.kernels.scene.scene_data").ShapeRecord
+                self._data.shapes = backend.array(shapes, record, self._device.name)
         elif shape.mesh.normals is not None:
             self._smooth(number, shape.mesh, first, count)
         refit_bvh(self._tree, self._data.points, self._data.indices, self._device)
@@ -111,8 +111,6 @@ class WorldMeshes:
 
     def _smooth(self, number: int, mesh: Mesh, first: int, count: int) -> None:
         """Compute normals from the faces around each vertex; vertices that shared a normal still do."""
-        from wrt.kernels.geometry.mesh_normals import smooth_normals
-
         if number not in self._corners:
             assert mesh.normals is not None
             groups = same_positions(np.hstack([mesh.vertices, mesh.normals]))
@@ -122,6 +120,5 @@ class WorldMeshes:
             # Corners are numbered 3 * face + corner.
             upload = [starts[groups], starts[groups + 1], order, mesh.faces.ravel() + np.int32(first)]
             self._corners[number] = tuple(self._device.backend.array(a, int, self._device.name) for a in upload)
-        self._device.launch(
-            smooth_normals, count, [first, *self._corners[number], self._data.points, self._data.normals]
-        )
+        kernel = self._device.backend.kernels("wrt.kernels.geometry.mesh_normals").smooth_normals
+        self._device.launch(kernel, count, [first, *self._corners[number], self._data.points, self._data.normals])

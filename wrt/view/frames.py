@@ -1,4 +1,4 @@
-"""Frames: developed and encoded in a thread of their own, beside the next pass, and sent to whoever watches."""
+"""Frames: developed and encoded in a thread of their own, during the next pass."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Frame:
 
     Attributes:
         number: counts from 1.
-        header: what the page shows beside it: samples, noise, paths per second, the camera's number, and so on.
+        header: the values beside the picture: samples, noise, paths per second, the camera's serial number, and so on.
         picture: a JPEG file.
     """
 
@@ -39,7 +39,16 @@ class Frame:
 
 
 @dataclass
-class _Source:
+class Source:
+    """An image to make frames of.
+
+    Attributes:
+        fetch: returns the image.
+        is_radiance: whether a look applies to it.
+        header: that of the frames.
+        guides: albedo and normal, to denoise the image with; None to show it as it is.
+    """
+
     fetch: Callable[[], NDArray[np.float32]]
     is_radiance: bool
     header: dict[str, Any] = field(default_factory=dict)
@@ -47,21 +56,25 @@ class _Source:
 
     @cached_property
     def image(self) -> NDArray[np.float32]:
-        """The image, fetched by the thread that asks first."""
+        """The image, fetched on first use."""
         return self.fetch()
 
-    def is_of(self, other: _Source | None) -> bool:
-        """Return whether both are of one picture, which rests."""
-        if other is None or self.header.get("moving") or other.header.get("moving"):
+    def codes(self, look: Look) -> NDArray[np.uint8]:
+        """Return the image as 8-bit codes."""
+        return develop(self.image, look if self.is_radiance else Look())
+
+    def shows_same(self, source: Source | None) -> bool:
+        """Return whether both show one picture, whose camera rests."""
+        if source is None or self.header.get("moving") or source.header.get("moving"):
             return False
         keys = ("serial", "width", "height")
-        return self.is_radiance == other.is_radiance and all(self.header.get(k) == other.header.get(k) for k in keys)
+        return self.is_radiance == source.is_radiance and all(self.header.get(k) == source.header.get(k) for k in keys)
 
 
 class Encoder:
-    """Turns the newest image into a frame; images that come meanwhile are skipped, except the last.
+    """Turns the newest image into a frame, and skips older ones.
 
-    Denoising takes longer than rendering a preview, so another thread does it, and its result is shown if the picture
+    Denoising takes longer than rendering a preview, so another thread does it, and its result is shown if the camera
     still rests. Once a picture has been denoised, its later images are shown only denoised, or it would flicker.
 
     Attributes:
@@ -74,39 +87,32 @@ class Encoder:
         self.look = Look()
         self.latest: Frame | None = None
         self._publish = publish
-        self._source: _Source | None = None
+        self._source: Source | None = None
         self._waiting = threading.Condition()
-        self._denoised: _Source | None = None  # the last result
+        self._denoised: Source | None = None  # the last result
         self._denoising = False
         self._due, self._closed = False, False
         self._thread = threading.Thread(target=self._run, name="wrt-frames", daemon=True)
         self._thread.start()
 
-    def put(
-        self,
-        fetch: Callable[[], NDArray[np.float32]],
-        is_radiance: bool,
-        header: dict[str, Any],
-        guides: dict[str, NDArray[np.float32]] | None = None,
-    ) -> None:
-        """Make a frame of the image that `fetch` returns; with guides, denoise it and make a frame of the result."""
-        source = _Source(fetch, is_radiance, header, guides)
+    def put(self, source: Source) -> None:
+        """Make a frame of an image; with guides, denoise it and make a frame of the result."""
         with self._waiting:
-            self._source, self._due = source, guides is None or not source.is_of(self._denoised)
-            if guides is not None and not self._denoising:
+            self._source, self._due = source, source.guides is None or not source.shows_same(self._denoised)
+            if source.guides is not None and not self._denoising:
                 thread = threading.Thread(target=self._denoise, args=(source,), name="wrt-denoise", daemon=True)
                 self._denoising = start_if_possible(thread)
             self._waiting.notify()
 
-    def _denoise(self, source: _Source) -> None:
-        """Denoise an image, and then the newest one for as long as there is a newer one."""
+    def _denoise(self, source: Source) -> None:
+        """Denoise an image, and then the newest one until no newer one has come."""
         while True:
             guides = source.guides or {}
             image = denoise(source.image, guides.get("albedo"), guides.get("normal"))
             with self._waiting:
                 newest = self._source
-                if self.look.denoise and source.is_of(newest):
-                    result = _Source(partial(np.asarray, image), True, {**source.header, "denoised": True})
+                if self.look.denoise and source.shows_same(newest):
+                    result = Source(partial(np.asarray, image), True, {**source.header, "denoised": True})
                     self._denoised, self._due = result, True
                     self._waiting.notify()
                 if newest is None or newest is source or newest.guides is None or not self.look.denoise or self._closed:
@@ -115,7 +121,7 @@ class Encoder:
             source = newest
 
     def show(self, look: Look) -> None:
-        """Develop the newest image again in another way."""
+        """Develop the newest image again with another look."""
         with self._waiting:
             self.look, self._due = look, self._source is not None
             if not look.denoise:
@@ -126,7 +132,7 @@ class Encoder:
         """Return the newest image as 8-bit codes, or None before the first."""
         with self._waiting:
             source, look = self._shown(), self.look
-        return None if source is None else develop(source.image, look if source.is_radiance else Look())
+        return None if source is None else source.codes(look)
 
     def close(self) -> None:
         """End the thread."""
@@ -135,9 +141,9 @@ class Encoder:
             self._waiting.notify()
         self._thread.join()
 
-    def _shown(self) -> _Source | None:
-        """Return what a frame shows: the newest image, or the last denoised one of the same picture."""
-        if self._denoised is not None and self._denoised.is_of(self._source):
+    def _shown(self) -> Source | None:
+        """Return the newest image, or the last denoised one of the same picture."""
+        if self._denoised is not None and self._denoised.shows_same(self._source):
             return self._denoised
         return self._source
 
@@ -150,8 +156,7 @@ class Encoder:
                     return
                 source, look, self._due = self._shown(), self.look, False
             assert source is not None
-            codes = develop(source.image, look if source.is_radiance else Look())
             quality = MOVING_QUALITY if source.header.get("moving") else RESTING_QUALITY
             number += 1
-            self.latest = Frame(number, source.header, jpeg(codes, quality))
+            self.latest = Frame(number, source.header, jpeg(source.codes(look), quality))
             self._publish(self.latest)

@@ -1,7 +1,8 @@
-"""From the film to the bytes of a frame: what the live view shows."""
+"""From the film to the bytes of a frame of the live view."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import io
 from collections.abc import Callable
@@ -11,14 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.develop.denoise import require_denoiser
 from wrt.develop.exposure import peak, stops
 from wrt.develop.picture import develop_image
+from wrt.develop.settings import TONES, Exposure, check_exposure
 from wrt.develop.tones import CURVES
-from wrt.developing import Exposure
+from wrt.errors import InputError
 from wrt.rendering.layer_colors import layer_colors
 from wrt.rendering.renderer import Renderer
 from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import srgb_from_linear
+from wrt.values import one_of
 
 CODES = 4096
 """Entries of the table from the square root of radiance to 8-bit codes: neighbours differ by less than one code."""
@@ -32,7 +36,7 @@ MOVING_QUALITY, RESTING_QUALITY = 80, 93
 
 @dataclass(frozen=True)
 class Look:
-    """What is done with radiance before it is shown; nothing of it renders anything again.
+    """How radiance is developed for the page; changes of it need no new render.
 
     Attributes:
         exposure: stops, "auto", or None; see `wrt.develop_image`.
@@ -45,22 +49,41 @@ class Look:
     denoise: bool = False
 
     @classmethod
-    def of(cls, settings: RenderSettings) -> Look:
-        """Return the look that saved pictures have."""
+    def from_settings(cls, settings: RenderSettings) -> Look:
+        """Return the look of saved pictures."""
         return cls(settings.exposure, settings.tone, settings.denoise)
+
+    def changed(self, message: dict[str, Any]) -> Look:
+        """Return the look with the fields that a message of the page has.
+
+        Raises:
+            InputError: on an unusable value.
+        """
+        fields: dict[str, Any] = {}
+        if "exposure" in message:
+            fields["exposure"] = check_exposure(message["exposure"])
+        if "tone" in message:
+            fields["tone"] = one_of(message["tone"], TONES, "tone")
+        if "denoise" in message:
+            fields["denoise"] = message["denoise"]
+            if message["denoise"] is True:
+                require_denoiser()
+            elif message["denoise"] is not False:
+                raise InputError("denoise must be true or false")
+        return dataclasses.replace(self, **fields)
 
 
 def develop(radiance: NDArray[np.float32], look: Look) -> NDArray[np.uint8]:
     """Return (H, W, 3) linear radiance as 8-bit codes, within one code of those of PNG files.
 
-    There is no dither: it takes longer than all else, and JPEG would spend its bits on it.
+    They are not dithered: that takes longer than all other steps, and JPEG would spend its bits on it.
     """
     exposure = stops(radiance, look.exposure)
     if look.tone not in CURVES:  # a view of OpenColorIO
         return develop_image(radiance, tone=look.tone, exposure=exposure)
     with np.errstate(invalid="ignore", over="ignore"):
         exposed = np.nan_to_num(radiance * np.float32(2.0**exposure)).clip(0.0, WHITE)
-    shown = CURVES[look.tone].apply(exposed, peak(exposed)).clip(0.0, 1.0)
+    shown = CURVES[look.tone](exposed, peak(exposed)).clip(0.0, 1.0)
     codes: NDArray[np.uint8] = _table()[(np.sqrt(shown) * (CODES - 1) + 0.5).astype(np.intp)]
     return codes
 
@@ -72,14 +95,14 @@ def _table() -> NDArray[np.uint8]:
 
 
 def shown_image(renderer: Renderer, layer: str) -> tuple[Callable[[], NDArray[np.float32]], bool]:
-    """Return a function for what a view of a layer shows as (H, W, 3) linear colours, and whether it is radiance.
+    """Return a function for the (H, W, 3) linear colours of a layer, and whether they are radiance.
 
-    The function returns the picture as it is now, whenever another thread calls it.
+    The function returns the present picture, whenever another thread calls it.
 
     Args:
         renderer: the renderer, which has the layer.
-        layer: the name of a layer; "noise" for the relative standard error of each pixel, of which white is 100 %;
-            "" for radiance.
+        layer: the name of a layer; "noise" for the relative standard error of each pixel, where white is 100 %; or ""
+            for radiance.
     """
     if layer == "noise":
         noise = noise_colors(renderer.image(), renderer.variance())

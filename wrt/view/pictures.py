@@ -7,18 +7,18 @@ import math
 import tempfile
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from wrt.linalg import dot
 from wrt.rendering.renderer import Renderer
-from wrt.rendering.sharing import sharing
 from wrt.scene.camera import Camera
 from wrt.view.controls import Settings
 from wrt.view.picture import Look
 
 PREVIEW_SECONDS = 0.02
-"""Time in which a preview should be rendered, so that the picture follows the hand."""
+"""Target time of a preview, so that the picture follows the hand."""
 
 FIRST_RATE = 5e5
 """Camera paths per second assumed before any has been traced."""
@@ -43,32 +43,32 @@ class Pictures:
         self._settings = Settings()
         self._layer: tuple[str, Renderer] | None = None
         self._previews: dict[tuple[str, int], Renderer] = {}
-        self._aims = {id(base): self.home}
+        self._aims = WeakKeyDictionary({base: self.home})
         self._rate = FIRST_RATE
 
     def shown(self, settings: Settings) -> Renderer | None:
-        """Return the renderer of what the settings show, if there is one already."""
-        if (settings.integrator, settings.max_depth) != (self._settings.integrator, self._settings.max_depth):
+        """Return the renderer for the settings, None until `get` has made it."""
+        if settings.overrides() != self._settings.overrides():
             return None
         if settings.layer in ("", "noise"):
             return self.main
         return self._layer[1] if self._layer is not None and self._layer[0] == settings.layer else None
 
     def get(self, settings: Settings) -> Renderer:
-        """Return the renderer of what the settings show."""
-        if (settings.integrator, settings.max_depth) != (self._settings.integrator, self._settings.max_depth):
-            overrides = settings.overrides()
-            self.main = self._sharing(**overrides) if overrides else self.base
+        """Return the renderer for the settings."""
+        overrides = settings.overrides()
+        if overrides != self._settings.overrides():
+            self.main = self.base.sharing(**overrides) if overrides else self.base
             self._settings = settings
             self._previews.clear()
-        if settings.layer in ("", "noise"):
-            return self.main
-        if self._layer is None or self._layer[0] != settings.layer:
-            self._layer = settings.layer, self._sharing(integrator="aov", layers=(settings.layer,))
-        return self._layer[1]
+        renderer = self.shown(settings)
+        if renderer is None:
+            renderer = self.base.sharing(integrator="aov", layers=(settings.layer,))
+            self._layer = settings.layer, renderer
+        return renderer
 
     def preview(self, settings: Settings) -> Renderer:
-        """Return a renderer of what the settings show, with as few pixels as can be rendered in time."""
+        """Return a renderer for the settings with so few pixels that a sample takes PREVIEW_SECONDS."""
         full = self.get(settings)
         pixels = full.width * full.height
         divisor = math.ceil(math.sqrt(pixels / max(self._rate * PREVIEW_SECONDS, 1.0)))
@@ -76,8 +76,7 @@ class Pictures:
         layer = "" if full is self.main else settings.layer
         if (layer, divisor) not in self._previews:
             size = {"width": -(-full.width // divisor), "height": -(-full.height // divisor), "crop": None}
-            self._previews[layer, divisor] = preview = sharing(full, **size)
-            self._aims.pop(id(preview), None)
+            self._previews[layer, divisor] = full.sharing(**size)
         return self._previews[layer, divisor]
 
     def timed(self, paths_per_second: float) -> None:
@@ -86,29 +85,29 @@ class Pictures:
 
     def is_aimed(self, renderer: Renderer, camera: Camera) -> bool:
         """Return whether a renderer's picture is of this camera."""
-        return self._aims.get(id(renderer)) == camera
+        return self._aims.get(renderer) == camera
 
     def aim(self, renderer: Renderer, camera: Camera) -> Renderer:
         """Look through a camera; the picture restarts if it is another one."""
         if not self.is_aimed(renderer, camera):
             renderer.set_camera(camera)
             renderer.seconds_render, renderer.paths = 0.0, 0
-            self._aims[id(renderer)] = camera
-        elif renderer.scene.camera != camera:  # another renderer has turned the shared scene since
+            self._aims[renderer] = camera
+        elif renderer.scene.camera != camera:  # another renderer has moved the camera of the shared scene
             renderer.scene.camera = camera
             renderer._built.look_from(camera)
         return renderer
 
     def pick(self, camera: Camera, x: float, y: float) -> dict[str, Any] | None:
-        """Return what is seen at a place of the picture: position, object and bounds; None if nothing is."""
+        """Return the position of the surface at a place of the picture, and its shape's name and bounds, or None."""
         column = min(max(int(x * self.base.width), 0), self.base.width - 1)
         row = min(max(int(y * self.base.height), 0), self.base.height - 1)
         crop = (column, row, column + 1, row + 1)
-        one = self._sharing(integrator="aov", layers=("position", "object"), crop=crop)
-        one.set_camera(camera)
-        for _ in one.passes(spp=1):
+        pixel = self.base.sharing(integrator="aov", layers=("position", "object"), crop=crop)
+        pixel.set_camera(camera)
+        for _ in pixel.passes(spp=1):
             pass
-        layers = one.layers()
+        layers = pixel.layers()
         number = int(layers["object"].ravel()[0])
         if number == 0:
             return None
@@ -122,11 +121,6 @@ class Pictures:
             "bounds": shape.bounds.tolist(),
         }
 
-    def _sharing(self, **changes: Any) -> Renderer:
-        other = sharing(self.base, **changes)
-        self._aims.pop(id(other), None)  # of a renderer that is gone
-        return other
-
 
 def file_of(renderer: Renderer, suffix: str, look: Look) -> bytes:
     """Return the bytes of a picture file, as `Renderer.save` writes it.
@@ -139,12 +133,12 @@ def file_of(renderer: Renderer, suffix: str, look: Look) -> bytes:
     Raises:
         InputError: see `Renderer.save`.
     """
-    before = renderer.settings
-    renderer.settings = dataclasses.replace(before, **dataclasses.asdict(look))
+    settings = renderer.settings
+    renderer.settings = dataclasses.replace(settings, **dataclasses.asdict(look))
     try:
         with tempfile.TemporaryDirectory(prefix="wrt-view-") as folder:
             path = Path(folder) / f"picture{suffix}"
             renderer.save(path)
             return path.read_bytes()
     finally:
-        renderer.settings = before
+        renderer.settings = settings

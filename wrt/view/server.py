@@ -1,11 +1,8 @@
 """The server of the page: its files, downloads, and a WebSocket for each tab.
 
 It listens on this computer only. A tab needs the token of the address that `wrt view` prints, and must come from the
-page itself, so that neither other users of the computer nor other pages in the browser see the picture.
-
-Messages from a page are JSON: `ack` (the number of a frame it has drawn), `camera` (fields of the camera, and a serial
-number that frames repeat), `set` (settings), `pick` (a place in the picture) and `toml`. Messages to it are JSON
-(`state`, `picked`, `toml`, `error`) or frames, see `wrt.view.frames`.
+page itself, so that neither other users of the computer nor other pages in the browser see the picture. Messages are
+those of `wrt.view.viewer`.
 """
 
 from __future__ import annotations
@@ -30,19 +27,12 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from wrt.errors import InputError
-from wrt.view.controls import camera_toml
-from wrt.view.frames import Frame
 from wrt.view.session import Session
+from wrt.view.viewer import Viewer
 
 HOST = "127.0.0.1"
-PORT = 8765
-"""The port that is tried first."""
-
-PORTS = 20
-"""Ports that are tried, one after the other."""
-
-UNSEEN = 2
-"""Frames that may be on their way to a page that has not acknowledged them."""
+PORTS = range(8765, 8785)
+"""Ports that are tried, one after the other, unless one is given."""
 
 LONGEST_MESSAGE = 1 << 14
 """Bytes of a message from a page."""
@@ -56,93 +46,69 @@ FILES = {
 
 DOWNLOADS = {"/picture.png": "image/png", "/picture.exr": "image/x-exr"}
 
-POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
-    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
-)
-"""What the page may load: nothing from elsewhere."""
+HEADERS = {
+    # The page may load nothing from elsewhere.
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    ),
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+    "Connection": "close",
+}
 
 
-class _Client:
-    """A tab: the newest frame waits for it, older ones are skipped."""
+class _Tab(Viewer):
+    """A tab of a browser."""
 
     def __init__(self, connection: ServerConnection, session: Session) -> None:
-        self._connection, self._session = connection, session
-        self._loop = asyncio.get_running_loop()
-        self._wake = asyncio.Event()
-        self._frame: Frame | None = None
+        super().__init__(session)
+        self._connection = connection
         self._texts: list[dict[str, Any]] = []
-        self._unseen: list[int] = []
+        self._wake = asyncio.Event()
 
     async def run(self) -> None:
         """Serve the tab until it leaves."""
-        end = self._session.listen(self._listen)
-        sending = asyncio.create_task(self._send())
+        self.begin()
+        sending = asyncio.create_task(self._send_all())
         try:
             async for message in self._connection:
-                await self._take(message)
+                try:
+                    values = json.loads(message)
+                except (ValueError, RecursionError):
+                    values = None
+                self.receive(values)
         except ConnectionClosed:
             pass
         finally:
-            end()
+            self.end()
             sending.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
                 await sending
 
-    def _listen(self, what: Frame | dict[str, Any]) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            self._loop.call_soon_threadsafe(self._put, what)
-
-    def _put(self, what: Frame | dict[str, Any]) -> None:
-        if isinstance(what, Frame):
-            self._frame = what
-        else:
-            self._texts.append(what)
+    def send(self, message: dict[str, Any], content: bytes | None = None) -> None:
+        self._texts.append(message)
         self._wake.set()
 
-    async def _send(self) -> None:
+    def send_frames(self) -> None:
+        self._wake.set()
+
+    async def _send_all(self) -> None:
         while True:
             await self._wake.wait()
             self._wake.clear()
             while self._texts:
                 await self._connection.send(json.dumps(self._texts.pop(0)))
-            if self._frame is not None and len(self._unseen) < UNSEEN:
-                frame, self._frame = self._frame, None
-                self._unseen.append(frame.number)
+            if (frame := self.next_frame()) is not None:
                 await self._connection.send(frame.message())
-
-    async def _take(self, message: str | bytes) -> None:
-        try:
-            values = json.loads(message)
-            kind = values.get("type")
-            if kind == "ack":
-                self._unseen = [number for number in self._unseen if number > values["frame"]]
-                self._wake.set()
-            elif kind == "camera":
-                self._session.move(values.get("camera"), values.get("serial"))
-            elif kind == "set":
-                self._session.change(values)
-            elif kind == "pick":
-                picked = await asyncio.wrap_future(self._session.pick(values["x"], values["y"]))
-                self._put({"type": "picked", "action": values.get("action"), "picked": picked})
-            elif kind == "toml" and self._session.camera is not None:
-                self._put({"type": "toml", "text": camera_toml(self._session.camera)})
-        except (InputError, OSError, MemoryError) as error:
-            self._put({"type": "error", "text": str(error) or "not enough memory"})
-        except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
-            self._put({"type": "error", "text": f"a message that is not understood: {error}"})
 
 
 class _Page:
-    """What the addresses answer."""
+    """Answers requests for the page, its files, and pictures."""
 
-    def __init__(self, session: Session, token: str) -> None:
-        self._session, self._token = session, token
-        self._port = 0
-
-    def at(self, port: int) -> None:
-        """Answer for this port only."""
-        self._port = port
+    def __init__(self, session: Session, token: str, port: int) -> None:
+        self._session, self._token, self._port = session, token, port
 
     async def answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the answer to a request, or None to begin a WebSocket."""
@@ -157,10 +123,10 @@ class _Page:
             name, kind = FILES[address.path]
             content = (resources.files("wrt.view") / "page" / name).read_bytes()
             return _response(http.HTTPStatus.OK, kind + "; charset=utf-8", content)
-        given = parse_qs(address.query).get("token", [""])[0]
+        token = parse_qs(address.query).get("token", [""])[0]
         if address.path not in ("/live", *DOWNLOADS):
             return _text(http.HTTPStatus.NOT_FOUND, "there is nothing here\n")
-        if not secrets.compare_digest(given.encode(), self._token.encode()):
+        if not secrets.compare_digest(token.encode(), self._token.encode()):
             return _text(http.HTTPStatus.FORBIDDEN, "this needs the address that wrt view has printed\n")
         if address.path == "/live":
             if not self._is_from(request, "Origin", "http://"):
@@ -169,9 +135,9 @@ class _Page:
         return await self._download(address.path)
 
     def _is_from(self, request: Request, header: str, scheme: str) -> bool:
-        """Return whether a header is there once and names this server."""
-        given = request.headers.get_all(header)
-        return len(given) == 1 and given[0] in {f"{scheme}{name}:{self._port}" for name in (HOST, "localhost")}
+        """Return whether a request has one such header, and it names this server."""
+        values = request.headers.get_all(header)
+        return len(values) == 1 and values[0] in {f"{scheme}{name}:{self._port}" for name in (HOST, "localhost")}
 
     async def _download(self, path: str) -> Response:
         suffix = path.removeprefix("/picture")
@@ -186,14 +152,7 @@ class _Page:
 
 
 def _response(status: http.HTTPStatus, kind: str, content: bytes) -> Response:
-    headers = Headers()
-    headers["Content-Type"] = kind
-    headers["Content-Length"] = str(len(content))
-    headers["Content-Security-Policy"] = POLICY
-    headers["Referrer-Policy"] = "no-referrer"
-    headers["X-Content-Type-Options"] = "nosniff"
-    headers["Cache-Control"] = "no-store"
-    headers["Connection"] = "close"
+    headers = Headers({"Content-Type": kind, "Content-Length": str(len(content)), **HEADERS})
     return Response(status.value, status.phrase, headers, content)
 
 
@@ -202,12 +161,12 @@ def _text(status: http.HTTPStatus, text: str) -> Response:
 
 
 def bound_socket(port: int | None) -> socket.socket:
-    """Return a socket bound to a port of this computer, or to the first free one from PORT on.
+    """Return a socket bound to a port of this computer, or to the first free one of PORTS.
 
     Raises:
         InputError: when the port is in use.
     """
-    for each in [port] if port is not None else range(PORT, PORT + PORTS):
+    for each in [port] if port is not None else PORTS:
         bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -219,32 +178,30 @@ def bound_socket(port: int | None) -> socket.socket:
             continue
         return bound
     if port is None:
-        raise InputError(f"the ports {PORT} to {PORT + PORTS - 1} are all in use; name a free one with --port")
+        raise InputError(f"the ports {PORTS[0]} to {PORTS[-1]} are all in use; name a free one with --port")
     raise InputError(f"port {port} is in use or not allowed; choose another with --port, or leave it out")
 
 
 async def run_server(session: Session, bound: socket.socket, token: str, ready: Callable[[str], None]) -> None:
     """Serve a session until this task is cancelled; `ready` is called with the page's address."""
-    page = _Page(session, token)
+    port = bound.getsockname()[1]
 
     async def serve_tab(connection: ServerConnection) -> None:
-        await _Client(connection, session).run()
+        await _Tab(connection, session).run()
 
     server: Server
     async with serve(
         serve_tab,
         sock=bound,
-        process_request=page.answer,
+        process_request=_Page(session, token, port).answer,
         compression=None,  # frames are compressed already
         max_size=LONGEST_MESSAGE,
         write_limit=1 << 16,
         server_header=None,
         close_timeout=1.0,
     ) as server:
-        port = bound.getsockname()[1]
-        page.at(port)
         ready(f"http://{HOST}:{port}/?token={token}")
         try:
             await server.wait_closed()
         finally:
-            session.cancel_requests()  # tabs that wait for an answer would keep the server open
+            session.cancel_requests()  # downloads that wait would keep the server open

@@ -1,4 +1,4 @@
-"""A view: a thread that renders what is looked at, restarts when the camera moves, and makes frames."""
+"""A view: a thread that renders the picture of a camera, restarts when the camera moves, and makes frames."""
 
 from __future__ import annotations
 
@@ -11,15 +11,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import Any
 
-from wrt.backend import leave_compiled
-from wrt.backend.builds import NotCompiled
 from wrt.errors import InputError, one_line
 from wrt.rendering.passes import Progress
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera
 from wrt.values import number
-from wrt.view.controls import Settings, camera_values, denoise_of, exposure_of, moved_camera, tone_of
-from wrt.view.frames import Encoder, Frame
+from wrt.view.controls import Settings, camera_values, moved_camera
+from wrt.view.frames import Encoder, Frame, Source
 from wrt.view.picture import Look, shown_image
 from wrt.view.pictures import Pictures, file_of
 
@@ -30,25 +28,26 @@ REST_SECONDS = 0.15
 """Time without a move until the picture is rendered in full again."""
 
 WATCHED_PASS = 3.0
-"""Seconds of a pass while somebody watches: each ends with a frame, which costs time. Moves and picks end it early."""
+"""Seconds of a pass of a watched picture: each ends with a frame, which costs time. Moves and picks end it early."""
 
 WARMING_UP = 12.0
 """Seconds of rendering after which passes take WATCHED_PASS; earlier they grow as in every render."""
 
 MOST_SAMPLES = 1024
-"""Samples per pixel at which a view rests, unless the scene asks for more: a desk should become quiet some time."""
+"""Samples per pixel at which a view stops, unless the scene asks for more."""
 
+LAYER_SAMPLES = 16
+"""Samples per pixel of layers and the like, which have little noise."""
 
 CLOSING_SECONDS = 2.0
 """Longest wait for a thread that may be compiling or reading a large file; it ends by itself afterwards."""
 
-
 _SHUTDOWN = "shutdown"
-"""What thread pools say when the interpreter has begun to end, in all versions of Python."""
+"""In the message of thread pools when the interpreter has begun to end, in all versions of Python."""
 
 
 def _text_of(error: Exception) -> str:
-    """Return what the page shows of an error."""
+    """Return the text of an error for the page."""
     if isinstance(error, (InputError, OSError)):
         return str(error)
     if isinstance(error, MemoryError):
@@ -57,10 +56,15 @@ def _text_of(error: Exception) -> str:
 
 
 class Session:
-    """One scene that several pages may look at; they share its camera and its settings.
+    """One scene that several pages may show; they share its camera and its settings.
+
+    Other threads call the methods without an underscore, which leave their wishes in fields and wake the thread. The
+    thread takes one step after the other, see `_next_step`: load the scene, answer a request, render a preview, or
+    render a pass. A wish ends a pass early.
 
     Attributes:
-        settings: what is rendered.
+        settings: the settings of the render.
+        camera: the wanted camera, None until the scene is loaded.
         error: why there is no picture, or the last reload failed; "" if all is well.
     """
 
@@ -73,23 +77,26 @@ class Session:
             spp: samples per pixel at which to stop.
         """
         self.name, self.settings, self.error = name, Settings(), ""
+        self.camera: Camera | None = None
         self._open, self._spp = open, spp
         self._changed = threading.Condition()
         self._listeners: list[Listener] = []
         self._encoder = Encoder(self._tell)
-        self._pictures: Pictures | None = None
-        self._home: Camera | None = None  # the scene's own
-        self._camera: Camera | None = None  # the one wanted
-        self._serial: Any = None  # the page's number of that camera
-        self._moved_at = -1.0
-        self._busy: Renderer | None = None  # in a pass that a move may end
         self._requests: list[tuple[Callable[[], Any], Future[Any]]] = []
         self._reload, self._closed = True, False
         self._is_loaded = False  # whether the last reload went well
+        self._serial: Any = None  # the page's number of the camera
+        self._moved_at = -1.0
+        # Of the thread alone.
+        self._pictures: Pictures | None = None
+        self._home: Camera | None = None  # the scene's own camera
         self._passes: tuple[Renderer, Iterator[Progress]] | None = None
         self._progress: Progress | None = None  # of the last pass
+        self._running: Renderer | None = None  # in a pass that can be ended
         self._thread = threading.Thread(target=self._run, name="wrt-view", daemon=True)
         self._thread.start()
+
+    # --- For other threads ---
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` from now on, first with the present state; return the function that ends it."""
@@ -108,8 +115,8 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """Return the message that describes the view to a page."""
-        camera, pictures = self._camera, self._pictures
-        own = {} if pictures is None else {"width": pictures.main.width, "height": pictures.main.height}
+        camera, pictures = self.camera, self._pictures
+        size = {} if pictures is None else {"width": pictures.main.width, "height": pictures.main.height}
         return {
             "type": "state",
             "name": self.name,
@@ -119,10 +126,8 @@ class Session:
             "bounds": None if pictures is None else pictures.base.scene.bounds.tolist(),
             "settings": dataclasses.asdict(self.settings),
             "integrator": None if pictures is None else pictures.base.integrator,
-            "exposure": self._encoder.look.exposure,
-            "tone": self._encoder.look.tone,
-            "denoise": self._encoder.look.denoise,
-            **own,
+            **dataclasses.asdict(self._encoder.look),
+            **size,
         }
 
     def move(self, values: object, serial: Any = None) -> None:
@@ -132,37 +137,31 @@ class Session:
             InputError: on unusable values.
         """
         with self._changed:
-            if self._camera is None:
+            if self.camera is None:
                 return
-            self._camera, self._serial = moved_camera(self._camera, values), serial
+            self.camera, self._serial = moved_camera(self.camera, values), serial
             self._moved_at = time.monotonic()
             self._end_pass()
 
-    def change(self, values: dict[str, Any]) -> None:
+    def change(self, message: dict[str, Any]) -> None:
         """Change settings, the exposure, the tone curve or whether to denoise.
 
         Raises:
             InputError: on unusable values.
         """
-        look = self._encoder.look
-        if "exposure" in values:
-            look = dataclasses.replace(look, exposure=exposure_of(values["exposure"]))
-        if "tone" in values:
-            look = dataclasses.replace(look, tone=tone_of(values["tone"]))
-        if "denoise" in values:
-            look = dataclasses.replace(look, denoise=denoise_of(values["denoise"]))
-        begins_to_denoise = look.denoise and not self._encoder.look.denoise
-        if look != self._encoder.look:
+        old, look = self._encoder.look, self._encoder.look.changed(message)
+        begins_to_denoise = look.denoise and not old.denoise
+        if look != old:
             self._encoder.show(look)
-        settings = self.settings.changed(values)
+        settings = self.settings.changed(message)
         if settings != self.settings or begins_to_denoise:
             with self._changed:
                 self.settings = settings
                 if self._is_loaded:
-                    self.error = ""  # of the former settings
+                    self.error = ""  # of the previous settings
                 self._end_pass()
-        if begins_to_denoise:  # also of a picture that is finished
-            self._ask(self._show_again)
+        if begins_to_denoise:  # also a finished picture
+            self._request(self._show_again)
         self._tell(self.state())
 
     def reload(self) -> None:
@@ -173,25 +172,25 @@ class Session:
 
     def save(self, suffix: str) -> Future[bytes]:
         """Return the bytes of a picture file (.png, .exr, .npy), as `wrt render` writes them at this sample count."""
-        return self._ask(lambda: file_of(self._present_main(), suffix, self._encoder.look))
+        return self._request(lambda: file_of(self._finished_main(), suffix, self._encoder.look))
 
     def pick(self, x: object, y: object) -> Future[dict[str, Any] | None]:
-        """Return what is seen at a place in the picture, from (0, 0) at the top left to (1, 1); None if nothing.
+        """Return the surface at a place from (0, 0) at the top left to (1, 1), see `Pictures.pick`.
 
         Raises:
             InputError: if that is not a place.
         """
         u, v = (number(value, name, minimum=0.0, maximum=1.0) for value, name in ((x, "x"), (y, "y")))
-        return self._ask(lambda: self._required().pick(self._required_camera(), u, v))
+
+        def pick() -> dict[str, Any] | None:
+            pictures, camera = self._present()
+            return pictures.pick(camera, u, v)
+
+        return self._request(pick)
 
     def codes(self) -> Any:
         """Return the newest picture as (H, W, 3) 8-bit codes, or None."""
         return self._encoder.codes()
-
-    @property
-    def camera(self) -> Camera | None:
-        """The camera in use, or None before there is a scene."""
-        return self._camera
 
     def close(self) -> None:
         """End the threads; a running pass is left unfinished."""
@@ -205,13 +204,14 @@ class Session:
             self._pictures, self._passes = None, None  # and their memory on the device
 
     def cancel_requests(self) -> None:
-        """Cancel what was asked for and is not answered yet."""
+        """Cancel requests that are not answered yet."""
         with self._changed:
             requests, self._requests = self._requests, []
         for _, future in requests:
             future.cancel()
 
-    def _ask(self, answer: Callable[[], Any]) -> Future[Any]:
+    def _request(self, answer: Callable[[], Any]) -> Future[Any]:
+        """Let the thread call a function, and return its future result."""
         future: Future[Any] = Future()
         with self._changed:
             self._requests.append((answer, future))
@@ -220,173 +220,149 @@ class Session:
 
     def _end_pass(self) -> None:
         """End a pass that is out of date, and wake the thread; call it with the lock held."""
-        if self._busy is not None:
-            self._busy.device.cancelled.set()
+        if self._running is not None:
+            self._running.device.cancelled.set()
         self._changed.notify()
 
-    def _tell(self, what: Frame | dict[str, Any]) -> None:
+    def _tell(self, message: Frame | dict[str, Any]) -> None:
         for listener in list(self._listeners):
-            listener(what)
+            listener(message)
 
-    def _required(self) -> Pictures:
-        if self._pictures is None:
-            raise InputError(self.error or "there is no scene yet")
-        return self._pictures
-
-    def _required_camera(self) -> Camera:
-        if self._camera is None:
-            raise InputError(self.error or "there is no scene yet")
-        return self._camera
-
-    def _present_main(self) -> Renderer:
-        main = self._required().aim(self._required().main, self._required_camera())
-        samples = main.film.tally()
-        most = samples.most
-        if most == 0 or most != samples.least:  # after a pass that was ended
-            for _ in main.passes(spp=max(1, most)):
-                pass
-        return main
+    # --- The thread ---
 
     def _run(self) -> None:
         while not self._closed:
+            step = self._next_step()
+            if step is None:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._closed or self._next_step() is not None, timeout=60.0)
+                continue
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
-                    worked = self._step()
-            except NotCompiled:
-                worked = True
-                self._leave_compiled()
-            except Exception as error:  # noqa: BLE001  # the page shows it, and without this thread nobody would answer
+                    step()
+            except Exception as error:  # noqa: BLE001  # the page shows it; the thread must live on to answer
                 if isinstance(error, RuntimeError) and _SHUTDOWN in str(error):
                     return
-                self._fail(_text_of(error))
-                worked = False
-            if not worked:
-                with self._changed:
-                    self._changed.wait_for(lambda: self._has_work() or self._closed, timeout=60.0)
+                self.error = _text_of(error)
+                self._tell(self.state())
 
-    def _leave_compiled(self) -> None:
-        """Open the scene again with Warp, which compiles the kernel that a new layer, integrator or denoising needs."""
-        self._passes = self._pictures = None
-        leave_compiled()
-        self._reload = True
+    def _next_step(self) -> Callable[[], None] | None:
+        """Return what the thread does next, None to wait for a change."""
+        pictures, camera = self._pictures, self.camera
+        if self._reload:
+            return self._load
+        if self._requests and (pictures is None or not self._is_moving()):
+            return self._answer
+        if pictures is None or camera is None or not self._listeners or self.error:
+            return None
+        if self._is_moving():
+            return self._preview
+        renderer = pictures.shown(self.settings)
+        is_finished = (
+            renderer is not None and pictures.is_aimed(renderer, camera) and renderer.spp >= self._target(renderer)
+        )
+        return None if is_finished else self._pass
 
-    def _fail(self, text: str) -> None:
-        self.error = text
-        self._tell(self.state())
-
-    def _has_work(self) -> bool:
-        if self._reload or self._requests:
-            return True
-        pictures = self._pictures
-        if pictures is None or self._camera is None or not self._listeners or self.error:
-            return False
-        shown = pictures.shown(self.settings)
-        return shown is None or not pictures.is_aimed(shown, self._camera) or shown.spp < self._target(shown)
+    def _is_moving(self) -> bool:
+        return time.monotonic() - self._moved_at < REST_SECONDS
 
     def _target(self, renderer: Renderer) -> int:
         if not renderer.renders_light:
-            return 16
+            return LAYER_SAMPLES
         return self._spp or max(renderer.settings.spp, MOST_SAMPLES)
 
-    def _step(self) -> bool:
-        """Do the next thing; return whether there was anything to do."""
-        if self._reload:
-            self._reload = False
-            self._load()
-            return True
-        pictures, camera, settings = self._pictures, self._camera, self.settings
-        moving = time.monotonic() - self._moved_at < REST_SECONDS
-        if self._requests and (not moving or pictures is None):
-            self._answer()
-            return True
-        if pictures is None or camera is None or not self._listeners or (self.error and not moving):
-            return False
-        if moving:
-            self._preview(pictures, settings, camera)
-            return True
-        renderer = pictures.aim(pictures.get(settings), camera)
-        return self._pass(renderer, settings)
+    def _present(self) -> tuple[Pictures, Camera]:
+        if self._pictures is None or self.camera is None:
+            raise InputError(self.error or "there is no scene yet")
+        return self._pictures, self.camera
 
     def _load(self) -> None:
+        self._reload = False
         self._passes, self._is_loaded = None, False
         renderer = self._open()
         self._pictures = Pictures(renderer)
         if self._home is None:
-            self._encoder.look = Look.of(renderer.settings)
+            self._encoder.look = Look.from_settings(renderer.settings)
         with self._changed:
             if self._home != self._pictures.home:
-                self._home = self._camera = self._pictures.home
+                self._home = self.camera = self._pictures.home
         self.error, self._is_loaded = "", True
         self._tell(self.state())
-        if self._camera is not None:  # so that a page finds a picture when it opens
-            self._preview(self._pictures, self.settings, self._camera)
+        self._preview()  # so that a page finds a picture when it opens
 
     def _answer(self) -> None:
         with self._changed:
             if not self._requests:  # they were cancelled
                 return
-            request = answer, future = self._requests[0]  # it stays in the list if its kernel is not compiled yet
-        outcome: Any = None
+            request = answer, future = self._requests[0]  # listed until it is answered, so that it can be cancelled
+        result: Any = None
         error: Exception | None = None
         try:
-            outcome = answer()
-        except NotCompiled:
-            raise
-        except Exception as found:  # noqa: BLE001  # who asked gets it
-            error = found if isinstance(found, (InputError, OSError, MemoryError)) else OSError(_text_of(found))
+            result = answer()
+        except Exception as caught:  # noqa: BLE001  # it goes to the caller
+            error = caught if isinstance(caught, (InputError, OSError, MemoryError)) else OSError(_text_of(caught))
         with self._changed:
-            if request in self._requests:  # it was not cancelled meanwhile
+            if request in self._requests:  # it has not been cancelled
                 self._requests.remove(request)
-                future.set_result(outcome) if error is None else future.set_exception(error)
+                future.set_result(result) if error is None else future.set_exception(error)
         self._passes = None
 
-    def _preview(self, pictures: Pictures, settings: Settings, camera: Camera) -> None:
-        """Render one sample of few pixels, as many as can follow the hand."""
-        serial = self._serial
+    def _finished_main(self) -> Renderer:
+        """Return the renderer of the picture, with as many samples in each pixel as any has."""
+        pictures, camera = self._present()
+        main = pictures.aim(pictures.main, camera)
+        samples = main.film.tally()
+        if samples.most == 0 or samples.most != samples.least:  # a pass was ended early
+            for _ in main.passes(spp=max(1, samples.most)):
+                pass
+        return main
+
+    def _preview(self) -> None:
+        """Render one sample of few pixels, so few that the picture follows the hand."""
+        (pictures, camera), settings, serial = self._present(), self.settings, self._serial
         renderer = pictures.aim(pictures.preview(settings), camera)
         for progress in renderer.passes(spp=renderer.spp + 1):
             pictures.timed(progress.paths_per_second)
         self._put(renderer, settings, serial, progress=None)
 
-    def _pass(self, renderer: Renderer, settings: Settings) -> bool:
-        """Render a pass of the picture; return whether it still needs more."""
+    def _pass(self) -> None:
+        """Render a pass of the picture, unless something has changed."""
+        (pictures, camera), settings = self._present(), self.settings
+        renderer = pictures.aim(pictures.get(settings), camera)
         target = self._target(renderer)
         if renderer.spp >= target:
-            return False
+            return
         if self._passes is None or self._passes[0] is not renderer or renderer.spp == 0:
             seconds = WATCHED_PASS if renderer.seconds_render > WARMING_UP else None
             self._passes = renderer, renderer.passes(spp=target, pass_seconds=seconds)
         with self._changed:
-            if self._reload or self._closed or self._camera is None or self.settings != settings:
-                return True
-            if time.monotonic() - self._moved_at < REST_SECONDS:
-                return True
+            if self._reload or self._closed or self.settings != settings or self._is_moving():
+                return
             renderer.device.cancelled.clear()
-            self._busy, serial = renderer, self._serial
-        seconds_before, paths_before = renderer.seconds_render, renderer.paths
+            self._running, serial = renderer, self._serial
+        old_seconds, old_paths = renderer.seconds_render, renderer.paths
         try:
             progress = next(self._passes[1], None)
         finally:
             with self._changed:
-                self._busy = None
+                self._running = None
                 ended = renderer.device.cancelled.is_set()
                 renderer.device.cancelled.clear()
         if progress is None or ended:
             self._passes = None
-            return True
-        rate = (renderer.paths - paths_before) / max(renderer.seconds_render - seconds_before, 1e-9)
+            return
+        rate = (renderer.paths - old_paths) / max(renderer.seconds_render - old_seconds, 1e-9)
         progress = dataclasses.replace(progress, paths_per_second=rate)  # of this pass alone
         if renderer.renders_light:
-            self._required().timed(rate)
+            pictures.timed(rate)
         if progress.seconds > WARMING_UP and renderer.seconds_render - progress.seconds < WARMING_UP:
             self._passes = None  # begin again with shorter passes
         self._put(renderer, settings, serial, progress)
-        return True
 
     def _show_again(self) -> None:
         """Make a frame of the picture so far."""
-        pictures, camera = self._required(), self._required_camera()
+        pictures, camera = self._present()
         renderer = pictures.shown(self.settings)
         if renderer is not None and renderer.spp > 0 and pictures.is_aimed(renderer, camera):
             self._put(renderer, self.settings, self._serial, self._progress)
@@ -407,4 +383,4 @@ class Session:
             "width": renderer.film.width,
             "height": renderer.film.height,
         }
-        self._encoder.put(fetch, is_radiance, header, guides)
+        self._encoder.put(Source(fetch, is_radiance, header, guides))

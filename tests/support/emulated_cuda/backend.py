@@ -9,12 +9,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import wrt.backend
-from support.emulated_cuda.flow import Flow, flow_of
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
-from support.emulated_cuda.ptx import Entry, Module, parse
+from wrt.backend.backend import Backend, Kernel
 from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.memory import memory_left
-from wrt.backend.warp_backend import WarpBackend, initialize_warp
+from wrt.backend.warp_start import initialize_warp
 
 ARCH = 90
 """Hopper."""
@@ -25,14 +24,14 @@ RUNS_LONG = "wrt.coat.", "wrt.missing"
 """What names of modules begin with that are always optimised: tables of materials run for half a minute otherwise."""
 
 
-class EmulatedBackend(WarpBackend):
-    """Warp's backend, with one GPU whose memory is that of the CPU; it counts `launches` by names of kernels."""
+class EmulatedBackend(Backend):
+    """The backend, with one GPU that shares the memory of the CPU; it counts `launches` by names of kernels."""
 
-    def __init__(self, arch: int = ARCH, *, optimization: int = 1, traces: bool = False) -> None:
-        """Make a GPU; modules compile in a third of the time without `optimization`, and trace as `Library` says."""
+    def __init__(self, arch: int = ARCH, *, optimization: int = 1) -> None:
+        """Make a GPU; modules compile in a third of the time without `optimization`."""
         super().__init__()
         self.launches: dict[str, int] = {}
-        self._arch, self._optimization, self._traces = arch, optimization, traces
+        self._arch, self._optimization = arch, optimization
         self._libraries: dict[tuple[str, bytes], Library] = {}
         self._lock = threading.RLock()
 
@@ -42,20 +41,9 @@ class EmulatedBackend(WarpBackend):
         with self._lock:
             if key not in self._libraries:
                 level = max(self._optimization, 1) if module.name.startswith(RUNS_LONG) else self._optimization
-                binary = compiled(ptx_of(module, self._arch), optimization=level, traces=self._traces)
+                binary = compiled(ptx_of(module, self._arch), optimization=level)
                 self._libraries[key] = Library(binary)
             return self._libraries[key]
-
-    def entry(self, kernel: Any) -> Entry:
-        return next(entry for entry in self._parsed(kernel).entries if entry.name == entry_of(kernel))
-
-    def flow(self, kernel: Any) -> Flow:
-        """Return the control flow of a kernel with the functions that it calls."""
-        functions = {function.name: function for function in self._parsed(kernel).functions}
-        return flow_of(self.entry(kernel), functions)
-
-    def _parsed(self, kernel: Any) -> Module:
-        return parse(ptx_of(kernel.module, self._arch))
 
     def run(self, kernel: Any, shape: tuple[int, ...], arguments: list[Any]) -> None:
         from warp._src.context import pack_arg
@@ -73,20 +61,21 @@ class EmulatedBackend(WarpBackend):
     def is_loaded(self, kernel: Any, device: str) -> bool:
         if device == "cpu":
             return super().is_loaded(kernel, device)
+        kernel = declared(kernel)
         return (kernel.module.name, kernel.module.get_module_hash(BLOCK)) in self._libraries
 
     def load(self, kernel: Any, device: str) -> None:
         if device == "cpu":
             super().load(kernel, device)
         else:
-            self.library(kernel)
+            self.library(declared(kernel))
 
     def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
         """Run threads `first` to first + count − 1 of a kernel; on the GPU too they are done afterwards."""
         if device == "cpu":
             super().queue(kernel, first, count, inputs, device)
         else:
-            self.run(kernel, (count,), [first, *inputs])
+            self.run(declared(kernel), (count,), [first, *inputs])
 
     def fetch(self, array: Any, *, beside: bool = False) -> Any:
         """Return an array as NumPy data; what is copied beside is a copy here too, though the memory is the CPU's."""
@@ -107,6 +96,11 @@ class EmulatedBackend(WarpBackend):
 
     def memory_of(self, gpu: str) -> int:
         return memory_left()
+
+
+def declared(kernel: Any) -> Any:
+    """Return Warp's kernel."""
+    return kernel.declared() if isinstance(kernel, Kernel) else kernel
 
 
 def entry_of(kernel: Any) -> str:

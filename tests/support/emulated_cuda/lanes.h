@@ -2,7 +2,7 @@
 enum : u32 { ACTIVE_MASK, BALLOT, ANY, ALL, UNIFORM, BARRIER };
 constexpr u32 ENDED = ~0u;
 
-// A thread: where it goes on, what it waits for, with which others, what it says, and what it is told.
+// A thread: its place, the kind of stop, the threads it waits for, its vote, and the answer.
 struct Lane {
     u32 at, kind, mask, value, result;
 };
@@ -12,7 +12,7 @@ u64 stuck;  // whether threads waited for others that never came
 u64 apart;  // whether threads with odd and even numbers are never active together
 }
 
-// The lanes that go on with lane k, none if it has to wait. Those that have ended are not waited for.
+// The lanes that go on with lane k, none if it has to wait. No lane waits for one that has ended.
 template<class T> static u32 group_of(const T* lanes, const u32 k, const u32 ended) {
     const Lane& one = lanes[k];
     u32 group = 0;
@@ -35,7 +35,7 @@ static u32 answer_of(const u32 kind, const u32 votes, const u32 group) {
     default: return votes;
     }
 }
-// Run a warp of which some threads are there. Each runs up to where it waits, and all that can go on then do.
+// Run the threads of a warp that are `there`. Each runs to its next stop; then all that can go on do.
 template<class T, class Run> static void run_warp(T* lanes, const u32 there, Run run) {
     u32 ended = ~there, ready = there;
     for (u32 k = 0; k < 32; ++k) lanes[k].at = 0;

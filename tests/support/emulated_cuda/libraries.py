@@ -11,18 +11,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from support.emulated_cuda.ptx import NotTranslated, parse
-from support.emulated_cuda.translation import LANE, to_cpp
-from support.emulated_cuda.warps import WARP
+from support.emulated_cuda.translation import to_cpp
 
 BLOCK = 256
 """Threads of a block, Warp's default."""
-
-LONGEST_TRACE = 1 << 22
-"""Blocks of a traced thread at most."""
 
 _serial = itertools.count()
 
@@ -61,36 +54,11 @@ class Library:
         """Choose whether threads with odd and even numbers are never active together, as GPUs may have it."""
         self._variable(b"apart").value = int(apart)
 
-    def trace_warp(self, kernel: str, count: int, arguments: list[Any], first: int) -> list[NDArray[np.uint32]]:
-        """Run a warp of a module that traces, from thread `first` on, and return the blocks that each thread runs."""
-        raw = np.empty(WARP * LONGEST_TRACE, np.uint32)
-        traced = self._trace(kernel, count, arguments, range(first, min(first + WARP, count)), raw)
-        if traced > len(raw):
-            raise RuntimeError(f"a warp ran {traced} blocks, and {len(raw)} were expected at most")
-        lanes, blocks = np.divmod(raw[:traced], LANE)
-        return [blocks[lanes == lane] for lane in range(min(WARP, count - first))]
-
-    def trace_all(
-        self, kernel: str, count: int, arguments: list[Any], threads: range, blocks_out: NDArray[np.uint32]
-    ) -> int:
-        """Run threads of a module that traces, write the first blocks that they run, and return how many these are."""
-        traced = self._trace(kernel, count, arguments, threads, blocks_out)
-        blocks_out[:traced] %= LANE
-        return traced
-
-    def _trace(self, kernel: str, count: int, arguments: list[Any], threads: range, raw_out: NDArray[np.uint32]) -> int:
-        """Run threads, write what they trace, as in `to_cpp`, and return how much that is."""
-        self._variable(b"trace").value, self._variable(b"longest").value = raw_out.ctypes.data, len(raw_out)
-        traced = self._variable(b"traced")
-        traced.value = 0
-        self.run(kernel, count, arguments, threads=threads)
-        return int(traced.value)
-
     def _variable(self, name: bytes) -> ctypes.c_uint64:
         return ctypes.c_uint64.from_address(self._clang.wp_lookup(self._handle, name))
 
 
-def compiled(ptx: str, *, optimization: int = 1, traces: bool = False) -> bytes:
+def compiled(ptx: str, *, optimization: int = 1) -> bytes:
     """Return PTX as an object file for this CPU; it is kept beside Warp's kernels and found there the next time.
 
     Raises:
@@ -98,7 +66,7 @@ def compiled(ptx: str, *, optimization: int = 1, traces: bool = False) -> bytes:
     """
     from warp._src.build import build_cpu
 
-    cpp = to_cpp(parse(ptx), traces=traces)
+    cpp = to_cpp(parse(ptx))
     digest = hashlib.sha256(f"{optimization}\n{cpp}".encode()).hexdigest()
     kept = _folder() / f"{digest[:32]}.o"
     if kept.is_file():

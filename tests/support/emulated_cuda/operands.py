@@ -72,7 +72,7 @@ class Operands:
             return f"{self.register(target)} = {value};"
         if kind.startswith("f"):
             value = f"bits({value})"
-        # A value is widened by its own sign.
+        # The type of the value decides how it is widened.
         return f"{self.register(target)} = ({unsigned(width)})({kind if kind[0] != 'f' else 'u' + kind[1:]})({value});"
 
     def address(self, text: str, space: str) -> str:

@@ -12,7 +12,6 @@ SPACES = ("global", "local", "shared", "param", "const")
 # Caches, orders and scopes of memory, and hints: none changes what a single thread computes.
 _HINTS = {"volatile", "relaxed", "acquire", "release", "acq_rel", "weak", "gpu", "sys", "cta", "nc", "uni"}
 _CACHES = ("L1::", "L2::", "ca", "cg", "cs", "cv", "lu", "wb", "wt")
-_MODES = {"rz": "TOWARD_ZERO", "rm": "DOWNWARD", "rp": "UPWARD"}
 _WHOLE = {"rni": "to_nearest", "rzi": "to_zero", "rmi": "to_lower", "rpi": "to_upper"}
 _NUMBERS = {f"{sign}{width}" for sign in "us" for width in (8, 16, 32, 64)} | {"f32", "f64"}
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "and": "&", "or": "|", "xor": "^", "div": "/"}
@@ -48,22 +47,20 @@ def translate(instruction: Instruction, operands: Operands) -> str:
     Raises:
         NotTranslated: on what the emulator does not know.
     """
-    name, *rest = instruction.opcode
-    ops = instruction.operands
-    family = _FAMILIES.get(name)
-    text = None if family is None else family(operands, instruction.opcode, ops)
+    family = _FAMILIES.get(instruction.opcode[0])
+    text = None if family is None else family(operands, instruction.opcode, instruction.operands)
     if text is None:
-        raise NotTranslated(".".join((name, *rest)))
+        raise NotTranslated(".".join(instruction.opcode))
     return text
 
 
-def _only(modifiers: tuple[str, ...], *known: str) -> bool:
-    """Return whether all modifiers are known, or hints."""
-    return all(m in known or m in _HINTS or m.startswith(_CACHES) for m in modifiers)
+def _only(modifiers: tuple[str, ...], *supported: str) -> bool:
+    """Return whether all modifiers are supported, or hints."""
+    return all(m in supported or m in _HINTS or m.startswith(_CACHES) for m in modifiers)
 
 
 def _flushed(value: str, kind: str, modifiers: tuple[str, ...]) -> str:
-    """Return a value, as zero where it is subnormal and the instruction asks for that; of 64 bits none is."""
+    """Return a value, flushed to zero if it is subnormal and the instruction says so, which it may for 32 bits."""
     return f"flushed({value})" if "ftz" in modifiers and kind == "f32" else value
 
 
@@ -73,8 +70,8 @@ def _move(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | N
         return None
     if ops[0].startswith("{"):
         parts, width = members(ops[0]), bits_of(kind) // len(members(ops[0]))
-        taken = [o.assign(part, f"whole >> {i * width}", f"b{width}") for i, part in enumerate(parts)]
-        return f"const u64 whole = {o.value(ops[1], 'b' + kind[1:])}; {' '.join(taken)}"
+        assigned = [o.assign(part, f"all >> {i * width}", f"b{width}") for i, part in enumerate(parts)]
+        return f"const u64 all = {o.value(ops[1], 'b' + kind[1:])}; {' '.join(assigned)}"
     if ops[1].startswith("{"):
         parts, width = members(ops[1]), bits_of(kind) // len(members(ops[1]))
         joined = " | ".join(f"(u64){o.value(part, f'b{width}')} << {i * width}" for i, part in enumerate(parts))
@@ -132,7 +129,8 @@ def _atomic(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str |
 
 def _compare(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     how, kind = opcode[1], opcode[-1]
-    joining = [part for part in opcode[2:-1] if part != "ftz"]
+    if not set(opcode[2:-1]) <= {"ftz"} or "|" in ops[0]:
+        return None
     a, b = (_flushed(o.value(op, kind), kind, opcode) for op in ops[1:3])
     ordered = f"({a} == {a} && {b} == {b})"
     if how in ("num", "nan"):
@@ -145,14 +143,7 @@ def _compare(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str 
         value = f"({a} {_ORDERED[how]} {b})"
     else:
         return None
-    first, _, second = ops[0].partition("|")
-    results = ["met", "!met"]
-    if joining:
-        if len(joining) != 1 or joining[0] not in _SIGNS:
-            return None
-        results = [f"({result} {_SIGNS[joining[0]]} {o.value(ops[3], 'pred')})" for result in results]
-    kept = [f"const pred met = {value};", f"const pred p = {results[0]}, q = {results[1]};"]
-    return " ".join([*kept, o.assign(first, "p", "pred"), o.assign(second, "q", "pred") if second else "(void)q;"])
+    return o.assign(ops[0], value, "pred")
 
 
 def _select(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
@@ -163,23 +154,17 @@ def _select(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str |
 
 def _convert(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     into, source, modifiers = opcode[-2], opcode[-1], opcode[1:-2]
-    if not {into, source} <= _NUMBERS or not _only(modifiers, "rn", "sat", "ftz", *_MODES, *_WHOLE):
+    if not {into, source} <= _NUMBERS or not _only(modifiers, "rn", "ftz", *_WHOLE):
         return None
     value = _flushed(o.value(ops[1], source), source, modifiers)
-    whole = next((_WHOLE[m] for m in modifiers if m in _WHOLE), None)
-    mode = next((_MODES[m] for m in modifiers if m in _MODES), None)
+    rounding = next((_WHOLE[m] for m in modifiers if m in _WHOLE), None)
+    if rounding is not None:
+        value = f"{rounding}({value})"
     if into[0] == "f":
-        if whole is not None:
-            value = f"{whole}({value})"
-        if mode is not None:
-            value = f"rounded<{mode}, {into}, {source}>([](auto x, auto, auto) {{ return ({into})x; }}, {value}, 0, 0)"
-        value = _flushed(f"({into})({value})", into, modifiers)
-        return o.assign(ops[0], f"saturated({value})" if "sat" in modifiers else value, into)
+        return o.assign(ops[0], _flushed(f"({into})({value})", into, modifiers), into)
     if source[0] == "f":
-        if whole is None:
-            return None
-        return o.assign(ops[0], f"integer<{into}>({whole}({value}))", into)
-    return o.assign(ops[0], f"clamped<{into}>({value})" if "sat" in modifiers else f"({into})({value})", into)
+        return None if rounding is None else o.assign(ops[0], f"integer<{into}>({value})", into)
+    return o.assign(ops[0], f"({into})({value})", into)
 
 
 def _arithmetic(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
@@ -202,26 +187,13 @@ def _of_predicates(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -
 
 def _floating(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     name, kind, modifiers = opcode[0], opcode[-1], opcode[1:-1]
-    if not _only(modifiers, "rn", "sat", "approx", "full", "ftz", *_MODES):
+    if not _only(modifiers, "rn", "approx", "full", "ftz"):
         return None
     if name in _APPROXIMATE and kind != "f32":
         return None
     values = [_flushed(o.value(op, kind), kind, modifiers) for op in ops[1:]]
-    mode = next((_MODES[m] for m in modifiers if m in _MODES), None)
-    if mode is not None:
-        if name not in ("add", "sub", "mul", "fma", "mad", "div", "rcp", "sqrt"):
-            return None
-        body = _number(name, kind, ["a", "b", "c"])
-        given = ", ".join([*values, "0", "0"][:3])
-        value: str | None = (
-            f"rounded<{mode}, {kind}, {kind}>([]({kind} a, {kind} b, {kind} c) {{ return {body}; }}, {given})"
-        )
-    else:
-        value = _number(name, kind, values)
-    if value is None:
-        return None
-    value = _flushed(value, kind, modifiers)
-    return o.assign(ops[0], f"saturated({value})" if "sat" in modifiers else value, kind)
+    value = _number(name, kind, values)
+    return None if value is None else o.assign(ops[0], _flushed(value, kind, modifiers), kind)
 
 
 def _number(name: str, kind: str, x: list[str]) -> str | None:
@@ -252,7 +224,7 @@ def _integer(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str 
         return _product(o, opcode, ops)
     if modifiers:
         return None
-    given = [o.value(op, kind) for op in ops[1:]]
+    values = [o.value(op, kind) for op in ops[1:]]
     bits = [o.value(op, plain) for op in ops[1:]]
     if name in ("add", "sub", "and", "or", "xor"):
         return o.assign(ops[0], f"({plain})({bits[0]} {_SIGNS[name]} {bits[1]})", kind)
@@ -260,16 +232,16 @@ def _integer(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str 
         "neg": f"({plain})(0 - {bits[0]})",
         "not": f"({plain})~{bits[0]}",
         "cnot": f"{bits[0]} == 0",
-        "abs": f"{given[0]} < 0 ? 0 - {bits[0]} : {bits[0]}",
+        "abs": f"{values[0]} < 0 ? 0 - {bits[0]} : {bits[0]}",
     }
     if name in simple:
         return o.assign(ops[0], simple[name], plain)
     if name in ("min", "max"):
         sign = "<" if name == "min" else ">"
-        return o.assign(ops[0], f"{given[0]} {sign} {given[1]} ? {given[0]} : {given[1]}", kind)
+        return o.assign(ops[0], f"{values[0]} {sign} {values[1]} ? {values[0]} : {values[1]}", kind)
     if name in ("div", "rem"):
         call = "quotient" if name == "div" else "remainder"
-        return o.assign(ops[0], f"{call}<{kind}>({given[0]}, {given[1]})", kind)
+        return o.assign(ops[0], f"{call}<{kind}>({values[0]}, {values[1]})", kind)
     return None
 
 
@@ -310,7 +282,7 @@ def _bits(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | N
     if name == "bfind":
         call = "bfind_shift" if modifiers == ("shiftamt",) else None if modifiers else "bfind"
         return None if call is None else o.assign(ops[0], f"{call}({value})", "u32")
-    if modifiers and not (name == "lop3" and modifiers == ()):
+    if modifiers:
         return None
     if name in ("shl", "shr"):
         return o.assign(ops[0], f"{name}({value}, {numbers[0]})", kind)
@@ -337,13 +309,13 @@ def _branch(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str |
 
 def _call(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     results = members(ops[0]) if ops[0].startswith("(") else []
-    name, *rest = ops[1:] if ops[0].startswith("(") else ops
-    if name not in o.functions or len(rest) > 1 or len(results) > 1:
+    name, *arguments = ops[1:] if ops[0].startswith("(") else ops
+    if name not in o.functions or len(arguments) > 1 or len(results) > 1:
         return None
-    given = [f"(char*){o.value(argument, 'u64')}" for argument in (members(rest[0]) if rest else [])]
+    addresses = [f"(char*){o.value(argument, 'u64')}" for argument in (members(arguments[0]) if arguments else [])]
     result = f"(char*){o.value(results[0], 'u64')}" if results else "nullptr"
-    arguments = f"char* const given[] = {{{', '.join([*given, 'nullptr'])}}};"
-    return f"{arguments} {name_of(name)}_called({result}, given, shared, tid_x, ntid_x, ctaid_x, nctaid_x);"
+    declared = f"char* const given[] = {{{', '.join([*addresses, 'nullptr'])}}};"
+    return f"{declared} {name_of(name)}_called({result}, given, shared, tid_x, ntid_x, ctaid_x, nctaid_x);"
 
 
 def _together(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
@@ -357,8 +329,8 @@ def _together(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str
         stop.append(f"lane.mask = {o.value(ops[-1], 'u32')};")
     if len(ops) == 3:
         stop.append(f"lane.value = {o.value(ops[1], 'pred')};")
-    told = o.assign(ops[0], "lane.result", "pred" if opcode[-1] == "pred" else "u32") if kind != "BARRIER" else ""
-    return " ".join([*stop, f"return; stop_{o.stops}:;", told])
+    answer = o.assign(ops[0], "lane.result", "pred" if opcode[-1] == "pred" else "u32") if kind != "BARRIER" else ""
+    return " ".join([*stop, f"return; stop_{o.stops}:;", answer])
 
 
 def _end(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:

@@ -1,7 +1,7 @@
-"""`--device emulated-cuda`: the kernel tests on the emulator, without those that are about the host.
+"""`--device emulated-cuda`: the kernel tests on the emulator, without tests of the host.
 
 Left out is also what is marked `not_emulated`: where Warp says that arrays of the emulated GPU are on the CPU, where a
-process is started, which has no emulated GPU, and where something is said about seconds.
+process is started, which has no emulated GPU, and where a claim is about seconds.
 """
 
 from __future__ import annotations

@@ -8,7 +8,6 @@ typedef float f32; typedef double f64; typedef bool pred;
 
 extern "C" {
 void* memcpy(void*, const void*, unsigned long);
-int fesetround(int);
 float exp2f(float); float log2f(float); float sinf(float); float cosf(float); float tanhf(float);
 float rintf(float); float floorf(float); float ceilf(float); float truncf(float); float fmaf(float, float, float);
 double rint(double); double floor(double); double ceil(double); double trunc(double); double fma(double, double, double);
@@ -111,25 +110,8 @@ OP f32 magnitude(f32 x) { return __builtin_fabsf(x); }
 OP f64 magnitude(f64 x) { return __builtin_fabs(x); }
 OP f32 with_sign_of(f32 sign, f32 x) { return __builtin_copysignf(x, sign); }
 OP f64 with_sign_of(f64 sign, f64 x) { return __builtin_copysign(x, sign); }
-template<class T> OP T saturated(T x) { return x > 0 ? (x < 1 ? x : (T)1) : (T)0; }  // NaN becomes 0
-
 OP f32 flushed(f32 x) { return magnitude(x) < 1.17549435e-38f ? with_sign_of(x, 0.0f) : x; }
 
-// Rounding modes of <fenv.h>, which is not there.
-#if defined(__aarch64__)
-constexpr int NEAREST = 0, UPWARD = 0x400000, DOWNWARD = 0x800000, TOWARD_ZERO = 0xc00000;
-#else
-constexpr int NEAREST = 0, DOWNWARD = 0x400, UPWARD = 0x800, TOWARD_ZERO = 0xc00;
-#endif
-// An operation in a rounding mode. As operands and result are volatile, it cannot move out of the mode.
-template<int mode, class R, class T, class Operation>
-static __attribute__((noinline)) R rounded(Operation operation, T a, T b, T c) {
-    volatile T x = a, y = b, z = c;
-    fesetround(mode);
-    volatile R result = operation((T)x, (T)y, (T)z);
-    fesetround(NEAREST);
-    return result;
-}
 OP f32 to_nearest(f32 x) { return rintf(x); }
 OP f64 to_nearest(f64 x) { return rint(x); }
 OP f32 to_lower(f32 x) { return floorf(x); }
@@ -146,13 +128,6 @@ template<class I, class T> OP I integer(T x) {
     const f64 limit = (I)-1 < 0 ? (f64)((u64)1 << (width<I> - 1)) : 2.0 * (f64)((u64)1 << (width<I> - 1));
     return (f64)x >= limit ? high : (f64)x <= (f64)low ? low : (I)x;
 }
-// An integer as the nearest of another type.
-template<class I, class T> OP I clamped(T x) {
-    constexpr I low = (I)-1 < 0 ? (I)((u64)1 << (width<I> - 1)) : (I)0, high = (I)~low;
-    const __int128 y = x;
-    return y > (__int128)high ? high : y < (__int128)low ? low : (I)x;
-}
-
 // Threads run one after another, so that nothing can come between the load and the store.
 template<class T, class Operation> OP T atomic(u64 address, Operation operation) {
     const T old = load<T>(address);

@@ -26,12 +26,6 @@ class Label(NamedTuple):
     targets: tuple[str, ...] = ()
 
 
-class Mark(NamedTuple):
-    """A comment `// mark: NAME` of inline assembler, which tells a place in a kernel."""
-
-    name: str
-
-
 class Brace(NamedTuple):
     text: str
 
@@ -63,7 +57,7 @@ class Variable(NamedTuple):
         return bits_of(self.kind) // 8 * (1 if self.count is None else self.count)
 
 
-Statement = Instruction | Label | Mark | Brace | Registers | Variable
+Statement = Instruction | Label | Brace | Registers | Variable
 
 
 class Entry(NamedTuple):
@@ -88,7 +82,6 @@ def bits_of(kind: str) -> int:
 
 
 _IGNORED = (".version", ".address_size", ".file", ".loc ", ".pragma", ".maxntid", ".minnctapersm", ".maxnreg")
-_MARK = "// mark: "
 _LABEL = re.compile(r"([\w$]+):\s*(?!:)(.*)")
 _REGISTERS = re.compile(r"\.reg \.(\w+)\s+(.*);")
 _VARIABLE = re.compile(
@@ -118,18 +111,15 @@ def parse(text: str) -> Module:
 
 
 class _Lines:
-    """The lines of a file without empty ones and comments, except for marks."""
+    """The lines of a file without empty ones and comments."""
 
     def __init__(self, text: str) -> None:
         self._rest = iter(text.rstrip("\0").split("\n"))
 
     def __iter__(self) -> Iterator[str]:
         for line in self._rest:
-            text = line.strip()
-            if not text.startswith(_MARK):
-                text = line.split("//", 1)[0].strip()
-            if text:
-                yield " ".join(text.split())
+            if text := line.split("//", 1)[0].split():
+                yield " ".join(text)
 
     def until(self, line: str, end: str) -> str:
         while end not in line:
@@ -172,8 +162,6 @@ def _body(lines: _Lines, depth: int = 0) -> Iterator[Statement]:
                 return
             if depth > 1 or line == "}":
                 yield Brace(line)
-        elif line.startswith(_MARK):
-            yield Mark(line.removeprefix(_MARK))
         elif found := _LABEL.fullmatch(line):
             rest = found[2]
             if rest.startswith(".branchtargets"):

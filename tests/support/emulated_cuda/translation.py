@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from support.emulated_cuda.flow import Flow, placed
 from support.emulated_cuda.operands import Operands, name_of, unsigned
-from support.emulated_cuda.operations import SPACES, TOGETHER, translate
+from support.emulated_cuda.operations import TOGETHER, translate
 from support.emulated_cuda.ptx import (
     Brace,
     Entry,
     Instruction,
     Label,
-    Mark,
     Module,
     NotTranslated,
     Registers,
@@ -27,43 +22,20 @@ from support.emulated_cuda.ptx import (
 
 PRELUDE, LANES = ((Path(__file__).parent / name).read_text(encoding="utf-8") for name in ("prelude.h", "lanes.h"))
 
-COUNTED = ("instructions", *(f"{what} {space}" for what in ("ld", "st") for space in SPACES), "other")
-"""What `tally` counts."""
-
-LANE = 1 << 20
-"""See `to_cpp`."""
-
 _THREAD = "char* const* P, char* shared, const u32 tid_x, const u32 ntid_x, const u32 ctaid_x, const u32 nctaid_x"
 
 
-def tally(flow: Flow) -> NDArray[np.int64]:
-    """Return how much of COUNTED is in each block: (blocks, len(COUNTED))."""
-    table = np.zeros((flow.end, len(COUNTED)), np.int64)
-    for i, block in enumerate(flow.blocks):
-        for instruction in block:
-            table[i, [0, _counter(instruction)]] += 1
-    return table
-
-
-def to_cpp(module: Module, *, traces: bool = False) -> str:
+def to_cpp(module: Module) -> str:
     """Return a module as C++.
 
     Each kernel becomes `void NAME(char* const* P, u64 first, u64 last, u32 block, u32 blocks)`, which runs the threads
     `first` to last − 1 of a grid of `blocks` blocks of `block` threads, one after the other or, where they wait for one
     another, a warp after the other. P has the addresses of the arguments.
 
-    Args:
-        module: the PTX.
-        traces: whether kernels write the numbers of the blocks that they run to `trace`, see `flow_of`, plus LANE times
-            the number of the thread in its warp; `traced` is how many these are, and `longest` the length of the array.
-
     Raises:
         NotTranslated: listing everything in it that the emulator does not know.
     """
     addresses, shared, out = {}, 0, [PRELUDE, LANES]
-    if traces:
-        # Where the copy of the function begins that is being called, see `flow_of`.
-        out.append('extern "C" { u32* trace; u64 traced, longest; }\nstatic u32 copy;')
     used = {op for entry in (*module.functions, *module.entries) for op in _names(entry.body)}
     for variable in module.variables:
         if variable.space == "shared":
@@ -77,7 +49,7 @@ def to_cpp(module: Module, *, traces: bool = False) -> str:
     functions = {function.name: function for function in module.functions}
     out += [f"static void {name_of(name)}_called(char*, {_THREAD});" for name in sorted(functions)]
     for entry in (*module.functions, *module.entries):
-        out += _entry(entry, addresses, shared, functions, unknown, traces)
+        out += _entry(entry, addresses, shared, functions, unknown)
     if unknown:
         raise NotTranslated(", ".join(dict.fromkeys(unknown)))
     return "\n".join(out) + "\n"
@@ -109,9 +81,8 @@ def _entry(
     shared: int,
     functions: Mapping[str, Entry],
     unknown: list[str],
-    traces: bool,
 ) -> Iterator[str]:
-    """Yield a function, or that of a thread of a kernel and the one that runs many; add to `unknown`."""
+    """Yield a function, or for a kernel the functions of one thread and of many; add to `unknown`."""
     name = name_of(entry.name)
     parameters = {name: f"(u64)P[{i}]" for i, name in enumerate(entry.parameters)}
     operands = Operands({**addresses, **parameters, **dict.fromkeys(entry.results, "(u64)R")})
@@ -133,17 +104,11 @@ def _entry(
             if called
             else f"static void {name}_thread({_THREAD}) {{"
         )
-    found = placed(entry, functions) if traces else None
     for place, statement in enumerate(entry.body):
         if place in kept:
             continue
         try:
-            if found is not None and place in found.first:
-                block = f"copy + {found.first[place]} + {LANE} * (tid_x & 31)"
-                yield f"if (traced++ < longest) trace[traced - 1] = {block};"
-            begin = found.calls.get(place) if found is not None else None
-            text = _statement(statement, operands)
-            yield text if begin is None else f"copy += {begin}; {text} copy -= {begin};"
+            yield _statement(statement, operands)
         except NotTranslated as error:
             unknown.append(str(error))
     yield "}"
@@ -196,8 +161,6 @@ def _waiting_thread(entry: Entry, kept: list[Registers | Variable], operands: Op
 
 
 def _statement(statement: Statement, operands: Operands) -> str:
-    if isinstance(statement, Mark):
-        return ""
     if isinstance(statement, Brace):
         return statement.text
     if isinstance(statement, Label):
@@ -217,10 +180,3 @@ def _statement(statement: Statement, operands: Operands) -> str:
     guard = f"if ({operands.value(statement.guard, 'pred')}) " if statement.guard else ""
     # Braces around what declares nothing make compiling longer.
     return f"{guard}{body}" if body.count(";") == 1 else f"{guard}{{ {body} }}"
-
-
-def _counter(instruction: Instruction) -> int:
-    """Return the place in COUNTED that an instruction belongs to besides the first."""
-    space = next((part for part in instruction.opcode[1:] if part in SPACES), "")
-    name = f"{instruction.opcode[0]} {space}"
-    return COUNTED.index(name if name in COUNTED else "other")

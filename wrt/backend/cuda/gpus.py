@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from wrt.errors import InputError
 
 if TYPE_CHECKING:
-    from wrt.backend import Backend
+    from wrt.backend.backend import Backend
 
 Version = tuple[int, int]
 

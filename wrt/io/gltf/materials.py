@@ -23,8 +23,7 @@ from wrt.io.mesh.parts import Part
 from wrt.linalg import product
 from wrt.scene.materials import Emissive, Material, Principled
 from wrt.scene.materials.dispersion import MOST as MOST_DISPERSION
-from wrt.scene.materials.film import HIGHEST_INDEX as HIGHEST_FILM_INDEX
-from wrt.scene.materials.film import THICKEST_FILM
+from wrt.scene.materials.material import HIGHEST_FILM_INDEX, THICKEST_FILM
 from wrt.scene.medium import Medium
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor, shines
 

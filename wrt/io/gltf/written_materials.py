@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.io.codes import codes_of
 from wrt.io.gltf.nearest import Note, color_of
+from wrt.io.images import codes_of
 from wrt.scene.materials import Principled
 from wrt.scene.srgb import srgb_from_linear
 from wrt.scene.textures import CHANNELS, ColorSource, ImageTexture, NormalMap, VertexColor, shines

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from wrt.errors import InputError
-from wrt.io.mitsuba.plugin import Plugin, positive
+from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.transforms import rotation_part
 from wrt.linalg import product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
@@ -35,6 +34,8 @@ _FILTERS = {
     "catmullrom": "blackman-harris",
     "lanczos": "blackman-harris",
 }
+_WIDTHS = {"gaussian": ("stddev", 0.5), "tent": ("radius", 1.0)}
+"""Parameters that change the width of a filter, and the widths that wrt has."""
 _PATHS = ("path", "volpath", "volpathmis")
 _LAYERS = {
     "albedo": "albedo",
@@ -50,13 +51,9 @@ _LAYERS = {
 
 def settings_of(sensor: Plugin | None, integrator: Plugin | None) -> RenderSettings:
     """Return the render settings that a sensor and an integrator ask for."""
-    values: dict[str, Any] = {"max_depth": UNLIMITED}
-    film = None if sensor is None else sensor.only("film")
-    values |= _film(film)
-    values |= _sampler(None if sensor is None else sensor.only("sampler"))
-    if integrator is not None:
-        values |= _integrator(integrator)
-    return RenderSettings(**values)
+    film, sampler = (None if sensor is None else sensor.only(kind) for kind in ("film", "sampler"))
+    path = {} if integrator is None else _integrator(integrator)
+    return RenderSettings(**{"max_depth": UNLIMITED, **_film(film), **_sampler(sampler), **path})
 
 
 def _film(film: Plugin | None) -> dict[str, Any]:
@@ -71,27 +68,20 @@ def _film(film: Plugin | None) -> dict[str, Any]:
     film.ignore("file_format", "pixel_format", "component_format", "sample_border", "compensate", "banner")
     film.ignore("high_quality_edges", "gamma", "tonemap_method", "exposure", "key", "burn", "filename")
     film.finish()
-    try:
+    with film.locating():
         RenderSettings(**values)
-    except InputError as error:
-        raise film.error(str(error)) from None
     return values
 
 
 def _filter(plugin: Plugin | None) -> str:
     if plugin is None:
         return "gaussian"
-    name = _FILTERS.get(plugin.type)
-    if name is None or name != plugin.type:
-        name = name or "gaussian"
-        plugin.warn(f"{name!r} stands in for this filter")
-        plugin.ignore("radius", "lobes", "A", "B", "a", "b")
-    elif (plugin.type == "gaussian" and plugin.number("stddev", 0.5) != 0.5) or (
-        plugin.type == "tent" and plugin.number("radius", 1.0) != 1.0
-    ):
+    name = _FILTERS.get(plugin.type, "gaussian")
+    if name != plugin.type:
+        plugin.warn_of_all(f"{name!r} stands in for this filter")
+    elif name in _WIDTHS and plugin.number(*_WIDTHS[name]) != _WIDTHS[name][1]:
         plugin.warn("the width of a filter is left out: 'gaussian' has a stddev of 0.5, 'tent' a radius of 1")
-    elif plugin.type == "box":
-        plugin.ignore("radius")
+    plugin.ignore("radius")
     plugin.finish()
     return name
 
@@ -99,15 +89,14 @@ def _filter(plugin: Plugin | None) -> str:
 def _sampler(plugin: Plugin | None) -> dict[str, Any]:
     if plugin is None:
         return {"spp": 4, "sampler": "independent"}
-    name = _SAMPLERS.get(plugin.type)
-    if name is None:
+    if plugin.type not in _SAMPLERS:
         plugin.warn("'independent' stands in for this sampler")
     plugin.ignore("seed", "jitter", "scramble", "strength", "dimension")
     spp = plugin.whole("sample_count", 4)
     plugin.finish()
     if spp < 1:
         raise plugin.error(f"'sample_count' must be at least 1, not {spp}")
-    return {"spp": spp, "sampler": name or "independent"}
+    return {"spp": spp, "sampler": _SAMPLERS.get(plugin.type, "independent")}
 
 
 def _integrator(plugin: Plugin) -> dict[str, Any]:
@@ -120,20 +109,19 @@ def _integrator(plugin: Plugin) -> dict[str, Any]:
     elif plugin.type in ("aov", "moment", "stokes"):
         if plugin.type == "stokes":
             plugin.warn("polarisation is not simulated: without Stokes vectors")
-        inner = list(plugin.of_kind("integrator"))
-        values |= _integrator(inner[0]) if inner else {"integrator": "aov"}
+        inner = next(plugin.of_kind("integrator"), None)
+        values |= {"integrator": "aov"} if inner is None else _integrator(inner)
         if plugin.type == "aov":
             values["layers"] = _layers(plugin)
     else:
         if plugin.type not in _PATHS:
-            plugin.warn("'path' stands in for this integrator")
-            plugin.ignore_all()
+            plugin.warn_of_all("'path' stands in for this integrator")
         depth = plugin.whole("max_depth", -1)
         if depth == 0:
             plugin.warn("a 'max_depth' of 0, a black picture, is taken as 1")
         values["max_depth"] = UNLIMITED if depth < 0 else max(depth, 1)
         if plugin.type in ("volpath", "volpathmis") and depth > 0:
-            # Mitsuba counts scattering too: a path of so many segments scatters once less, or at surfaces as well.
+            # Mitsuba's depth counts scattering too: a path of n segments scatters at most n - 1 times.
             values["max_scatterings"] = min(depth - 1, _MOST_SCATTERINGS)
     if plugin.boolean("hide_emitters", False):
         values["transparent"] = True
@@ -144,14 +132,11 @@ def _integrator(plugin: Plugin) -> dict[str, Any]:
 
 
 def _layers(plugin: Plugin) -> tuple[str, ...]:
-    found = []
-    for word in plugin.text("aovs", "").replace(",", " ").split():
-        kind = word.rpartition(":")[2]
-        if kind in _LAYERS:
-            found.append(_LAYERS[kind])
-        else:
+    kinds = [word.rpartition(":")[2] for word in plugin.text("aovs", "").replace(",", " ").split()]
+    for kind in kinds:
+        if kind not in _LAYERS:
             plugin.warn(f"the layer {kind!r} is not known; left out")
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(_LAYERS[kind] for kind in kinds if kind in _LAYERS))
 
 
 def camera_of(plugin: Plugin, settings: RenderSettings) -> Camera | None:
@@ -161,8 +146,7 @@ def camera_of(plugin: Plugin, settings: RenderSettings) -> Camera | None:
         InputError: naming file and line, when a value in it cannot be used.
     """
     if plugin.type not in ("perspective", "thinlens", "orthographic"):
-        plugin.warn("this kind of sensor is not known; the camera is placed to show the whole scene")
-        plugin.ignore_all()
+        plugin.warn_of_all("this kind of sensor is not known; the camera is placed to show the whole scene")
         return None
     matrix = plugin.transform()
     axes, stretch, plain = rotation_part(matrix)
@@ -170,34 +154,30 @@ def camera_of(plugin: Plugin, settings: RenderSettings) -> Camera | None:
         plugin.warn("'to_world' has shear, or scales x and y differently; left out")
     if stretch[0] < 0.0:
         plugin.warn("'to_world' mirrors; the picture is not mirrored here")
-    origin, forward, up = matrix[:3, 3], axes[:, 2], axes[:, 1]
     place: dict[str, Any] = {
-        "origin": tuple(origin.tolist()),
-        "target": tuple((origin + forward).tolist()),
-        "up": tuple(up.tolist()),
+        "origin": tuple(matrix[:3, 3].tolist()),
+        "target": tuple((matrix[:3, 3] + axes[:, 2]).tolist()),
+        "up": tuple(axes[:, 1].tolist()),
         "shutter_open": plugin.number("shutter_open", 0.0),
         "shutter_close": plugin.number("shutter_close", 0.0),
     }
-    try:
-        camera = _camera(plugin, place, stretch, settings)
-    except InputError as error:
-        raise plugin.placed(error) from None
+    with plugin.locating():
+        camera = _camera(plugin, place, stretch, settings.width / settings.height)
     plugin.ignore("near_clip", "far_clip", "srf")
     plugin.finish()
     return camera
 
 
-def _camera(plugin: Plugin, place: dict[str, Any], stretch: np.ndarray, settings: RenderSettings) -> Camera:
-    aspect = settings.width / settings.height
+def _camera(plugin: Plugin, place: dict[str, Any], stretch: np.ndarray, aspect: float) -> Camera:
     if plugin.type == "orthographic":
         # Before `to_world`, the picture is 2 wide.
         return OrthographicCamera(**place, view_height=2.0 * float(stretch[1]) / aspect)
     slope = math.tan(0.5 * math.radians(vertical_degrees(plugin, aspect))) * float(stretch[1] / stretch[2])
     lens: dict[str, Any] = {"fov_degrees": 2.0 * math.degrees(math.atan(slope))}
     if plugin.type == "thinlens":
-        lens["aperture_radius"] = positive(plugin, "aperture_radius", 0.1) * float(stretch[1])
-        far = plugin.number("far_clip", 1e4)
-        lens["focus_distance"] = positive(plugin, "focus_distance", far) * float(stretch[2])
+        lens["aperture_radius"] = plugin.number("aperture_radius", 0.1, positive=True) * float(stretch[1])
+        focus = plugin.number("focus_distance", plugin.number("far_clip", 1e4), positive=True)
+        lens["focus_distance"] = focus * float(stretch[2])
     else:
         plugin.ignore("focus_distance", "aperture_radius")
         lens["shift_x"] = plugin.number("principal_point_offset_x", 0.0) * aspect
@@ -207,20 +187,20 @@ def _camera(plugin: Plugin, place: dict[str, Any], stretch: np.ndarray, settings
 
 def vertical_degrees(plugin: Plugin, aspect: float) -> float:
     """Return the vertical field of view of the whole film, converted from the axis that `fov_axis` names."""
+    focal_length = 50.0  # millimetres, for 35 mm film of 36 mm by 24 mm
     if plugin.has("focal_length") and not plugin.has("fov"):
-        text = plugin.text("focal_length", "50mm").lower().removesuffix("mm")
+        text = plugin.text("focal_length", "").lower().removesuffix("mm")
         try:
-            length = float(text)
+            focal_length = float(text)
         except ValueError:
-            length = 0.0
-        if length <= 0.0:
+            focal_length = 0.0
+        if focal_length <= 0.0:
             raise plugin.error(f"'focal_length' must be millimetres such as 50mm, not {text!r}")
-        # The focal length is for 35 mm film, 36 mm by 24 mm.
-        degrees, axis = 2.0 * math.degrees(math.atan(0.5 * math.hypot(36.0, 24.0) / length)), "diagonal"
+        plugin.ignore("fov_axis")
+        axis = "diagonal"
     else:
-        degrees = plugin.number("fov", 2.0 * math.degrees(math.atan(0.5 * math.hypot(36.0, 24.0) / 50.0)))
         axis = plugin.choice("fov_axis", "x", "x", "y", "diagonal", "smaller", "larger")
-    plugin.ignore("fov_axis")
+    degrees = plugin.number("fov", 2.0 * math.degrees(math.atan(0.5 * math.hypot(36.0, 24.0) / focal_length)))
     if not 0.0 < degrees < 180.0:
         raise plugin.error(f"'fov' must be above 0 and below 180 degrees, not {degrees:g}")
     slope = math.tan(0.5 * math.radians(degrees))
@@ -250,10 +230,7 @@ def warn_of_clipping(plugin: Plugin, scene: Scene) -> None:
             slope = math.tan(0.5 * math.radians(camera.fov_degrees))
             half = slope * depth
             x, y = x - 2.0 * slope * camera.shift_x * depth, y - 2.0 * slope * camera.shift_y * depth
-        seen = (depth > 0.0) & (np.abs(x) <= aspect * half) & (np.abs(y) <= half)
-        if (seen & ((depth < near) | (depth > far))).any():
+        visible = (depth > 0.0) & (np.abs(x) <= aspect * half) & (np.abs(y) <= half)
+        if (visible & ((depth < near) | (depth > far))).any():
             plugin.warn("'near_clip' and 'far_clip' are left out; they would clip something in the picture")
             return
-
-
-__all__ = ["camera_of", "settings_of", "warn_of_clipping"]

@@ -43,33 +43,29 @@ def read_curves(plugin: Plugin, detail: Detail) -> tuple[Mesh, bool]:
     """
     path = plugin.file()
     matrix = plugin.transform()
-    try:
-        curves = _control_points(path, 4 if plugin.type == "bsplinecurve" else 2)
+    is_spline = plugin.type == "bsplinecurve"
+    step = 3 if is_spline else 1
+    pieces: list[Mesh] = []
+    first = 0
+    with plugin.locating():
+        curves = _control_points(path, step + 1)
+        total = sum(len(each) - step for each in curves)
         for each in curves:  # radii stay as they are
             each[:, :3] = product(each[:, :3], matrix[:3, :3].T) + matrix[:3, 3]
-        step = 3 if plugin.type == "bsplinecurve" else 1
-        total = sum(len(each) - step for each in curves)
-        pieces, first = [], 0
-        for each in curves:
-            if plugin.type == "bsplinecurve":
-                pieces.append(_spline(each, first, total, detail))
-            else:
-                pieces += _chain(each, first, total, detail)
+            pieces += [_spline(each, first, total, detail)] if is_spline else _chain(each, first, total, detail)
             first += len(each) - step
-    except InputError as error:
-        raise plugin.error(str(error)) from None
-    ends = np.array([_ends(each) for each in curves]) if plugin.type == "bsplinecurve" else np.zeros(1)
-    return merge(pieces, path.name), bool((ends > 0.0).any())
+    weights = np.array([1.0, 4.0, 1.0]) / 6.0
+    is_open = is_spline and any(product(weights, end) > 0.0 for each in curves for end in (each[:3, 3], each[-3:, 3]))
+    return merge(pieces, path.name), is_open
 
 
 def _control_points(path: Path, least: int) -> list[Array]:
-    """Return the (N, 4) places and radii of each curve; empty lines part them."""
+    """Return the (N, 4) positions and radii of each curve; empty lines separate curves."""
     curves: list[list[list[float]]] = [[]]
     for number, line in enumerate(read_file(path).decode("utf-8", "replace").splitlines(), 1):
         words = line.split()
         if not words:
-            if curves[-1]:
-                curves.append([])
+            curves.append([])
             continue
         try:
             values = [float(word) for word in words[:4]]
@@ -78,19 +74,11 @@ def _control_points(path: Path, least: int) -> list[Array]:
         if len(values) != 4 or not all(map(math.isfinite, values)) or values[3] < 0.0:
             raise InputError(f"{path}: line {number}: a point of a curve is three coordinates and a radius from 0")
         curves[-1].append(values)
-    found = [np.array(curve) for curve in curves if curve]
-    if not found:
-        raise InputError(f"{path}: it has no points of curves")
-    for curve in found:
-        if len(curve) < least:
-            raise InputError(f"{path}: a curve has {len(curve)} points; it needs {least} at least")
-    return found
-
-
-def _ends(points: Array) -> tuple[float, float]:
-    """Return the radii of the two ends of a spline."""
-    weights = np.array([1.0, 4.0, 1.0]) / 6.0
-    return float(product(weights, points[:3, 3])), float(product(weights, points[-3:, 3]))
+    curves = [curve for curve in curves if curve]
+    fewest = min(map(len, curves), default=0)
+    if fewest < least:
+        raise InputError(f"{path}: a curve has {fewest} points; it needs {least} at least")
+    return [np.array(curve) for curve in curves]
 
 
 def _around(points: Array, detail: Detail) -> tuple[int, float]:
@@ -98,8 +86,8 @@ def _around(points: Array, detail: Detail) -> tuple[int, float]:
     radius = max(float(points[:, 3].max()), 1e-12)
     tolerance = min(detail.tolerance(point, radius) for point in points[:: max(1, len(points) // 8), :3])
     share = min(max(0.5 * tolerance / radius, 1e-9), 1.0)
-    wanted = math.ceil(math.pi / math.acos(1.0 - share)) if share < 1.0 else LEAST_AROUND
-    return min(max(wanted, LEAST_AROUND), MOST_AROUND), tolerance
+    sides = math.ceil(math.pi / math.acos(1.0 - share)) if share < 1.0 else LEAST_AROUND
+    return min(max(sides, LEAST_AROUND), MOST_AROUND), tolerance
 
 
 def _spline(points: Array, first: int, total: int, detail: Detail) -> Mesh:
@@ -111,7 +99,7 @@ def _spline(points: Array, first: int, total: int, detail: Detail) -> Mesh:
     # A chord of a parabola with second derivative b is off by b h² / 8; the outside of a bend by more.
     along = math.ceil(math.sqrt(bend / (4.0 * tolerance) * (1.0 + size / max(tolerance * sides, 1e-12) * 0.1)))
     along = min(max(along, 4), MOST_ALONG)
-    _take(segments * along * sides)
+    _require_memory(segments * along * sides)
     place = np.arange(segments * along + 1) / along
     index = np.minimum(place.astype(np.int64), segments - 1)
     t = (place - index)[:, None]
@@ -126,15 +114,11 @@ def _tube(value: Array, slope: Array, second: Array, v: Array, sides: int) -> Me
     """Return a tube around points with radii, given their first and second derivatives."""
     length = np.linalg.norm(slope[:, :3], axis=1)
     tangent = slope[:, :3] / np.maximum(length, 1e-30)[:, None]
-    still = length < 1e-20  # repeated control points
-    if still.any():
-        good = np.flatnonzero(~still)
-        fill = (
-            np.array([0.0, 0.0, 1.0])
-            if not len(good)
-            else tangent[good[np.abs(np.arange(len(v))[:, None] - good).argmin(1)]]
-        )
-        tangent = np.where(still[:, None], fill, tangent)
+    good = np.flatnonzero(length >= 1e-20)
+    if not len(good):
+        tangent[:] = 0.0, 0.0, 1.0
+    elif len(good) < len(v):  # where control points are repeated
+        tangent = tangent[good[np.abs(np.arange(len(v))[:, None] - good).argmin(1)]]
     x, y = _frames(tangent)
     theirs_x, theirs_y = _mitsuba_frames(tangent)
     # The geometry follows frames that do not twist; u is measured in Mitsuba's, which can.
@@ -193,7 +177,7 @@ def _frames(tangent: Array) -> tuple[Array, Array]:
 def _chain(points: Array, first: int, total: int, detail: Detail) -> list[Mesh]:
     """Return straight segments: cones that touch a ball at each of their points, and those balls."""
     sides, _ = _around(points, detail)
-    _take(len(points) * sides * (sides // 2 + 3))
+    _require_memory(len(points) * sides * (sides // 2 + 3))
     balls = 4 * math.ceil(sides / 4)
     pieces = []
     for i, (x, y, z, radius) in enumerate(points):
@@ -201,11 +185,10 @@ def _chain(points: Array, first: int, total: int, detail: Detail) -> list[Mesh]:
             matrix = np.diag([radius, radius, radius, 1.0])
             matrix[:3, 3] = x, y, z
             joint = ball(balls).transformed(matrix)
-            v = np.full((len(joint.vertices), 1), (first + i) / total, np.float32)
             assert joint.uvs is not None
-            pieces.append(
-                Mesh(joint.vertices, joint.faces, joint.normals, np.hstack([joint.uvs[:, :1], v]), name="curve")
-            )
+            uvs = joint.uvs.copy()
+            uvs[:, 1] = (first + i) / total
+            pieces.append(Mesh(joint.vertices, joint.faces, joint.normals, uvs, name="curve"))
         if i + 1 < len(points):
             pieces += _cone(points[i], points[i + 1], np.array([first + i, first + i + 1]) / total, sides)
     return pieces
@@ -220,8 +203,6 @@ def _cone(start: Array, end: Array, v: Array, sides: int) -> list[Mesh]:
     axis = along / length
     lean = (start[3] - end[3]) / length
     x, y = (each[0] for each in _mitsuba_frames(axis[None]))
-    if product(np.cross(x, y), axis) < 0.0:
-        raise AssertionError("frames of curves are right-handed")
     angle = 2.0 * math.pi * (np.arange(sides + 1) % sides) / sides
     out = np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * y
     normals = math.sqrt(1.0 - lean * lean) * out + lean * axis
@@ -229,15 +210,10 @@ def _cone(start: Array, end: Array, v: Array, sides: int) -> list[Mesh]:
     u = np.arange(sides + 1) / sides
     uvs = np.stack([np.tile(u, 2), np.repeat(v, sides + 1)], axis=-1)
     faces = _faces(2, sides)
-    # A point has no ring: its triangles have no area.
-    solid = np.ones(len(faces), bool)
-    if start[3] == 0.0:
-        solid[:sides] = False
-    if end[3] == 0.0:
-        solid[sides:] = False
+    # At a radius of 0, the triangles of that end have no area.
+    solid = np.repeat([start[3] > 0.0, end[3] > 0.0], sides)
     return [Mesh(points, faces[solid], np.tile(normals, (2, 1)), uvs, name="curve")]
 
 
-def _take(vertices: int) -> None:
-    """Raise InputError where so many vertices would take too much memory."""
+def _require_memory(vertices: int) -> None:
     memory_limits.require(memory_limits.MADE, vertices * _BYTES_PER_VERTEX)

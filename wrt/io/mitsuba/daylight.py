@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from wrt.io.measured.observer import OBSERVER, RGB_FROM_XYZ
 from wrt.io.measured.observer import WAVELENGTHS as OBSERVED
-from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.plugin import Plugin
+from wrt.io.mitsuba.textures import Textures
 from wrt.io.mitsuba.transforms import axis_and_degrees, rotation_part
 from wrt.linalg import norm, product
 from wrt.scene.environment import ConstantEnvironment, Environment, SunSkyEnvironment
@@ -41,11 +41,7 @@ _TIME = {"hour": 15.0, "minute": 0.0, "second": 0.0}
 
 
 def daylight(plugin: Plugin, textures: Textures) -> tuple[Environment, DirectionalLight | None]:
-    """Return the sky of a `sunsky`, and its sun; None and a black sky if the sun is below the horizon.
-
-    Raises:
-        InputError: when a number in it is out of range.
-    """
+    """Return the sky of a `sunsky`, and its sun; None and a black sky if the sun is below the horizon."""
     axes, _, plain = rotation_part(plugin.transform())
     if not plain:
         plugin.warn("'to_world' has shear, which is left out")
@@ -88,13 +84,9 @@ def daylight(plugin: Plugin, textures: Textures) -> tuple[Environment, Direction
 
 
 def sun_radiance(elevation: float, turbidity: float) -> Array:
-    """Return the radiance of Mitsuba's sun in its RGB variants, (3,), not below 0.
+    """Return the radiance (3,) of Mitsuba's sun in its RGB variants, at an elevation in radians.
 
     Like Mitsuba's table, it interpolates linearly between elevations three degrees apart, from two degrees on.
-
-    Args:
-        elevation: of the sun above the horizon, radians.
-        turbidity: 1 to 10.
     """
     place = min(max((math.degrees(elevation) - 2.0) / 3.0, 0.0), 29.0)
     low = min(int(place), 28)
@@ -134,16 +126,9 @@ def sun_position(
 ) -> tuple[float, float]:
     """Return the zenith angle of the sun, and its azimuth from north towards east, in radians.
 
-    Blanco-Muriel et al., "Computing the Solar Vector" (Solar Energy 70(5), 2001): accurate to half an arcminute from
-    1999 to 2015, without refraction.
-
-    Args:
-        year: of the Gregorian calendar.
-        month: 1 to 12.
-        day: of the month.
-        hours: of the day in Universal Time; may be below 0 or above 24.
-        latitude: degrees, north is positive.
-        longitude: degrees, east is positive.
+    Hours are in Universal Time and may be below 0 or above 24; latitude and longitude are in degrees, positive to north
+    and east. Blanco-Muriel et al., "Computing the Solar Vector" (Solar Energy 70(5), 2001): accurate to half an
+    arcminute from 1999 to 2015, without refraction.
     """
     # Days since noon of 1 January 2000, which is Python's ordinal 730120.
     first = (month - 1) % 12

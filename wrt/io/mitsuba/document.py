@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,6 @@ MOST_INCLUDES = 1000
 BYTES_PER_ELEMENT = 300
 """Memory of an element with one or two attributes."""
 
-_COUNTED = 1000
-"""Elements are counted in batches of this many."""
-
 LONGEST_VALUE = 2**16
 """Most characters of an attribute value after substitution of parameters; enough for a long list."""
 
@@ -34,6 +32,10 @@ MOST_LEVELS = 64
 
 _PARAMETER = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
 _CAPITAL = re.compile(r"(?<=[a-z0-9])([A-Z])")
+
+
+class LocatedError(InputError):
+    """An InputError that already names the scene file and the line."""
 
 
 @dataclass(eq=False)
@@ -57,16 +59,22 @@ class Element:
         words = [self.tag, *(repr(self.attributes[key]) for key in ("type", "name") if self.attributes.get(key))]
         return " ".join(words)
 
-    def error(self, text: str) -> InputError:
+    def error(self, text: str) -> LocatedError:
         """Return an error that names the file and the line."""
-        return InputError(f"{self.file}: line {self.line}: {text}")
+        return LocatedError(f"{self.file}: line {self.line}: {text}")
+
+    @contextmanager
+    def locating(self, prefix: str = "") -> Iterator[None]:
+        """Within the context, add the file, the line and a prefix to each InputError that lacks a line."""
+        try:
+            yield
+        except LocatedError:
+            raise
+        except InputError as error:
+            raise self.error(f"{prefix}{error}") from None
 
     def get(self, key: str) -> str:
-        """Return an attribute.
-
-        Raises:
-            InputError: when it is missing.
-        """
+        """Return an attribute, or raise InputError."""
         if key not in self.attributes:
             raise self.error(f"{self.label} has no attribute {key!r}")
         return self.attributes[key]
@@ -89,15 +97,7 @@ class Document:
     """
 
     def __init__(self, path: Path, parameters: Mapping[str, Any]) -> None:
-        """Read a scene file.
-
-        Args:
-            path: the file.
-            parameters: values of `$name`, which override the defaults in the file.
-
-        Raises:
-            InputError: naming file and line, when it is not XML or not a Mitsuba scene.
-        """
+        """Read a scene file; `parameters` are values of `$name`, which override the defaults in the file."""
         self.path = path
         self.ids: dict[str, Element] = {}
         self.plugins: dict[int, Any] = {}
@@ -124,11 +124,7 @@ class Document:
             warn(message)
 
     def find(self, element: Element) -> Element:
-        """Return the element that a `ref` refers to.
-
-        Raises:
-            InputError: when no element has that id.
-        """
+        """Return the element that a `ref` refers to."""
         name = element.get("id")
         if name not in self.ids:
             raise element.error(f"no object has the id {name!r}{did_you_mean(name, self.ids)}")
@@ -138,19 +134,14 @@ class Document:
     def file(self, where: Element, name: str) -> Path:
         """Return the path of a file that the scene names.
 
-        The folders searched are that of the scene, those of its `path` elements, and that of the file naming it.
-
-        Raises:
-            InputError: when it does not exist or may not be read.
+        It is searched beside the scene, in the folders of `path` elements, and beside the file that names it.
         """
         plain = name.strip().replace("\\", "/")
         candidates = [folder / plain for folder in (*self._folders, where.file.parent)]
-        found = next((each for each in candidates if is_inside(each) and os.path.isfile(each)), candidates[0])
-        try:
-            require_file(found)
-        except InputError as error:
-            raise where.error(str(error)) from None
-        return found
+        path = next((each for each in candidates if is_inside(each) and os.path.isfile(each)), candidates[0])
+        with where.locating():
+            require_file(path)
+        return path
 
     def _read(self, path: Path, opened: tuple[Path, ...]) -> Element:
         """Return the root element of a file; `opened` are the files that include it, directly or not."""
@@ -171,21 +162,21 @@ class Document:
                 element.attributes["name"] = _CAPITAL.sub(lambda match: f"_{match[1]}", element.name).lower()
         if "id" in element.attributes and element.tag not in ("ref", "alias"):
             self._note(element, element.attributes["id"], element)
-        kept: list[Element] = []
+        children: list[Element] = []
         for child in element.children:
             if child.tag == "default":
                 self._set_default(child)
                 continue
             self._expand(child, opened, old, level + 1)
             if child.tag == "include":
-                kept += self._include(child, opened)
+                children += self._include(child, opened)
             elif child.tag == "alias":
                 self._note(child, child.get("as"), self.find(child))
             elif child.tag == "path":
                 self._add_folder(child)
             else:
-                kept.append(child)
-        element.children = kept
+                children.append(child)
+        element.children = children
 
     def _substituted(self, element: Element, text: str) -> str:
         def value(match: re.Match[str]) -> str:
@@ -194,16 +185,15 @@ class Document:
                 hint = did_you_mean(name, self._parameters)
                 raise element.error(f"the parameter ${name} has no value{hint}; give one by -D {name}=VALUE")
             self._used.add(name)
-            found = self._parameters[name]
-            length[0] += len(found)
-            if length[0] > LONGEST_VALUE:
-                raise element.error(f"with its parameters, a value is longer than {LONGEST_VALUE} characters")
-            return found
+            return self._parameters[name]
 
-        length = [0]
+        if "$" not in text:
+            return text
+        # The length is known before anything is substituted.
+        if sum(len(value(match)) for match in _PARAMETER.finditer(text)) > LONGEST_VALUE:
+            raise element.error(f"with its parameters, a value is longer than {LONGEST_VALUE} characters")
         result = _PARAMETER.sub(value, text)
-        if length[0]:
-            _grow(element, len(result))
+        _count_memory(element, len(result))
         return result
 
     def _set_default(self, element: Element) -> None:
@@ -212,9 +202,9 @@ class Document:
         self._used.add(name)
 
     def _note(self, where: Element, name: str, element: Element) -> None:
-        other = self.ids.setdefault(name, element)
-        if other is not element:
-            raise where.error(f"the id {name!r} is used twice, first at line {other.line} of {other.file}")
+        first = self.ids.setdefault(name, element)
+        if first is not element:
+            raise where.error(f"the id {name!r} is used twice, first at line {first.line} of {first.file}")
 
     def _include(self, element: Element, opened: tuple[Path, ...]) -> list[Element]:
         """Return the elements of an included file."""
@@ -236,25 +226,18 @@ class Document:
 
 
 def parse(path: Path) -> Element:
-    """Return the root element of an XML file.
-
-    Raises:
-        InputError: when it is not well-formed XML, or has a document type.
-    """
+    """Return the root element of an XML file, which must not have a document type."""
     # Mitsuba's parser takes two hyphens within a comment, which expat does not.
     data = _COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), read_file(path))
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
-    made = [0]
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if tag == "spectrum" and attributes.get("type") in _TEXTURES:
             tag = "texture"  # files of Mitsuba 2 have both words
         element = Element(tag, attributes, path, parser.CurrentLineNumber)
-        made[0] += 1
-        if made[0] % _COUNTED == 0:
-            _grow(element, _COUNTED * BYTES_PER_ELEMENT)
+        _count_memory(element, BYTES_PER_ELEMENT)
         (open_elements[-1].children if open_elements else roots).append(element)
         open_elements.append(element)
 
@@ -283,16 +266,12 @@ def parse(path: Path) -> Element:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
-    _grow(roots[0], made[0] % _COUNTED * BYTES_PER_ELEMENT)
     return roots[0]
 
 
-def _grow(where: Element, size: int) -> None:
-    """Count the memory of elements and their texts, or raise InputError when it exceeds the limit."""
-    try:
+def _count_memory(element: Element, size: int) -> None:
+    with element.locating():
         memory_limits.take(memory_limits.TEXT, size)
-    except InputError as error:
-        raise where.error(str(error)) from None
 
 
 def _real(path: Path) -> Path:

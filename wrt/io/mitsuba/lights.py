@@ -8,12 +8,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
 from wrt.io.images import read_image
 from wrt.io.mitsuba.cameras import vertical_degrees
 from wrt.io.mitsuba.daylight import daylight
-from wrt.io.mitsuba.materials.textures import Textures
 from wrt.io.mitsuba.plugin import Plugin
+from wrt.io.mitsuba.textures import Textures
 from wrt.io.mitsuba.transforms import axis_and_degrees, rotation_part
 from wrt.linalg import determinant, norm, product
 from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
@@ -27,13 +26,8 @@ _TURNED = np.diag([-1.0, 1.0, -1.0])
 _SMOOTH_ROWS = 512
 """Smaller environments are resampled to this many rows, because Mitsuba's rows lie elsewhere and are interpolated."""
 
-
 ON_SHAPES = ("area", "directionalarea")
 """Emitters that are part of a shape."""
-
-
-_PLACED = ("point", "spot", "directional", "projector")
-"""Emitters with a place or direction by `to_world`."""
 
 
 class Emitters:
@@ -51,74 +45,21 @@ class Emitters:
             InputError: naming file and line, when a value in it cannot be used.
         """
         plugin.ignore("sampling_weight")
-        try:
-            light = self._light(plugin)
-            environment = None if light else self._environment(plugin)
-        except InputError as error:
-            raise plugin.placed(error) from None
-        if light is None and environment is None:
+        with plugin.locating():
+            made = self._made(plugin)
+        if made is None:
             plugin.warn("this kind of emitter is not known; left out")
             return
         plugin.finish()
-        if light is not None:
-            self.lights.append(light)
+        if isinstance(made, Light):
+            self.lights.append(made)
         elif self.environment is not None:
             plugin.warn("the scene already has an environment; left out")
         else:
-            self.environment = environment
+            self.environment = made
 
-    def _color(self, plugin: Plugin, name: str) -> Vec3:
-        return self.textures.constant(plugin, name, 1.0, shines=True)
-
-    def _light(self, plugin: Plugin) -> Light | None:
-        matrix = plugin.transform() if plugin.type in _PLACED else np.eye(4)
-        position, forward = vec3(matrix[:3, 3]), vec3(matrix[:3, 2])
-        if plugin.type == "point":
-            return PointLight(plugin.point("position", position), intensity=self._color(plugin, "intensity"))
-        if plugin.type == "directional":
-            direction = plugin.point("direction", forward)
-            return DirectionalLight(direction, irradiance=self._color(plugin, "irradiance"))
-        if plugin.type == "spot":
-            cutoff = plugin.number("cutoff_angle", 20.0)
-            texture = self._image_of(plugin, "texture")
-            return SpotLight(
-                position,
-                forward,
-                intensity=self._color(plugin, "intensity"),
-                inner_degrees=plugin.number("beam_width", 0.75 * cutoff),
-                outer_degrees=cutoff,
-                falloff="linear",
-                texture=_mirrored(texture, u=determinant(matrix[:3, :3]) > 0.0),
-                up=_across(matrix[:3, 1], forward),
-            )
-        if plugin.type == "projector":
-            return self._projector(plugin, matrix)
-        return None
-
-    def _projector(self, plugin: Plugin, matrix: NDArray[np.float64]) -> ProjectorLight:
-        """Return a projector, whose image lies as in a camera: v points down."""
-        texture = self._image_of(plugin, "irradiance")
-        scale = plugin.number("scale", 1.0)
-        height, width = (1, 1) if texture is None else texture.pixels.shape[:2]
-        vertical = vertical_degrees(plugin, width / height)
-        across = 2.0 * math.degrees(math.atan(math.tan(0.5 * math.radians(vertical)) * width / height))
-        return ProjectorLight(
-            vec3(matrix[:3, 3]),
-            vec3(matrix[:3, 2]),
-            vec3(matrix[:3, 1]),
-            texture=_mirrored(texture, v=True),
-            color=scale if texture is not None else vec3(scale * np.array(self._color(plugin, "irradiance"))),
-            fov_degrees=across,
-        )
-
-    def _image_of(self, plugin: Plugin, name: str) -> ImageTexture | None:
-        """Return the image of a lamp, or None if there is none."""
-        if plugin.named(name) is None:
-            return None
-        made = self.textures.color(plugin, name, 1.0)
-        return made if isinstance(made, ImageTexture) else ImageTexture(np.full((1, 1, 3), made, np.float32))
-
-    def _environment(self, plugin: Plugin) -> Environment | None:
+    def _made(self, plugin: Plugin) -> Light | Environment | None:
+        """Return the light or the environment of an emitter; None if its type is not known."""
         if plugin.type == "constant":
             return ConstantEnvironment(self._color(plugin, "radiance"))
         if plugin.type == "envmap":
@@ -127,7 +68,50 @@ class Emitters:
             sky, sun = daylight(plugin, self.textures)
             self.lights.extend([] if sun is None else [sun])
             return sky
-        return None
+        if plugin.type not in ("point", "directional", "spot", "projector"):
+            return None
+        matrix = plugin.transform()
+        position, up, forward = vec3(matrix[:3, 3]), matrix[:3, 1], vec3(matrix[:3, 2])
+        if plugin.type == "point":
+            return PointLight(plugin.point("position", position), intensity=self._color(plugin, "intensity"))
+        if plugin.type == "directional":
+            direction = plugin.point("direction", forward)
+            return DirectionalLight(direction, irradiance=self._color(plugin, "irradiance"))
+        if plugin.type == "spot":
+            cutoff = plugin.number("cutoff_angle", 20.0)
+            texture = self._texture(plugin, "texture")
+            return SpotLight(
+                position,
+                forward,
+                intensity=self._color(plugin, "intensity"),
+                inner_degrees=plugin.number("beam_width", 0.75 * cutoff),
+                outer_degrees=cutoff,
+                falloff="linear",
+                texture=_mirrored(texture, u=determinant(matrix[:3, :3]) > 0.0),
+                up=_across(up, forward),
+            )
+        texture = self._texture(plugin, "irradiance")
+        scale = plugin.number("scale", 1.0)
+        height, width = (1, 1) if texture is None else texture.pixels.shape[:2]
+        vertical = vertical_degrees(plugin, width / height)
+        return ProjectorLight(
+            position,
+            forward,
+            vec3(up),
+            texture=_mirrored(texture, v=True),  # v points down, as in a camera
+            color=scale if texture is not None else vec3(scale * np.array(self._color(plugin, "irradiance"))),
+            fov_degrees=2.0 * math.degrees(math.atan(math.tan(0.5 * math.radians(vertical)) * width / height)),
+        )
+
+    def _color(self, plugin: Plugin, name: str) -> Vec3:
+        return self.textures.constant(plugin, name, 1.0, emits=True)
+
+    def _texture(self, plugin: Plugin, name: str) -> ImageTexture | None:
+        """Return the image of a lamp, or None if there is none."""
+        if plugin.named(name) is None:
+            return None
+        made = self.textures.color(plugin, name, 1.0)
+        return made if isinstance(made, ImageTexture) else ImageTexture(np.full((1, 1, 3), made, np.float32))
 
     def _image(self, plugin: Plugin) -> ImageEnvironment:
         file = plugin.file()
@@ -153,7 +137,7 @@ def _mirrored(texture: ImageTexture | None, *, u: bool = False, v: bool = False)
 
 
 def _across(up: NDArray[np.float64], forward: Vec3) -> Vec3:
-    """Return an axis that is given for up, or, should it lie along the direction, another one."""
+    """Return `up`, or another axis if that is parallel to `forward`."""
     if norm(np.cross(up, forward)) > 1e-6 * norm(up) * norm(forward):
         return vec3(up)
     return vec3(np.eye(3)[np.abs(forward).argmin()])

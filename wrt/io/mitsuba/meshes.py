@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, did_you_mean
+from wrt.errors import did_you_mean
 from wrt.io.encodings import as_utf8
 from wrt.io.file_type import hinting
 from wrt.io.mesh.obj import read_obj
@@ -19,7 +19,7 @@ from wrt.io.mesh.repair import to_shapes
 from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.serialized import read_serialized
-from wrt.io.safe_read import first_line, read_file
+from wrt.io.safe_read import read_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import vertex_normals
 
@@ -47,28 +47,18 @@ def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:
     matrix = plugin.transform()
     upside_down = plugin.boolean("flip_tex_coords", plugin.type == "obj")
     index = plugin.whole("shape_index", 0) if plugin.type == "serialized" else 0
-    try:
-        with hinting(path):
-            parts, flat = _parts(plugin, path, index, attribute)
-            shapes = to_shapes(str(path), parts, None)
-    except InputError as error:
-        raise plugin.error(str(error)) from None
-    except (OSError, MemoryError) as error:
-        raise plugin.error(f"{path}: cannot be read: {first_line(error)}") from None
+    with plugin.locating(), hinting(path):
+        parts, flat = _parts(plugin, path, index, attribute)
+        shapes = to_shapes(str(path), parts, None)
     flat = plugin.boolean("face_normals", flat)
     mesh = merge([shape.mesh for shape in shapes], path.name)
     if upside_down and mesh.uvs is not None:
         mesh = dataclasses.replace(mesh, uvs=np.array([0.0, 1.0]) + mesh.uvs * np.array([1.0, -1.0]))
-    if flat or mesh.normals is None:
-        mesh = _moved_flat(mesh, matrix)
-        return mesh if flat else dataclasses.replace(mesh, normals=vertex_normals(mesh).astype(np.float32))
-    return mesh.transformed(matrix)
-
-
-def _moved_flat(mesh: Mesh, matrix: NDArray[np.float64]) -> Mesh:
-    """Return a transformed mesh without normals and with the same winding, so that mirroring swaps its sides."""
-    moved = dataclasses.replace(mesh, normals=None).transformed(matrix)
-    return dataclasses.replace(moved, faces=mesh.faces)
+    if not flat and mesh.normals is not None:
+        return mesh.transformed(matrix)
+    # Without normals the winding stays, so that mirroring swaps the sides.
+    moved = dataclasses.replace(dataclasses.replace(mesh, normals=None).transformed(matrix), faces=mesh.faces)
+    return moved if flat else dataclasses.replace(moved, normals=vertex_normals(moved).astype(np.float32))
 
 
 def _parts(plugin: Plugin, path: Path, index: int, attribute: str | None) -> tuple[list[Part], bool]:

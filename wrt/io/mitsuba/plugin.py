@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -39,11 +39,7 @@ class Plugin:
     """
 
     def __init__(self, element: Element, document: Document, opened: tuple[Element, ...] = ()) -> None:
-        """Parse an element.
-
-        Raises:
-            InputError: when it contains itself, or something that is neither a parameter nor an object.
-        """
+        """Parse an element; `opened` are the elements that contain it."""
         self.kind, self.element, self.document = element.tag, element, document
         # Names of classes, as files of old versions have them, begin with a capital letter.
         self.type = element.attributes.get("type", "").lower()
@@ -72,34 +68,38 @@ class Plugin:
         """Return an error that names the file, the line and the object."""
         return self.element.error(f"{self.label}: {text}")
 
-    def placed(self, error: InputError) -> InputError:
-        """Return an error with file and line added, unless it has them."""
-        return error if ": line " in str(error) else self.error(str(error))
+    def locating(self) -> AbstractContextManager[None]:
+        """Within the context, add the file, the line and the object to each InputError that lacks a line."""
+        return self.element.locating(f"{self.label}: ")
 
     def warn(self, text: str) -> None:
         """Warn once of something in it that is left out or different."""
         self.document.warn(self.element, f"{self.label}: {text}")
 
+    def warn_of_all(self, text: str) -> None:
+        """Warn that all of it is left out or replaced, and so all of its parameters."""
+        self.warn(text)
+        self._read.update(self._values)
+
     def has(self, name: str) -> bool:
         """Return whether a parameter is given, as a value or as an object."""
-        return name in self._values or any(name == given for given, _ in self.objects)
+        return name in self._values or self.named(name) is not None
 
     def value(self, name: str, *tags: str) -> Element | None:
-        """Return the element of a parameter, or None.
-
-        Raises:
-            InputError: when its tag is none of `tags`.
-        """
+        """Return the element of a parameter, which must have one of these tags; None if it is not given."""
         self._read.add(name)
         element = self._values.get(name)
         if element is not None and element.tag not in tags:
             raise element.error(f"{self.label}: {name!r} must be given by <{tags[0]}>, not by <{element.tag}>")
         return element
 
-    def number(self, name: str, default: float) -> float:
-        """Return a number."""
+    def number(self, name: str, default: float, *, positive: bool = False) -> float:
+        """Return a number, which must be above 0 if `positive`."""
         element = self.value(name, "float", "integer")
-        return default if element is None else numbers_of(element, element.get("value"), 1)[0]
+        result = default if element is None else numbers_of(element, element.get("value"), 1)[0]
+        if positive and not result > 0.0:
+            raise self.error(f"{name!r} must be greater than 0, not {result:g}")
+        return result
 
     def whole(self, name: str, default: int) -> int:
         """Return a whole number."""
@@ -130,8 +130,9 @@ class Plugin:
         """Return a string that must be one of `choices`."""
         result = self.text(name, default).lower()
         if result not in choices:
-            where = self._values.get(name, self.element)
-            raise where.error(f"{self.label}: {name!r} must be one of {', '.join(choices)}, not {result!r}")
+            raise self._values[name].error(
+                f"{self.label}: {name!r} must be one of {', '.join(choices)}, not {result!r}"
+            )
         return result
 
     def point(self, name: str, default: Vec3) -> Vec3:
@@ -140,11 +141,7 @@ class Plugin:
         return default if element is None else vector_of(element)
 
     def transform(self, name: str = "to_world") -> NDArray[np.float64]:
-        """Return a (4, 4) matrix, by default `to_world`; the identity if there is none.
-
-        Raises:
-            InputError: when it is not invertible, or not affine.
-        """
+        """Return a (4, 4) matrix, which must be affine and invertible; the identity if there is none."""
         element = self.value(name, "transform", "animation")
         if element is None:
             return np.eye(4)
@@ -169,22 +166,15 @@ class Plugin:
 
     def only(self, kind: str) -> Plugin | None:
         """Return the first child object of a kind, or None; warn of further ones."""
-        found = list(self.of_kind(kind))
-        for other in found[1:]:
-            other.warn(f"there is more than one {kind}; left out")
-        return found[0] if found else None
+        return first_of(kind, self.of_kind(kind))
 
     def named(self, name: str) -> Plugin | None:
         """Return the child object with a name, or None."""
-        return next((each for given, each in self.objects if given == name), None)
+        return next((each for child, each in self.objects if child == name), None)
 
     def ignore(self, *names: str) -> None:
         """Mark parameters that do not affect the picture as read."""
         self._read.update(names)
-
-    def ignore_all(self) -> None:
-        """Mark all parameters as read."""
-        self._read.update(self._values)
 
     def finish(self) -> None:
         """Warn of the parameters that were never read."""
@@ -192,6 +182,16 @@ class Plugin:
             if name not in self._read:
                 hint = did_you_mean(name, self._read - {name})
                 self.document.warn(element, f"{self.label}: {name!r} is not known{hint}; left out")
+
+
+def first_of(kind: str, plugins: Iterable[Plugin]) -> Plugin | None:
+    """Return the first of some objects of a kind, or None; warn of further ones."""
+    first = None
+    for each in plugins:
+        if first is not None:
+            each.warn(f"there is more than one {kind}; left out")
+        first = first or each
+    return first
 
 
 def plugin_of(element: Element, document: Document, opened: tuple[Element, ...] = ()) -> Plugin:
@@ -205,17 +205,9 @@ def plugin_of(element: Element, document: Document, opened: tuple[Element, ...] 
     Raises:
         InputError: when it contains itself, is nested too deep, or cannot be parsed.
     """
-    known: dict[int, Plugin] = document.plugins
-    if id(element) not in known:
+    plugins: dict[int, Plugin] = document.plugins
+    if id(element) not in plugins:
         if len(opened) > MOST_LEVELS:
             raise element.error(f"objects are nested more than {MOST_LEVELS} deep")
-        known[id(element)] = Plugin(element, document, opened)
-    return known[id(element)]
-
-
-def positive(plugin: Plugin, name: str, default: float) -> float:
-    """Return a number above 0."""
-    result = plugin.number(name, default)
-    if not (result > 0.0 and math.isfinite(result)):
-        raise plugin.error(f"{name!r} must be greater than 0, not {result:g}")
-    return result
+        plugins[id(element)] = Plugin(element, document, opened)
+    return plugins[id(element)]

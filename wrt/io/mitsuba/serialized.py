@@ -7,6 +7,7 @@ plugin `serialized` of Mitsuba 3.9 (`src/shapes/serialized.cpp`) for version 5.
 
 from __future__ import annotations
 
+import itertools
 import struct
 import zlib
 from dataclasses import dataclass, field
@@ -31,7 +32,7 @@ _PACKED_NORMALS, _PACKED_TANGENTS, _PACKED_UVS = 0x1, 0x2, 0x4
 
 _LONGEST_NAME = 4096
 _MOST_ATTRIBUTES = 256
-_AT_ONCE = 2**16
+_CHUNK = 2**16
 _DEFLATED = 1032
 """Most bytes that deflate can make of one byte."""
 
@@ -52,12 +53,7 @@ class SerializedMesh:
 
 
 def read_serialized(path: Path, data: bytes, index: int = 0) -> SerializedMesh:
-    """Return one mesh of a file.
-
-    Args:
-        path: the file, for messages.
-        data: its content.
-        index: which mesh, from 0.
+    """Return the mesh with a number, from 0, of a file's content.
 
     Raises:
         InputError: when there is no such mesh, or it is damaged or truncated.
@@ -69,15 +65,11 @@ def read_serialized(path: Path, data: bytes, index: int = 0) -> SerializedMesh:
         raise InputError(f"{path}: its table says that mesh {index} begins at byte {start}, where there is none")
     version = struct.unpack_from("<H", data, start + 2)[0]
     if version not in VERSIONS:
-        raise InputError(f"{path}: version {version} of serialized meshes is not known; {_known()} are")
+        raise InputError(f"{path}: version {version} of serialized meshes is not known; 3, 4 and 5 are")
     stream = _Stream(path, data, start + 4)
     mesh = _packed(path, stream) if version == 5 else _plain(path, stream, version)
     checked_faces(path, mesh.part.faces, len(mesh.part.vertices))
     return mesh
-
-
-def _known() -> str:
-    return f"{', '.join(map(str, VERSIONS[:-1]))} and {VERSIONS[-1]}"
 
 
 def _offset(path: Path, data: bytes, index: int) -> int:
@@ -101,53 +93,45 @@ class _Stream:
     def __init__(self, path: Path, data: bytes, start: int) -> None:
         self._path, self._inflate = path, zlib.decompressobj()
         self._data, self._place = memoryview(data), start
-        self._held = b""
 
     def require(self, size: int) -> None:
         """Raise InputError if a mesh of `size` bytes cannot be in the rest of the file, or would take too much."""
-        if size > _DEFLATED * (len(self._data) - self._place + len(self._held) + len(self._inflate.unconsumed_tail)):
+        if size > _DEFLATED * (len(self._data) - self._place + len(self._inflate.unconsumed_tail) + 1):
             raise InputError(f"{self._path}: the file is too short for the mesh that it names; it is truncated")
         memory_limits.require(memory_limits.MESHES, size)
 
-    def read(self, size: int) -> bytes:
+    def read(self, size: int) -> bytearray:
         """Return the next `size` bytes."""
-        pieces, missing = [self._held[:size]], size - len(self._held[:size])
-        self._held = self._held[size:]
-        while missing > 0:
-            found = self._more(missing)
-            pieces.append(found[:missing])
-            self._held = found[missing:]
-            missing -= len(pieces[-1])
-        return b"".join(pieces)
-
-    def _more(self, wanted: int) -> bytes:
-        source: Any = self._inflate.unconsumed_tail
-        if not source and not self._inflate.eof:
-            source = self._data[self._place : self._place + _AT_ONCE]
-            self._place += len(source)
-        if self._inflate.eof or not len(source):
-            raise InputError(f"{self._path}: a mesh ends too soon; the file is truncated")
-        try:
-            return self._inflate.decompress(source, max(wanted, _AT_ONCE))
-        except zlib.error as error:
-            raise InputError(f"{self._path}: a mesh cannot be decompressed: {error}") from None
+        result = bytearray()
+        while len(result) < size:
+            source: Any = self._inflate.unconsumed_tail
+            if not source and not self._inflate.eof:
+                source = self._data[self._place : self._place + _CHUNK]
+                self._place += len(source)
+            try:
+                # At the end of its input the decompressor may still hold some bytes.
+                result += self._inflate.decompress(source, size - len(result))
+            except zlib.error as error:
+                raise InputError(f"{self._path}: a mesh cannot be decompressed: {error}") from None
+            if len(result) < size and (self._inflate.eof or not len(source)):
+                raise InputError(f"{self._path}: a mesh ends too soon; the file is truncated")
+        return result
 
     def number(self, kind: str) -> int:
         """Return an integer."""
         return int(struct.unpack(f"<{kind}", self.read(struct.calcsize(kind)))[0])
 
-    def text(self, length: int | None = None) -> str:
-        """Return a text of so many bytes, or up to a zero byte."""
-        if length is None:
-            found = bytearray()
-            while (byte := self.read(1)) != b"\0":
-                found += byte
-                if len(found) > _LONGEST_NAME:
-                    raise InputError(f"{self._path}: the name of a mesh does not end; it is damaged")
-            return found.decode("utf-8", "replace")
+    def text(self, *, has_length: bool) -> str:
+        """Return a name, with its length before it or a zero byte after it."""
+        if has_length:
+            length = self.number("I")
+            name = self.read(length if length <= _LONGEST_NAME else 0)
+        else:
+            name = bytearray().join(itertools.islice(iter(lambda: self.read(1), b"\0"), _LONGEST_NAME + 1))
+            length = len(name)
         if length > _LONGEST_NAME:
-            raise InputError(f"{self._path}: a name of {length} bytes; it is damaged")
-        return self.read(length).decode("utf-8", "replace")
+            raise InputError(f"{self._path}: a name is longer than {_LONGEST_NAME} bytes; it is damaged")
+        return name.decode("utf-8", "replace")
 
     def rows(self, kind: str, count: int, width: int) -> NDArray[Any]:
         """Return (count, width) numbers."""
@@ -158,7 +142,7 @@ class _Stream:
 def _plain(path: Path, stream: _Stream, version: int) -> SerializedMesh:
     """Read versions 3 and 4: an array for each quantity."""
     flags = stream.number("I")
-    name = stream.text() if version == 4 else ""
+    name = stream.text(has_length=False) if version == 4 else ""
     count, triangles = stream.number("Q"), stream.number("Q")
     kind = "<f8" if flags & _DOUBLE else "<f4"
     width = 3 + 3 * bool(flags & _NORMALS) + 2 * bool(flags & _UVS) + 3 * bool(flags & _COLORS)
@@ -177,7 +161,7 @@ def _plain(path: Path, stream: _Stream, version: int) -> SerializedMesh:
 def _packed(path: Path, stream: _Stream) -> SerializedMesh:
     """Read version 5: records of eight numbers for each vertex and of four for each face."""
     flags = stream.number("I")
-    name = stream.text(stream.number("I"))
+    name = stream.text(has_length=True)
     count, triangles, positions, groups = (stream.number("Q") for _ in range(4))
     if positions > count or groups > count:
         raise InputError(f"{path}: mesh {name!r} has more points than vertices; it is damaged")
@@ -192,7 +176,7 @@ def _packed(path: Path, stream: _Stream) -> SerializedMesh:
     if number > _MOST_ATTRIBUTES:
         raise InputError(f"{path}: mesh {name!r} has {number} attributes; it is damaged")
     for _ in range(number):
-        title = stream.text(stream.number("I"))
+        title = stream.text(has_length=True)
         coefficients, width = stream.number("B") & 1, stream.number("I")
         rows = triangles if title.startswith("face_") else count
         if not 1 <= width <= 4:
@@ -202,8 +186,8 @@ def _packed(path: Path, stream: _Stream) -> SerializedMesh:
         if not coefficients:  # of a spectral variant: not colours
             attributes[title] = values
     # With tangents, the lanes of normals hold an encoded frame.
-    own_normals = flags & _PACKED_NORMALS and not flags & _PACKED_TANGENTS
+    has_normals = flags & _PACKED_NORMALS and not flags & _PACKED_TANGENTS
     part = Part(name or path.stem, records[:, :3], faces)
-    part.normals = records[:, 3:6] if own_normals else None
+    part.normals = records[:, 3:6] if has_normals else None
     part.uvs = records[:, 6:8] if flags & _PACKED_UVS else None
     return SerializedMesh(part, bool(flags & _FACE_NORMALS), attributes)

@@ -9,25 +9,23 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.mitsuba import surfaces
 from wrt.io.mitsuba.curves import CURVES, read_curves
-from wrt.io.mitsuba.fields.distances import distance_grid
-from wrt.io.mitsuba.materials.readers import BLACK, UNKNOWN, Materials, Surface, clear, is_black
-from wrt.io.mitsuba.materials.textures import Textures
-from wrt.io.mitsuba.media import boundary_of_nothing, continued, filled, medium_of
+from wrt.io.mitsuba.materials import BLACK, CLEAR, UNKNOWN, Materials, Surface
+from wrt.io.mitsuba.media import Media, filled
 from wrt.io.mitsuba.meshes import MESH_FILES, read_mesh
-from wrt.io.mitsuba.plugin import Plugin, positive
+from wrt.io.mitsuba.plugin import Plugin
+from wrt.io.mitsuba.sdfgrid import read_sdfgrid
 from wrt.io.mitsuba.surfaces import Detail, is_closed
+from wrt.io.mitsuba.textures import Textures
 from wrt.linalg import determinant, norm, product, singular_values
 from wrt.scene.camera import PerspectiveCamera
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.exact.quadrics import basis, quadrics_of, unit_cylinder, unit_disk
 from wrt.scene.exact.spheres import ball, spheres
 from wrt.scene.lights import DiskLight, Light, RectangleLight, SphereLight
-from wrt.scene.materials import Material
-from wrt.scene.medium import Medium
+from wrt.scene.materials.body import Null
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Shape
 from wrt.scene.textures import ColorSource, shines
@@ -47,32 +45,30 @@ class Shapes:
 
     Attributes:
         lights: the shapes that became lights.
-        exteriors: the `exterior` media of shapes, each with its shape.
-        interiors: the `interior` media of shapes.
     """
 
-    def __init__(self, materials: Materials, textures: Textures, detail: Detail, *, exact_lights: bool = True) -> None:
-        """Start without shapes.
-
-        Args:
-            materials: the materials of the scene.
-            textures: the textures of the scene.
-            detail: the tessellation of curved shapes.
-            exact_lights: whether black shapes that emit become analytic lights.
-        """
-        self.materials, self.textures, self.detail = materials, textures, detail
+    def __init__(self, textures: Textures, media: Media, detail: Detail) -> None:
+        """Start without shapes; `detail` is the tessellation of curved shapes."""
+        self.textures, self.media, self.detail = textures, media, detail
+        self.materials = Materials(textures)
         self.lights: list[Light] = []
-        self.exteriors: list[tuple[Plugin, Medium]] = []
-        self.interiors: set[Medium] = set()
-        self._exact_lights = exact_lights
+        self._exact_lights = True
         self._groups: dict[int, list[Shape]] = {}
 
-    def shapes(self, plugin: Plugin) -> list[Shape]:
-        """Return the shapes of a plugin; none for a shape group, or for a shape that became a light.
+    def all_of(self, plugins: list[Plugin]) -> list[Shape]:
+        """Return the shapes of a scene, in which black shapes that emit are lights unless rays could hit nothing else.
 
         Raises:
             InputError: naming file and line, when a value in it cannot be used.
         """
+        made = [shape for plugin in plugins for shape in self._shapes(plugin)]
+        if made or not self.lights:
+            return made
+        self.lights, self._groups, self._exact_lights = [], {}, False
+        return [shape for plugin in plugins for shape in self._shapes(plugin)]
+
+    def _shapes(self, plugin: Plugin) -> list[Shape]:
+        """Return the shapes of a plugin; none for a shape group, or for a shape that became a light."""
         if plugin.type == "shapegroup":
             return []  # only its instances are visible
         if plugin.type == "instance":
@@ -80,18 +76,15 @@ class Shapes:
         if plugin.type == "merge":
             if any(inner.type == "merge" for inner in plugin.of_kind("shape")):
                 raise plugin.error("a merged shape must not hold merged shapes")
-            found = [shape for inner in plugin.of_kind("shape") for shape in self.shapes(inner)]
-            plugin.finish()
-            return found
-        if plugin.type not in (*_MESHES, *MESH_FILES, *CURVES, "sdfgrid"):
+            made = [shape for inner in plugin.of_kind("shape") for shape in self._shapes(inner)]
+        elif plugin.type in (*_UNIT_SHAPES, *MESH_FILES, *CURVES, "sdfgrid"):
+            with plugin.locating():
+                made = self._shape(plugin)
+        else:
             plugin.warn("this kind of shape is not known; left out")
             return []
-        try:
-            made = self._shape(plugin)
-        except InputError as error:
-            raise plugin.placed(error) from None
         plugin.finish()
-        return [] if made is None else [made]
+        return made
 
     def _instance(self, plugin: Plugin) -> Iterator[Shape]:
         group = next((each for each in plugin.of_kind("shape") if each.type == "shapegroup"), None)
@@ -103,7 +96,7 @@ class Shapes:
         if key not in self._groups:
             # The distance of the instances to the camera is not known yet.
             detail, self.detail = self.detail, Detail(None, self.detail.height)
-            self._groups[key] = [shape for inner in group.of_kind("shape") for shape in self.shapes(inner)]
+            self._groups[key] = [shape for inner in group.of_kind("shape") for shape in self._shapes(inner)]
             self.detail = detail
             group.finish()
         matrix = plugin.transform()
@@ -112,63 +105,51 @@ class Shapes:
             memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE)
             yield dataclasses.replace(shape, transform=matrix)
 
-    def _shape(self, plugin: Plugin) -> Shape | None:
-        emitter = plugin.only("emitter")
-        emission = self._emission(emitter)
+    def _shape(self, plugin: Plugin) -> list[Shape]:
+        """Return the shape of a plugin that holds no others; none if it is invisible or became a light."""
+        emission = self._emission(plugin.only("emitter"))
+        emits = shines(emission)
         bsdf = plugin.only("bsdf")
-        flat = BLACK if shines(emission) else UNKNOWN
-        if bsdf is not None:
-            flat = self.materials.surface(bsdf)
-        inside, outside = (self._medium(plugin.named(name)) for name in ("interior", "exterior"))
-        if inside is not None:
-            self.interiors.add(inside)
-        if outside is not None:
-            if outside.density is not None:
-                plugin.warn("beyond the box of its grid, its 'exterior' is empty")
-            self.exteriors.append((plugin, outside))
+        default = BLACK if emits else UNKNOWN
+        surface = default if bsdf is None else self.materials.surface(bsdf)
+        inside = self.media.interior(plugin)
+        self.media.note_exterior(plugin)
         flip = plugin.boolean("flip_normals", False)
         plugin.ignore("silhouette_sampling_weight")
-        if self._exact_lights and shines(emission) and isinstance(emission, tuple) and is_black(flat):
+        if self._exact_lights and emits and isinstance(emission, tuple) and surface.is_black:
             light = self._exact_light(plugin, emission, flip)
             if light is not None:
                 self.lights.append(light)
-                return None
-        if flat.nothing and not shines(emission) and inside is None:
+                return []
+        if surface.is_invisible and not emits and inside is None:
             plugin.transform()
             plugin.ignore("filename", "shape_index", "face_normals", "flip_tex_coords", "center", "radius", "p0", "p1")
-            return None
-        culled = False
+            return []
+        has_open_ends = False
         if plugin.type in CURVES:
-            mesh, culled = read_curves(plugin, self.detail)
+            mesh, has_open_ends = read_curves(plugin, self.detail)
         else:
-            mesh = self._mesh(plugin, shines(emission))
+            mesh = self._mesh(plugin, emits)
         memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_ELEMENT)
-        memory_limits.take(
-            memory_limits.MESHES if plugin.type in MESH_FILES else memory_limits.MADE, memory_limits.size_of(mesh)
-        )
-        if inside is not None and (medium := plugin.named("interior")) is not None:
-            inside = continued(medium, inside, mesh.bounds.astype(float), self.textures)
-            self.interiors.add(inside)
+        limit = memory_limits.MESHES if plugin.type in MESH_FILES else memory_limits.MADE
+        memory_limits.take(limit, memory_limits.size_of(mesh))
+        if inside is not None:
+            inside = self.media.filling(plugin, inside, mesh.bounds.astype(float))
         if flip and isinstance(mesh, Analytic):
             mesh = mesh.turned_inside_out()
         elif flip:
             normals = None if mesh.normals is None else -mesh.normals
             mesh = dataclasses.replace(mesh, faces=mesh.faces[:, ::-1], normals=normals)
-        surface = flat
-        if flat.nothing:
-            surface = Surface(clear() if shines(emission) or inside is None else boundary_of_nothing(inside))
+        if surface.is_invisible:
+            surface = Surface(CLEAR if emits or inside is None else Null(interior=inside))
         elif inside is not None:
-            surface = dataclasses.replace(flat, material=filled(plugin, flat.material, inside))
-        if culled:
+            surface = dataclasses.replace(surface, material=filled(plugin, surface.material, inside))
+        if has_open_ends:
             surface = surface.without_back()
-        name = plugin.element.attributes.get("id") or plugin.type
-        return Shape(mesh, self._seen(surface, mesh), emission, name=name)
-
-    def _seen(self, surface: Surface, mesh: Mesh) -> Material:
-        """Return the material, with Mitsuba's black back unless no path can reach the back."""
-        if not surface.one_sided or (self._outside(mesh) and is_closed(mesh)):
-            return surface.material
-        return surface.both_sides
+        # The black back is left out where no path can reach it.
+        hides_back = surface.one_sided and self._outside(mesh) and is_closed(mesh)
+        material = surface.material if hides_back else surface.both_sides
+        return [Shape(mesh, material, emission, name=plugin.element.attributes.get("id") or plugin.type)]
 
     def _outside(self, mesh: Mesh) -> bool:
         """Return whether the camera is certainly outside the bounds of a mesh."""
@@ -180,51 +161,50 @@ class Shapes:
         origin = np.array(camera.origin)
         return bool(((origin < low - reach) | (origin > high + reach)).any())
 
-    def _medium(self, plugin: Plugin | None) -> Medium | None:
-        return None if plugin is None or plugin.kind != "medium" else medium_of(plugin, self.textures)
-
     def _emission(self, emitter: Plugin | None) -> ColorSource:
         if emitter is None:
             return (0.0, 0.0, 0.0)
         if emitter.type != "area":
             emitter.warn("only area lights can be on a shape; left out")
             return (0.0, 0.0, 0.0)
-        radiance = self.textures.color(emitter, "radiance", 1.0, shines=True, most=math.inf)
+        radiance = self.textures.color(emitter, "radiance", 1.0, emits=True, most=math.inf)
         emitter.ignore("sampling_weight")
         emitter.finish()
         return (radiance,) * 3 if isinstance(radiance, float) else radiance
 
-    def _mesh(self, plugin: Plugin, shining: bool) -> Mesh:
+    def _mesh(self, plugin: Plugin, emits: bool) -> Mesh:
         if plugin.type in MESH_FILES:
             return read_mesh(plugin, self._attribute(plugin))
         matrix = plugin.transform()
         if plugin.type == "sdfgrid":
-            return distance_grid(plugin).transformed(matrix)
-        if plugin.type in ("sphere", "cylinder"):
-            matrix = product(matrix, _own_transform(plugin))
+            return read_sdfgrid(plugin).transformed(matrix)
         if plugin.type in ("rectangle", "cube"):
-            mesh = surfaces.rectangle() if plugin.type == "rectangle" else surfaces.cube()
-            return mesh.transformed(matrix)
-        center, radius = _ball_around(plugin.type, matrix)
-        axes = matrix[:3, :3] if plugin.type == "cylinder" else matrix[:3, :2]
-        least = radius if plugin.type == "sphere" else float(singular_values(axes)[-1])
-        if least > _LEAST_RADIUS * np.abs(center).max() and (exact := _exact(plugin.type, matrix)) is not None:
+            return _UNIT_SHAPES[plugin.type]().transformed(matrix)
+        if plugin.type != "disk":
+            matrix = product(matrix, _own_transform(plugin))
+        # The centre, and the axes that a circle of the shape lies along.
+        center = product(matrix[:3], np.array((0.0, 0.0, 0.5 * (plugin.type == "cylinder"), 1.0)))
+        axes = matrix[:3, :3] if plugin.type == "sphere" else matrix[:3, :2]
+        radius = float(singular_values(axes)[0])
+        sides = matrix[:3, : 2 if plugin.type == "disk" else 3]
+        smallest = radius if plugin.type == "sphere" else float(singular_values(sides)[-1])
+        if smallest > _LEAST_RADIUS * np.abs(center).max() and (exact := _exact(plugin.type, matrix)) is not None:
             return exact
-        segments, coarse = self.detail.segments(center, radius, shines=shining)
-        if coarse:
+        segments, is_coarse = self.detail.segments(center, radius, emits=emits)
+        if is_coarse:
             plugin.warn(f"is limited to {segments} segments around, which may show this close to the camera")
-        return _MESHES[plugin.type](segments).transformed(matrix)
+        return _UNIT_SHAPES[plugin.type](segments).transformed(matrix)
 
     def _attribute(self, plugin: Plugin) -> str | None:
         """Return the attribute of the mesh that the material or the emission reads, or None; there can be only one."""
         first: str | None = None
         waiting = list(plugin.of_kind("bsdf", "emitter"))
-        seen = set()
+        visited = set()
         while waiting:
             each = waiting.pop()
-            if each in seen:
+            if each in visited:
                 continue
-            seen.add(each)
+            visited.add(each)
             if each.kind == "texture" and each.type == "mesh_attribute":
                 name = each.text("name", "")
                 if first not in (None, name):
@@ -256,7 +236,7 @@ class Shapes:
         return None
 
 
-_MESHES: dict[str, Callable[..., Mesh]] = {
+_UNIT_SHAPES: dict[str, Callable[..., Mesh]] = {
     "rectangle": surfaces.rectangle,
     "cube": surfaces.cube,
     "sphere": ball,
@@ -267,7 +247,7 @@ _MESHES: dict[str, Callable[..., Mesh]] = {
 
 def _own_transform(plugin: Plugin) -> Matrix:
     """Return the transform of a unit shape to the one that `radius` and `center`, or `p0` and `p1`, describe."""
-    radius = positive(plugin, "radius", 1.0)
+    radius = plugin.number("radius", 1.0, positive=True)
     result = np.diag([radius, radius, radius, 1.0])
     if plugin.type == "sphere":
         result[:3, 3] = plugin.point("center", (0.0, 0.0, 0.0))
@@ -292,10 +272,3 @@ def _exact(kind: str, matrix: Matrix) -> Mesh | None:
     else:
         made = quadrics_of([False], np.array([(0.0, 0.0, 0.5)]), unit, kind)
     return made.transformed(matrix) if made.keeps(matrix[None]) else None
-
-
-def _ball_around(kind: str, matrix: Matrix) -> tuple[NDArray[np.float64], float]:
-    """Return the centre of a transformed unit shape, and the largest radius of its circles."""
-    middle = (0.0, 0.0, 0.5, 1.0) if kind == "cylinder" else (0.0, 0.0, 0.0, 1.0)
-    axes = matrix[:3, :2] if kind != "sphere" else matrix[:3, :3]
-    return product(matrix[:3], np.array(middle)), float(singular_values(axes)[0])

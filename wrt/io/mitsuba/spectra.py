@@ -7,6 +7,10 @@ little red. A reflectance spectrum is lit by D65, ∫ s D65 r dλ / ∫ D65 r d�
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +18,7 @@ from wrt.io.encodings import as_utf8
 from wrt.io.measured.observer import D65, OBSERVER, RESPONSE, WAVELENGTHS
 from wrt.io.mitsuba.document import Document, Element
 from wrt.io.mitsuba.plugin import Plugin
-from wrt.io.mitsuba.transforms import numbers_of
+from wrt.io.mitsuba.transforms import numbers_of, vector_of
 from wrt.io.safe_read import read_file
 from wrt.linalg import product
 from wrt.scene.srgb import linear_from_srgb
@@ -54,125 +58,102 @@ def blackbody(kelvin: float) -> Spectrum:
     return np.asarray(2e-9 * _PLANCK * _LIGHT**2 / (metres**5 * np.expm1(np.minimum(exponent, 700.0))))
 
 
-def color_of(element: Element, document: Document, *, shines: bool) -> Vec3:
+def color_of(element: Element, document: Document, *, emits: bool) -> Vec3:
     """Return the linear Rec. 709 colour of an element.
 
     Args:
         element: one of COLOR_TAGS.
         document: the document, to find files.
-        shines: whether it is emission rather than reflectance.
+        emits: whether it is emission rather than reflectance.
 
     Raises:
         InputError: when its numbers cannot be read.
     """
-    if element.tag in ("float", "integer"):
-        grey = numbers_of(element, element.get("value"), 1)[0]
-        return grey, grey, grey
     if element.tag in ("rgb", "color", "srgb"):
         return _rgb(element)
     if element.tag == "blackbody":
         kelvin = numbers_of(element, element.get("temperature").rstrip("kK"), 1)[0]
         scale = numbers_of(element, element.attributes.get("scale", "1"), 1)[0]
-        return emitted(scale * blackbody(_temperature(element, kelvin)))
+        return emitted(scale * _blackbody(element, kelvin))
+    color_from = emitted if emits else reflected
     if element.attributes.get("type"):
-        return _typed(Plugin(element, document), shines)
+        return _by_plugin(Plugin(element, document), color_from)
     if "filename" in element.attributes:
-        return _seen(_from_file(element, document), shines)
-    text = element.get("value")
-    if document.old and len(text.replace(",", " ").split()) == 3 and ":" not in text:
-        return vec3(np.array(numbers_of(element, text, 3)))  # what the usual build of version 0.6 took for a colour
-    return _listed(element, text, shines)
+        return color_from(_from_file(element, document.file(element, element.get("filename"))))
+    words = element.get("value").replace(",", " ").split()
+    pairs = [word.split(":") for word in words]
+    if all(len(pair) == 1 for pair in pairs):
+        if document.old and len(words) == 3:
+            return vec3(
+                numbers_of(element, " ".join(words), 3)
+            )  # what the usual build of version 0.6 took for a colour
+        value = numbers_of(element, " ".join(words), 1)[0]
+        return (value,) * 3 if element.tag != "spectrum" else color_from(np.full(len(WAVELENGTHS), value))
+    if any(len(pair) != 2 for pair in pairs):
+        raise element.error(f"{element.label} must be one number or a list of wavelength:value")
+    wavelengths, values = zip(*(numbers_of(element, " ".join(pair), 2) for pair in pairs), strict=True)
+    return color_from(_interpolated(element, wavelengths, values))
 
 
 def _rgb(element: Element) -> Vec3:
     text = element.get("value").strip()
     if text.startswith("#"):
-        try:
-            code = int(text[1:], 16) if len(text) == 7 else -1
-        except ValueError:
-            code = -1
-        if code < 0:
+        if re.fullmatch("#[0-9a-fA-F]{6}", text) is None:
             raise element.error(f"{element.label} must be three numbers or #rrggbb, not {text!r}")
-        return vec3(linear_from_srgb(np.array([code >> 16, code >> 8 & 255, code & 255]) / 255.0))
-    numbers = numbers_of(element, text, 1, 3)
-    if element.tag == "srgb":
-        numbers = tuple(float(x) for x in linear_from_srgb(np.array(numbers)))
-    return (numbers[0],) * 3 if len(numbers) == 1 else (numbers[0], numbers[1], numbers[2])
+        return vec3(linear_from_srgb(np.array([*bytes.fromhex(text[1:])]) / 255.0))
+    numbers = vector_of(element)
+    return vec3(linear_from_srgb(np.array(numbers))) if element.tag == "srgb" else numbers
 
 
-def _seen(spectrum: Spectrum, shines: bool) -> Vec3:
-    return emitted(spectrum) if shines else reflected(spectrum)
-
-
-def _listed(element: Element, text: str, shines: bool) -> Vec3:
-    """Return the colour of a constant spectrum, or of a list of wavelength:value."""
-    if ":" not in text:
-        value = numbers_of(element, text, 1)[0]
-        return _seen(np.full(len(WAVELENGTHS), value), shines)
-    pairs = [word.split(":") for word in text.replace(",", " ").split()]
-    if any(len(pair) != 2 for pair in pairs):
-        raise element.error(f"{element.label} must be one number or a list of wavelength:value, not {text[:60]!r}")
-    numbers = [numbers_of(element, " ".join(pair), 2) for pair in pairs]
-    return _seen(_interpolated(element, numbers), shines)
-
-
-def _interpolated(element: Element, pairs: list[tuple[float, ...]]) -> Spectrum:
-    """Interpolate a spectrum from pairs of wavelength, nm, and value; outside them it is 0."""
-    wavelengths, values = np.array(pairs).T if pairs else (np.zeros(0), np.zeros(0))
+def _interpolated(element: Element, wavelengths: Sequence[float], values: Sequence[float]) -> Spectrum:
+    """Interpolate a spectrum from wavelengths, nm, and values; outside them it is 0."""
     if len(wavelengths) < 2 or (np.diff(wavelengths) <= 0.0).any():
         raise element.error(f"{element.label}: a spectrum needs at least two wavelengths in ascending order")
     return np.asarray(np.interp(WAVELENGTHS, wavelengths, values, left=0.0, right=0.0))
 
 
-def _from_file(element: Element, document: Document) -> Spectrum:
+def _from_file(element: Element, path: Path) -> Spectrum:
     """Return the spectrum in a text file of wavelengths, nm, and values."""
-    path = document.file(element, element.get("filename"))
     try:
         lines = [line.split("#")[0].split() for line in as_utf8(read_file(path)).decode("utf-8").splitlines()]
-        pairs = [(float(line[0]), float(line[1])) for line in lines if line]
+        rows = [(float(line[0]), float(line[1])) for line in lines if line]
     except (OSError, ValueError, IndexError):
         raise element.error(f"{path}: not a spectrum: each line must have a wavelength and a value") from None
-    return _interpolated(element, [tuple(pair) for pair in pairs])
+    return _interpolated(element, [row[0] for row in rows], [row[1] for row in rows])
 
 
-def _temperature(element: Element, kelvin: float) -> float:
+def _blackbody(element: Element, kelvin: float) -> Spectrum:
     if not 0.0 < kelvin < 1e9:
         raise element.error(f"a temperature must be above 0 and below 1e9 K, not {kelvin:g}")
-    return kelvin
+    return blackbody(kelvin)
 
 
-def _typed(plugin: Plugin, shines: bool) -> Vec3:
+def _by_plugin(plugin: Plugin, color_from: Callable[[Spectrum], Vec3]) -> Vec3:
     """Return the colour of a spectrum plugin."""
     element = plugin.element
+    result: Vec3
     if plugin.type == "blackbody":
-        kelvin = _temperature(element, plugin.number("temperature", 5000.0))
         plugin.ignore("wavelength_min", "wavelength_max")
-        result = emitted(plugin.number("scale", 1.0) * blackbody(kelvin))
-    elif plugin.type == "uniform":
-        result = (plugin.number("value", 1.0),) * 3
+        spectrum = _blackbody(element, plugin.number("temperature", 5000.0))
+        result = emitted(plugin.number("scale", 1.0) * spectrum)
+    elif plugin.type in ("uniform", "d65"):
         plugin.ignore("wavelength_min", "wavelength_max")
-    elif plugin.type == "d65":
         result = (plugin.number("scale", 1.0) * plugin.number("value", 1.0),) * 3
     elif plugin.type in ("rgb", "srgb"):
         inner = plugin.value("color", "rgb", "color") or plugin.value("value", "rgb", "color")
         result = (0.5, 0.5, 0.5) if inner is None else _rgb(inner)
     elif plugin.type in ("irregular", "regular"):
-        result = _seen(_tabulated(plugin), shines)
+        values = numbers_of(element, plugin.text("values", ""))
+        if plugin.type == "irregular":
+            wavelengths = numbers_of(element, plugin.text("wavelengths", ""))
+        else:
+            low, high = plugin.number("wavelength_min", 360.0), plugin.number("wavelength_max", 830.0)
+            wavelengths = tuple(np.linspace(low, high, len(values)).tolist())
+        if len(values) != len(wavelengths):
+            raise element.error(f"{plugin.label} has {len(wavelengths)} wavelengths and {len(values)} values")
+        result = color_from(_interpolated(element, wavelengths, values))
     else:
         plugin.warn("this kind of spectrum is not known; 0.5 stands in for it")
         return 0.5, 0.5, 0.5
     plugin.finish()
     return result
-
-
-def _tabulated(plugin: Plugin) -> Spectrum:
-    element = plugin.element
-    values = numbers_of(element, plugin.text("values", ""))
-    if plugin.type == "irregular":
-        wavelengths = numbers_of(element, plugin.text("wavelengths", ""))
-    else:
-        low, high = plugin.number("wavelength_min", 360.0), plugin.number("wavelength_max", 830.0)
-        wavelengths = tuple(float(x) for x in np.linspace(low, high, len(values)))
-    if len(values) != len(wavelengths):
-        raise element.error(f"{plugin.label} has {len(wavelengths)} wavelengths and {len(values)} values")
-    return _interpolated(element, list(zip(wavelengths, values, strict=True)))

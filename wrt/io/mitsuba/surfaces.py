@@ -19,18 +19,13 @@ Matrix = NDArray[np.float64]
 LEAST_SEGMENTS, MOST_SEGMENTS = 64, 768
 """Segments of a circle: fewer would show in the shading, more would take half a gigabyte for a few spheres."""
 
-MOST_SHINING = 192
+MOST_EMITTING = 192
 """Most segments of a circle on an emitting shape, where each triangle is a light."""
 
 
 @dataclass(frozen=True)
 class Detail:
-    """The resolution of the picture, which sets the tessellation.
-
-    Attributes:
-        camera: the camera, or None if the scene has none.
-        height: rows of the whole picture.
-    """
+    """The camera and the rows of the whole picture, which set the tessellation."""
 
     camera: Camera | None
     height: int
@@ -45,16 +40,16 @@ class Detail:
         height = 2.0 * math.tan(0.5 * math.radians(self.camera.fov_degrees))
         return 0.5 * height * max(distance, 0.05 * radius) / self.height
 
-    def segments(self, center: NDArray[np.float64], radius: float, *, shines: bool) -> tuple[int, bool]:
+    def segments(self, center: NDArray[np.float64], radius: float, *, emits: bool) -> tuple[int, bool]:
         """Return the number of segments of a circle, and whether the limit is less than the tolerance needs.
 
         The middle of a chord of n segments lies r (1 − cos(π/n)) inside the circle, and the middle of a face of a
         sphere up to twice that, so half of the tolerance is allowed.
         """
         inside = 0.5 * self.tolerance(center, radius) / radius
-        wanted = math.pi / math.acos(1.0 - min(inside, 1.0)) if inside > 1e-12 else math.inf
-        most = MOST_SHINING if shines else MOST_SEGMENTS
-        return (most, True) if wanted > most else (max(LEAST_SEGMENTS, 4 * math.ceil(0.25 * wanted)), False)
+        segments = math.pi / math.acos(1.0 - min(inside, 1.0)) if inside > 1e-12 else math.inf
+        most = MOST_EMITTING if emits else MOST_SEGMENTS
+        return (most, True) if segments > most else (max(LEAST_SEGMENTS, 4 * math.ceil(0.25 * segments)), False)
 
 
 def rectangle() -> Mesh:
@@ -66,24 +61,16 @@ def rectangle() -> Mesh:
 def cube() -> Mesh:
     """Return the cube from −1 to 1; each side has the whole unit square of texture coordinates, as in Mitsuba."""
     x, y, z = np.eye(3)
-    corners, uvs = [], []
+    st = np.array([(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
+    corners: list[Matrix] = []
+    triangles: list[NDArray[np.int64]] = []
     # The normal of each side, and the directions of growing u and v.
     for normal, u, v in ((-y, z, x), (y, -x, -z), (x, y, -z), (z, y, x), (-x, y, z), (-z, -y, x)):
-        for s, t in ((-1, 1), (1, 1), (1, -1), (-1, -1)):
-            corners.append(normal + s * u + t * v)
-            uvs.append([0.5 * (s + 1), 0.5 * (t + 1)])
-    first = 4 * np.arange(6)[:, None]
-    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
-    mesh = Mesh(np.array(corners), faces, uvs=np.array(uvs), name="cube")
-    return _outwards(mesh)
-
-
-def _outwards(mesh: Mesh) -> Mesh:
-    """Return a convex mesh around the origin with all faces turned outwards."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(np.float64) for k in range(3))
-    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c) < 0.0
-    faces = np.where(inwards[:, None], mesh.faces[:, ::-1], mesh.faces)
-    return Mesh(mesh.vertices, faces, uvs=mesh.uvs, name=mesh.name)
+        corners.append(normal + st[:, :1] * u + st[:, 1:] * v)
+        pair = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * len(triangles)
+        triangles.append(pair if (np.cross(v, u) == normal).all() else pair[:, ::-1])  # outwards
+    faces = np.swapaxes(triangles, 0, 1).reshape(-1, 3)
+    return Mesh(np.concatenate(corners), faces, uvs=np.tile(0.5 * (st + 1.0), (6, 1)), name="cube")
 
 
 def is_closed(mesh: Mesh) -> bool:
@@ -97,25 +84,18 @@ def is_closed(mesh: Mesh) -> bool:
     positions = same_positions(mesh.vertices)
     count = len(mesh.vertices)
     center = box_around(mesh.vertices).mean(axis=0)
-    edges = np.empty((len(mesh.faces), 3), np.int64)
-    difference, volume = np.uint64(0), 0.0
-    for begin in range(0, len(edges), CHUNK):
+    edges = np.empty((2, len(mesh.faces), 3), np.int64)  # in both directions
+    volume = 0.0
+    for begin in range(0, len(mesh.faces), CHUNK):
         faces = mesh.faces[begin : begin + CHUNK]
         start = positions.take(faces)
         end = np.roll(start, -1, axis=1)
-        edges[begin : begin + CHUNK] = start * count + end
-        with np.errstate(over="ignore"):
-            difference += _hash(start * count + end).sum() - _hash(end * count + start).sum()
+        edges[:, begin : begin + CHUNK] = start * count + end, end * count + start
         a, b, c = (mesh.vertices.take(faces, axis=0) - center).transpose(1, 0, 2)
         volume += float(np.einsum("ij,ij->", a, np.cross(b, c)))
-    # Each edge must occur once in either direction. Sums of hashes compare the directions almost surely.
-    if difference != 0 or volume <= 0.0:
+    if volume <= 0.0:
         return False
-    ordered = np.sort(edges, axis=None)
-    return not bool((ordered[1:] == ordered[:-1]).any())
-
-
-def _hash(numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
-    mixed = numbers.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-    mixed ^= mixed >> np.uint64(32)
-    return mixed * np.uint64(0xD6E8FEB86659FD93)
+    # Each edge must occur once in either direction.
+    ordered = edges.reshape(2, -1)
+    ordered.sort()
+    return bool((ordered[0] == ordered[1]).all() and (ordered[0, 1:] != ordered[0, :-1]).all())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,24 +13,13 @@ from wrt.values import Vec3, vec3
 
 Matrix = NDArray[np.float64]
 
-_SEPARATORS = re.compile(r"[,\s]+")
-
 
 def numbers_of(element: Element, text: str, *counts: int) -> tuple[float, ...]:
-    """Return the numbers in a text, separated by commas or spaces.
-
-    Args:
-        element: the element, for messages.
-        text: the numbers.
-        counts: the allowed counts; by default any.
-
-    Raises:
-        InputError: on other counts, and on anything but finite numbers.
-    """
-    words = [word for word in _SEPARATORS.split(text) if word]
+    """Return the finite numbers in the text of an element, as many as one of `counts`, or any number of them."""
+    words = text.replace(",", " ").split()
     if counts and len(words) not in counts:
-        wanted = " or ".join(str(count) for count in counts)
-        raise element.error(f"{element.label} takes {wanted} number{'s' if wanted != '1' else ''}, not {text!r}")
+        plural = "" if counts == (1,) else "s"
+        raise element.error(f"{element.label} takes {' or '.join(map(str, counts))} number{plural}, not {text!r}")
     try:
         result = tuple(float(word) for word in words)
     except ValueError:
@@ -77,12 +65,8 @@ def _rotate(element: Element) -> Matrix:
     length = norm(axis)
     if length == 0.0:
         raise element.error("the axis of a rotation must not be zero")
-    return rotation(axis / length, math.radians(numbers_of(element, element.get("angle"), 1)[0]))
-
-
-def rotation(axis: NDArray[np.float64], angle: float) -> Matrix:
-    """Return the (4, 4) rotation about a unit vector by an angle in radians."""
-    x, y, z = axis
+    angle = math.radians(numbers_of(element, element.get("angle"), 1)[0])
+    x, y, z = axis / length
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     result = np.eye(4)
     result[:3, :3] += math.sin(angle) * k + (1.0 - math.cos(angle)) * product(k, k)
@@ -101,12 +85,12 @@ def _look_at(element: Element) -> Matrix:
         up = np.array(numbers_of(element, element.get("up"), 3))
     else:
         up = np.eye(3)[int(np.argmin(np.abs(forward)))]
-    left = np.cross(up, forward)
-    if norm(left) <= 1e-9 * max(norm(up), 1e-300):
+    x = np.cross(up, forward)  # to the left
+    if norm(x) <= 1e-9 * max(norm(up), 1e-300):
         raise element.error("up must not be zero or parallel to the view")
-    left /= norm(left)
+    x /= norm(x)
     result = np.eye(4)
-    result[:3] = np.stack([left, np.cross(forward, left), forward, origin], axis=1)
+    result[:3] = np.stack([x, np.cross(forward, x), forward, origin], axis=1)
     return result
 
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.arrays import read_arrays
-from wrt.io.npy import read_array
+from wrt.io.npy import read_array, read_arrays
 from wrt.io.safe_read import naming_file, read_file
 from wrt.io.toml.scene_keys import (
     DEFORMATION_ARCHIVE,
@@ -27,8 +26,7 @@ from wrt.io.toml.scene_keys import (
     MATRIX_KEYFRAME,
     TURN,
 )
-from wrt.io.toml.tables import TableReader
-from wrt.io.toml.values import Table, numbers_of, table_of, text_of
+from wrt.io.toml.tables import Table, TableReader, numbers_of, table_of, text_of
 from wrt.io.volume.read import load_density, read_volume
 from wrt.linalg import product
 from wrt.scene.deformation import Deformation
@@ -49,30 +47,25 @@ def read_places(reader: TableReader, table: dict[str, Any]) -> list[Transform]:
         raise InputError("has both motion and instances; give each instance a motion of its own")
     if isinstance(table["instances"], str):
         with reader.at("instances"):
-            return list(_matrices(reader.beside(table["instances"])))
-    found: list[Transform] = []
+            return list(_matrices(reader.file(table["instances"])))
+    places: list[Transform] = []
 
     def add(place: dict[str, Any]) -> None:
         reader.check_table(place, INSTANCE)
         matrix = reader.transform(place)
-        motion = _motion(reader, place)
-        here = np.eye(4) if matrix is None else matrix
-        found.append(motion.after(here) if isinstance(motion, Motion) else here)
+        places.append(after(_motion(reader, place), np.eye(4) if matrix is None else matrix))
 
     reader.each(table, "instances", add)
-    if not found:
+    if not places:
         raise InputError("instances must not be empty")
-    return found
+    return places
 
 
 def _motion(reader: TableReader, table: dict[str, Any]) -> Motion | None:
     if "motion" not in table:
         return None
     with reader.at("motion"):
-        motion: object = table["motion"]
-        if not isinstance(motion, dict):
-            raise InputError(f"must be a table, not {motion!r}")
-        return read_motion(reader, motion, (0.0, 0.0, 0.0))
+        return read_motion(reader, table_of(table["motion"]), (0.0, 0.0, 0.0))
 
 
 def read_motion(reader: TableReader, table: Table, center: Vec3) -> Motion:
@@ -93,7 +86,7 @@ def read_motion(reader: TableReader, table: Table, center: Vec3) -> Motion:
     matrices: list[NDArray[np.float64]] = []
 
     def add(key: Table) -> None:
-        reader.check_table(key, KEYFRAME, others=MATRIX_KEYFRAME)
+        reader.check_table(key, KEYFRAME, fields=MATRIX_KEYFRAME)
         times.append(number(key["time"], "time"))
         if "matrix" in key:
             reader.check_table(key, MATRIX_KEYFRAME)
@@ -109,15 +102,10 @@ def read_motion(reader: TableReader, table: Table, center: Vec3) -> Motion:
 
 def _affine(rows: Any) -> NDArray[np.float64]:
     """Return the (4, 4) matrix whose first three rows are given."""
-    matrix = np.eye(4)
-    if not isinstance(rows, list) or len(rows) != 3:
+    values = [numbers_of(row, f"matrix[{i}]") for i, row in enumerate(rows)] if isinstance(rows, list) else []
+    if [len(row) for row in values] != [4, 4, 4]:
         raise InputError("matrix must be three rows of four numbers")
-    for i, row in enumerate(rows):
-        values = numbers_of(row, f"matrix[{i}]")
-        if len(values) != 4:
-            raise InputError("matrix must be three rows of four numbers")
-        matrix[i] = values
-    return matrix
+    return np.array([*values, [0.0, 0.0, 0.0, 1.0]])
 
 
 def _matrices(file: Path) -> NDArray[np.float64]:
@@ -151,23 +139,24 @@ def read_deformation(
     if "deformation" not in table:
         return None
     with reader.at("deformation"):
-        given = table["deformation"]
-        if not isinstance(given, dict):
-            raise InputError(f"must be a table, not {given!r}")
-        if "file" in given:
-            reader.check_table(given, DEFORMATION_ARCHIVE)
+        keyframes = table_of(table["deformation"])
+        if "file" in keyframes:
+            reader.check_table(keyframes, DEFORMATION_ARCHIVE)
             with reader.at("file"):
-                return _deformation(reader.beside(given["file"]))
-        reader.check_table(given, DEFORMATION_FILES)
-        files, times = given["files"], given["times"]
+                archive = reader.file(keyframes["file"])
+                arrays = read_arrays(archive, ("times", "vertices"), ("normals",))
+                with naming_file(archive):
+                    return Deformation(**arrays)
+        reader.check_table(keyframes, DEFORMATION_FILES)
+        files, times = keyframes["files"], keyframes["times"]
         if not isinstance(files, list) or not isinstance(times, list) or len(files) != len(times):
             raise InputError("files and times must be two arrays of one length")
         keys = []
         for i, file in enumerate(files):
             with reader.at(f"files[{i}]"):
-                from wrt.io.load_mesh import load_shapes
+                from wrt.io.load_mesh import load_mesh
 
-                key = merge([shape.mesh for shape in load_shapes(reader.beside(file), smooth_degrees=None)], "mesh")
+                key = load_mesh(reader.file(file), smooth_degrees=None)
                 if len(key.vertices) != len(mesh.vertices):
                     raise InputError(
                         f"{file} has {len(key.vertices)} vertices, the shape {len(mesh.vertices)}; "
@@ -183,28 +172,18 @@ def read_deformation(
 
 def read_density(reader: TableReader, table: dict[str, Any]) -> DensityGrid:
     """Return the density of a medium from files."""
-    reader.check_table(table, DENSITY, others=DENSITY_OWN)
+    reader.check_table(table, DENSITY, fields=DENSITY_OWN)
     options = {key: table[key] for key in DENSITY_OWN if key in table}
     for key in ("albedo", "emission"):
         if key in table:
             with reader.at(key):
-                options[key] = read_volume(reader.beside(table[key])).values
-    grid = None
-    if "grid" in table:
-        with reader.at("grid"):
-            grid = text_of(table["grid"])
+                options[key] = read_volume(reader.file(table[key])).values
+    with reader.at("grid"):
+        grid = text_of(table["grid"]) if "grid" in table else None
     with reader.at("file"):
-        density = load_density(reader.beside(table["file"]), grid=grid, **options)
+        density = load_density(reader.file(table["file"]), grid=grid, **options)
     matrix = reader.transform(table)
     if matrix is None:
         return density
-    own = np.eye(4) if density.transform is None else density.transform
-    return dataclasses.replace(density, transform=product(matrix, own))
-
-
-def _deformation(file: Path) -> Deformation:
-    arrays = read_arrays(file, required=("times", "vertices"), optional=("normals",))
-    try:
-        return Deformation(**arrays)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
+    in_file = np.eye(4) if density.transform is None else density.transform
+    return dataclasses.replace(density, transform=product(matrix, in_file))

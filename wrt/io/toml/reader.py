@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import os
 import typing
 from collections.abc import Callable
@@ -15,9 +17,8 @@ from numpy.typing import NDArray
 from wrt.errors import InputError, did_you_mean
 from wrt.io import memory_limits
 from wrt.io.file_type import hinting
-from wrt.io.images import load_environment, read_image
-from wrt.io.safe_read import PathLike, require_file
-from wrt.io.toml.parse import read_toml
+from wrt.io.images import read_image
+from wrt.io.safe_read import PathLike, naming_file, require_file
 from wrt.io.toml.placement import after, joined, read_deformation, read_density, read_motion, read_places
 from wrt.io.toml.scene_keys import (
     BOOLEAN,
@@ -29,36 +30,41 @@ from wrt.io.toml.scene_keys import (
     TEXT,
     TEXTURE,
     VERTEX_COLORS,
+    Keys,
     array_of,
     own_fields,
 )
-from wrt.io.toml.tables import TableReader
-from wrt.io.toml.values import Table, check_triangles, choice, points_of, table_of, text_of
+from wrt.io.toml.tables import Table, TableReader, choice, points_of, read_toml, table_of, text_of
 from wrt.scene import shapes
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.exact import quadrics
-from wrt.scene.lights import LIGHTS, Light
+from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.composite import MAX_NESTING
 from wrt.scene.materials.measured import Measurement
-from wrt.scene.medium import MEDIA, Medium
+from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.motion import Motion
 from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import RenderSettings, Scene, Shape, bake_transforms
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
-from wrt.values import boolean, integer, number, sealed, vector
+from wrt.values import boolean, integer, sealed, vector
+
+_SUBDIVISIONS = inspect.signature(shapes.sphere).parameters["subdivisions"].default
+
+_hints_of = functools.cache(typing.get_type_hints)
+
+MAX_MADE_TRIANGLES = 30_000_000
+"""Limit on the triangles of all spheres and procedural meshes of a scene file: a few gigabytes."""
 
 
 @memory_limits.one_load()
 def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
-    """Read a scene file.
-
-    Files that it names are found relative to it.
+    """Read a TOML file, which names other files relative to itself.
 
     Args:
-        path: the TOML file.
+        path: the file.
         triangles: replaces the number in every shape of type "many-triangles".
 
     Raises:
@@ -85,76 +91,88 @@ class _SceneReader(TableReader):
         self.triangles = triangles
         self.triangles_used = False
         self.media: dict[str, Medium] = {}
-        self.pixels: dict[tuple[str, bool], NDArray[np.float32]] = {}
-        self.measurements: dict[str, Measurement] = {}
-        self.textures: dict[tuple[Path, bool, str], ImageTexture] = {}
-        self.mesh_files: dict[tuple[str, bool], list[Shape]] = {}
+        self.materials: dict[str, Material] = {}
+        self._material_tables: Table = {}
+        self._open_materials: list[str] = []
+        self._pixels: dict[tuple[str, bool], NDArray[np.float32]] = {}
+        self._measurements: dict[str, Measurement] = {}
+        self._textures: dict[tuple[Path, bool, str], ImageTexture] = {}
+        self._mesh_files: dict[tuple[str, bool], list[Shape]] = {}
+        self._readers: dict[Any, Callable[[Any], Any]] = {
+            Material: self.part,
+            Medium: self.medium,
+            Measurement: self.measurement,
+            NormalMap: lambda value: self.normal_map(table_of(value)),
+            DensityGrid: lambda value: read_density(self, table_of(value)),
+        }
 
     def scene(self, tree: Table) -> Scene:
         self.check_keys(tree, SECTIONS)
         scene = Scene()
         with self.at("settings"):
-            scene.settings = self.build(RenderSettings, table_of(tree.get("settings", {})))
+            scene.settings = self.build(RenderSettings, tree.get("settings", {}))
         if "camera" in tree:
             with self.at("camera"):
                 scene.camera = self.camera(table_of(tree["camera"]))
         if "environment" in tree:
             with self.at("environment"):
                 scene.environment = self.environment(table_of(tree["environment"]))
-        self.each(tree, "lights", lambda light: scene.add_light(self.light(light)))
+        self.each(tree, "lights", lambda light: scene.add_light(self.build(choice(light, LIGHTS), light)))
         with self.at("media"):
-            self.read_media(table_of(tree.get("media", {})))
+            for name, table in table_of(tree.get("media", {})).items():
+                with self.at(name):
+                    self.media[name] = self.build(choice(table_of(table), MEDIA, default="coefficients"), table)
         if "medium" in tree:
             with self.at("medium"):
                 scene.medium = self.medium(tree["medium"])
         with self.at("materials"):
-            materials = self.all_materials(table_of(tree.get("materials", {})))
-        check_triangles(tree.get("shapes"), self.triangles)
-        self.each(tree, "shapes", lambda shape: scene.shapes.extend(self.shape(shape, materials)))
+            self._material_tables = table_of(tree.get("materials", {}))
+            for name in self._material_tables:
+                self.material(name)
+        _require_few_triangles(tree.get("shapes"), self.triangles)
+        self.each(tree, "shapes", lambda shape: scene.shapes.extend(self.shape(shape)))
         if self.triangles is not None and not self.triangles_used:
             raise InputError("a number of triangles was given, but no shape is of type 'many-triangles'")
         return scene
 
+    def build(self, make: Callable[..., Any], table: Any) -> Any:
+        """Call a class or function with the keys of a table, whose `type` may only have named it.
+
+        A value that its type hints take for an object names it, such as a medium, or is its table, such as a texture.
+        """
+        hints = _hints_of(make)
+        arguments = dict(table_of(table))
+        for key, value in arguments.items():
+            kinds = typing.get_args(hints.get(key)) or (hints.get(key),)
+            read = next((self._readers[kind] for kind in kinds if kind in self._readers), None)
+            with self.at(key):
+                if read is not None:
+                    arguments[key] = read(value)
+                elif ImageTexture in kinds:
+                    arguments[key] = self.color_source(value, kinds)
+        return self.call(make, arguments, extra=() if "type" in inspect.signature(make).parameters else ("type",))
+
     def camera(self, table: Table) -> Camera:
-        table = dict(table)
         cls = choice(table, CAMERAS, default="perspective")
         if "motion" in table:
             with self.at("origin"):
                 center = vector(table.get("origin", cls.origin), "camera origin")
             with self.at("motion"):
-                table["motion"] = read_motion(self, table_of(table["motion"]), center)
+                table = {**table, "motion": read_motion(self, table_of(table["motion"]), center)}
         made: Camera = self.build(cls, table)
-        return made
-
-    def light(self, table: Table) -> Light:
-        table = dict(table)
-        cls = choice(table, LIGHTS)
-        if isinstance(table.get("texture"), dict):
-            with self.at("texture"):
-                table["texture"] = self.texture(table["texture"])
-        made: Light = self.build(cls, table)
         return made
 
     def environment(self, table: Table) -> Any:
         cls = choice(table, ENVIRONMENTS)
         if cls is not ImageEnvironment:
             return self.build(cls, table)
-        self.check_table(table, IMAGE_ENVIRONMENT, others=["type", *own_fields(ImageEnvironment)])
-        scale = number(table.get("scale", 1.0), "scale", minimum=0.0)
-        rotation = number(table.get("rotation_degrees", 0.0), "rotation_degrees")
-        axis = vector(table.get("rotation_axis", (0.0, 1.0, 0.0)), "rotation_axis")
+        keys = {key: value for key, value in table.items() if key != "type"}
+        options = self.fields_of(keys, IMAGE_ENVIRONMENT, ImageEnvironment)
         with self.at("file"):
-            file = self.beside(table["file"])
-            return load_environment(file, scale=scale, rotation_degrees=rotation, rotation_axis=axis)
-
-    def read_media(self, tables: Table) -> None:
-        for name, table in tables.items():
-            with self.at(name):
-                make = choice(table_of(table), MEDIA, default="coefficients")
-                if "density" in table:
-                    with self.at("density"):
-                        table = {**table, "density": read_density(self, table_of(table["density"]))}
-                self.media[name] = self.build(make, table)
+            file = self.file(table["file"])
+            pixels = sealed(read_image(file))
+            with naming_file(file):
+                return ImageEnvironment(pixels, name=file.name, **options)
 
     def medium(self, name: Any) -> Medium:
         """Return a medium by its name."""
@@ -162,125 +180,96 @@ class _SceneReader(TableReader):
             raise InputError(f"there is no [media.{name}]{did_you_mean(name, self.media)}")
         return self.media[name]
 
-    def all_materials(self, tables: Table) -> dict[str, Material]:
-        """Return all materials by name; a material may name others as its parts, in any order."""
-        made: dict[str, Material] = {}
-        open_names: list[str] = []
+    def material(self, name: str) -> Material:
+        """Return a material by its name; it may name others as its parts, in any order."""
+        if name not in self.materials:
+            if name in self._open_materials:
+                raise InputError(f"{name!r} is made of itself")
+            if len(self._open_materials) > MAX_NESTING:
+                raise InputError(f"materials are nested more than {MAX_NESTING} deep")
+            self._open_materials.append(name)
+            with self.at(name):
+                table = table_of(self._material_tables[name])
+                self.materials[name] = self.build(choice(table, MATERIALS), table)
+            self._open_materials.pop()
+        return self.materials[name]
 
-        def make(name: str) -> Material:
-            if name not in made:
-                if name in open_names:
-                    raise InputError(f"{name!r} is made of itself")
-                if len(open_names) > MAX_NESTING:
-                    raise InputError(f"materials are nested more than {MAX_NESTING} deep")
-                open_names.append(name)
-                with self.at(name):
-                    made[name] = self.material(table_of(tables[name]), part)
-                open_names.pop()
-            return made[name]
+    def part(self, name: Any) -> Material:
+        """Return a material that another one names."""
+        if text_of(name) not in self._material_tables:
+            raise InputError(f"there is no [materials.{name}]{did_you_mean(name, self._material_tables)}")
+        place, self.place = self.place, self.place[:2]
+        try:
+            return self.material(name)
+        finally:
+            self.place = place
 
-        def part(name: Any) -> Material:
-            if text_of(name) not in tables:
-                raise InputError(f"there is no [materials.{name}]{did_you_mean(name, tables)}")
-            place, self.place = self.place, self.place[:2]
-            try:
-                return make(name)
-            finally:
-                self.place = place
+    def fields_of(self, table: Table, keys: Keys, cls: type[Any]) -> Table:
+        """Return the keys of a table that are fields of a class; it may have no others but `keys`."""
+        names = own_fields(cls)
+        self.check_table(table, keys, names)
+        return {name: table[name] for name in names if name in table}
 
-        for name in tables:
-            make(name)
-        return made
-
-    def material(self, table: Table, part: Callable[[Any], Material]) -> Material:
-        """Return the material of a table; `part` finds others by name."""
-        table = dict(table)
-        cls = choice(table, MATERIALS)
-        types = typing.get_type_hints(cls)
-        for key, value in table.items():
-            kind = types.get(key)
-            if kind is Material or kind == Material | None:
-                with self.at(key):
-                    table[key] = part(value)
-            elif kind == Medium | None:
-                with self.at(key):
-                    table[key] = self.medium(value)
-            elif ImageTexture in typing.get_args(kind):
-                with self.at(key):
-                    table[key] = self.color_source(value, names=str in typing.get_args(kind))
-            elif kind == NormalMap | None:
-                with self.at(key):
-                    table[key] = self.normal_map(table_of(value))
-            elif kind is Measurement:
-                with self.at(key):
-                    table[key] = self.measurement(self.beside(value))
-        result: Material = self.build(cls, table)
-        return result
-
-    def color_source(self, value: Any, *, names: bool) -> Any:
-        """Return what a value that may vary stands for: a constant, vertex colours or an image; or itself if a name."""
+    def color_source(self, value: Any, kinds: tuple[Any, ...]) -> Any:
+        """Return what a value that may vary stands for: vertex colours, an image, or itself as a constant."""
         if isinstance(value, dict) and "texture" not in value and "vertex_colors" in value:
-            self.check_table(value, VERTEX_COLORS, others=own_fields(VertexColor))
+            options = self.fields_of(value, VERTEX_COLORS, VertexColor)
             if value["vertex_colors"] is not True:
                 raise InputError(f"vertex_colors must be true, not {value['vertex_colors']!r}")
-            return VertexColor(**{key: value[key] for key in own_fields(VertexColor) if key in value})
-        if isinstance(value, str) and value != "vertex-colors":
-            if names:
-                return value
-            raise InputError(f"must be a number, three numbers, {{ texture = FILE }} or 'vertex-colors', not {value!r}")
-        if isinstance(value, str):
+            return VertexColor(**options)
+        if value == "vertex-colors":
             return VertexColor()
+        if isinstance(value, str) and str not in kinds:
+            raise InputError(f"must be a number, three numbers, {{ texture = FILE }} or 'vertex-colors', not {value!r}")
         return self.texture(value) if isinstance(value, dict) else value
 
     def texture(self, table: Table) -> ImageTexture:
         """Return an image by its table; the same object for the same table, and its pixels once for all of them."""
-        laid = own_fields(ImageTexture)
-        self.check_table(table, TEXTURE, others=laid)
+        options = self.fields_of(table, TEXTURE, ImageTexture)
         linear = boolean(table.get("linear", False), "linear")
         with self.at("texture"):
-            file = self.beside(table["texture"])
+            file = self.file(table["texture"])
             pixels = self.image(file, linear=linear)
-            options = {key: table[key] for key in laid if key in table}
             key = (file, linear, repr(sorted(options.items())))
-            if key not in self.textures:
-                self.textures[key] = ImageTexture(pixels, file.name, **options)
-            return self.textures[key]
+            if key not in self._textures:
+                self._textures[key] = ImageTexture(pixels, file.name, **options)
+            return self._textures[key]
 
     def image(self, file: Path, *, linear: bool) -> NDArray[np.float32]:
         """Return an image; the same array for the same file, whichever path leads to it."""
         key = os.path.realpath(file), linear
-        if key not in self.pixels:
-            self.pixels[key] = sealed(read_image(file, linear=linear))
-        return self.pixels[key]
+        if key not in self._pixels:
+            self._pixels[key] = sealed(read_image(file, linear=linear))
+        return self._pixels[key]
 
     def normal_map(self, table: Table) -> NormalMap:
-        self.check_table(table, NORMAL_MAP, others=own_fields(NormalMap))
+        options = self.fields_of(table, NORMAL_MAP, NormalMap)
         with self.at("texture"):
-            file = self.beside(table["texture"])
+            file = self.file(table["texture"])
             pixels = self.image(file, linear=True)
-        options = {key: value for key, value in table.items() if key != "texture"}
         return NormalMap(pixels, name=file.name, **options)
 
-    def measurement(self, file: Path) -> Measurement:
+    def measurement(self, name: Any) -> Measurement:
         """Return a measured reflectance; the same object for the same file."""
         from wrt.io.measured.measurement import load_measurement
 
+        file = self.file(name)
         key = os.path.realpath(file)
-        if key not in self.measurements:
-            self.measurements[key] = load_measurement(file)
-        return self.measurements[key]
+        if key not in self._measurements:
+            self._measurements[key] = load_measurement(file)
+        return self._measurements[key]
 
-    def shape(self, table: Table, materials: dict[str, Material]) -> list[Shape]:
+    def shape(self, table: Table) -> list[Shape]:
         """Return a shape, or the several of a mesh file that keeps its own materials."""
         made = self.meshes(table)
         matrix = self.transform(table)
         material = None
         if "material" in table:
             with self.at("material"):
-                material = materials.get(text_of(table["material"]))
+                material = self.materials.get(text_of(table["material"]))
                 if material is None:
                     name = table["material"]
-                    raise InputError(f"there is no [materials.{name}]{did_you_mean(name, materials)}")
+                    raise InputError(f"there is no [materials.{name}]{did_you_mean(name, self.materials)}")
         places = read_places(self, table)
         if "deformation" in table or any(isinstance(place, Motion) and not place.is_rigid for place in places):
             made = bake_transforms(made)
@@ -291,7 +280,7 @@ class _SceneReader(TableReader):
             with self.at("name"):
                 name = text_of(table["name"])
         with self.at("emission"):
-            emission = self.color_source(table.get("emission", 0.0), names=False)
+            emission = self.color_source(table.get("emission", 0.0), ())
         if "deformation" in table and len(made) > 1:
             raise InputError("its file has several materials, but one mesh alone can be deformed; give a material")
 
@@ -301,17 +290,17 @@ class _SceneReader(TableReader):
         memory_limits.take(memory_limits.SHAPES, len(made) * len(places) * memory_limits.BYTES_PER_SHAPE)
         result = []
         for shape in made:
-            changes = read_deformation(self, table, shape.mesh, moved)
-            own = shape.two_sided_emission and material is None
-            two_sided = boolean(table.get("two_sided_emission", own), "two_sided_emission")
+            deformation = read_deformation(self, table, shape.mesh, moved)
+            default = shape.two_sided_emission and material is None
+            two_sided = boolean(table.get("two_sided_emission", default), "two_sided_emission")
             looks = (material or shape.material, emission, two_sided, name or shape.name)
             if shape.transform is None:
                 if matrix is not None:
                     memory_limits.take(memory_limits.MESHES, memory_limits.size_of(shape.mesh))
                 mesh, first = moved(shape.mesh), None
-            else:  # one of several places in its file, whose mesh is there once
+            else:  # an instance in its file: the mesh is shared
                 mesh, first = shape.mesh, after(matrix, shape.transform)
-            result += [Shape(mesh, *looks, transform=after(place, first), deformation=changes) for place in places]
+            result += [Shape(mesh, *looks, transform=after(place, first), deformation=deformation) for place in places]
         return result
 
     def makers(self) -> dict[str, Callable[..., Mesh | list[Shape]]]:
@@ -363,10 +352,10 @@ class _SceneReader(TableReader):
         Args:
             file: a NumPy archive (.npz) of `centers` (N, 3), `radii` (N,) and perhaps `colors` (N, 3).
         """
-        from wrt.io.arrays import read_spheres
+        from wrt.io.npy import read_spheres
 
         with self.at("file"):
-            return read_spheres(self.beside(file))
+            return read_spheres(self.file(file))
 
     def quadrics(self, file: Annotated[Any, TEXT]) -> Mesh:
         """Return exact disks and cylinders that `wrt convert` wrote.
@@ -374,10 +363,10 @@ class _SceneReader(TableReader):
         Args:
             file: a NumPy archive (.npz) of their arrays `boxes` (N, 2, 3) and `axes` (N, 3, 3).
         """
-        from wrt.io.arrays import read_quadrics
+        from wrt.io.npy import read_quadrics
 
         with self.at("file"):
-            return read_quadrics(self.beside(file))
+            return read_quadrics(self.file(file))
 
     def mesh_file(self, file: Annotated[Any, TEXT], smooth: Annotated[Any, BOOLEAN] = True) -> list[Shape]:
         """Return the shapes of a mesh file.
@@ -390,9 +379,9 @@ class _SceneReader(TableReader):
         """
         boolean(smooth, "smooth")
         with self.at("file"):
-            path = self.beside(file)
+            path = self.file(file)
             key = os.path.realpath(path), smooth
-        if key not in self.mesh_files:
+        if key not in self._mesh_files:
             with self.at("file"):
                 from wrt.io.load_mesh import load_file
 
@@ -400,8 +389,8 @@ class _SceneReader(TableReader):
             if not smooth:
                 flat = {id(shape.mesh): replace(shape.mesh, normals=None) for shape in loaded}
                 loaded = [replace(shape, mesh=flat[id(shape.mesh)]) for shape in loaded]
-            self.mesh_files[key] = loaded
-        return self.mesh_files[key]
+            self._mesh_files[key] = loaded
+        return self._mesh_files[key]
 
     def many_triangles(self, triangles: Annotated[Any, {"type": "integer", "minimum": 1000}]) -> Mesh:
         """Return a mountain range.
@@ -415,3 +404,25 @@ class _SceneReader(TableReader):
         count = integer(triangles, "triangles", minimum=1, maximum=2**31 - 1)
         mesh: Mesh = terrain(count if self.triangles is None else self.triangles)
         return mesh
+
+
+def _require_few_triangles(tables: Any, procedural: int | None) -> None:
+    """Raise InputError where the spheres and procedural meshes of a scene would be too large together.
+
+    If `procedural` is given, each procedural mesh has that many triangles.
+    """
+    total = 0
+    for table in tables if isinstance(tables, list) else []:
+        match table:
+            case {"type": "sphere", "exact": True}:
+                total += 1
+            case {"type": "sphere"}:
+                times = table.get("subdivisions", _SUBDIVISIONS)
+                total += 20 * 4 ** min(max(times, 0), shapes.MAX_SUBDIVISIONS) if isinstance(times, int) else 0
+            case {"type": "many-triangles", "triangles": int(count)}:
+                total += count if procedural is None else procedural
+    if total > MAX_MADE_TRIANGLES:
+        raise InputError(
+            f"spheres and procedural meshes have more than {MAX_MADE_TRIANGLES} triangles together; "
+            "give spheres fewer subdivisions"
+        )

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.io.arrays import arrays_of_exact
-from wrt.io.codes import codes_of, save_codes
+from wrt.io.images import codes_of, save_codes
 from wrt.io.measured.measurement import save_measurement
+from wrt.io.npy import arrays_of_exact
 from wrt.io.safe_read import PathLike, is_input
 from wrt.io.safe_write import Kind, new_folder, output_path, require_writable, write_atomically
 from wrt.scene.camera import CAMERAS
@@ -33,7 +33,6 @@ from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import DensityGrid, Medium
-from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape, require_scene
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
@@ -55,7 +54,7 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
     """Write a scene file, and beside it a folder with its arrays; or a GLB file.
 
     The folder is named like the file, with `_files` in place of the suffix, or `_files-2` if that exists. The scene
-    file is written last, so that an old one stays whole until then. It is not replaced without `force`, and never if
+    file is written last, so that an old one stays whole until then. It is replaced only with `force`, and never if
     this process has read it.
 
     Args:
@@ -79,7 +78,9 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
         raise InputError(f"{file}: the name of a scene file must end in .toml or .glb")
     require_writable(file, SCENE, force=force)
     replaces = force and file.exists()
-    arrays = _free_folder(file)
+    arrays = next((folder for folder in _folders(file) if not os.path.lexists(folder)), None)
+    if arrays is None:
+        raise InputError(f"{file}: there are {_MOST_FOLDERS} folders for its arrays already; name another file")
     with new_folder(arrays) as folder:
         text = tomli_w.dumps(_Writer(folder, arrays.name).scene(scene))
     try:
@@ -88,9 +89,9 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
         _remove_arrays(arrays)
         raise
     if replaces:
-        for other in _folders(file):
-            if other != arrays:
-                _remove_arrays(other)
+        for folder in _folders(file):
+            if folder != arrays:
+                _remove_arrays(folder)
 
 
 def _folders(file: Path) -> Iterator[Path]:
@@ -100,15 +101,8 @@ def _folders(file: Path) -> Iterator[Path]:
     yield from (first.with_name(f"{first.name}-{number}") for number in range(2, _MOST_FOLDERS))
 
 
-def _free_folder(file: Path) -> Path:
-    for folder in _folders(file):
-        if not os.path.lexists(folder):
-            return folder
-    raise InputError(f"{file}: there are {_MOST_FOLDERS} folders for its arrays already; name another file")
-
-
 def _remove_arrays(folder: Path) -> None:
-    """Remove the files of `save_scene` from a folder, except those that this process has read."""
+    """Remove the files of `save_scene` from a folder, unless this process has read them."""
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
             if _ARRAYS.fullmatch(path.name) and not path.is_symlink() and not is_input(path):
@@ -129,22 +123,21 @@ class _Writer:
         self.media: Table = {}
 
     def scene(self, scene: Scene) -> Table:
-        tree: Table = {"settings": self.fields(scene.settings)}
-        if scene.camera is not None:
-            tree["camera"] = {"type": _type_of(scene.camera, CAMERAS), **self.fields(scene.camera)}
-        if scene.environment is not None:
-            tree["environment"] = self.environment(scene.environment)
-        if scene.lights:
-            tree["lights"] = [{"type": _type_of(light, LIGHTS), **self.fields(light)} for light in scene.lights]
-        shapes = [self.shapes(list(group)) for _, group in itertools.groupby(scene.shapes, _Alike)]
-        if scene.medium is not None:
-            tree["medium"] = self.medium(scene.medium)
-        if self.media:
-            tree["media"] = self.media
-        if self.materials:
-            tree["materials"] = self.materials
-        tree["shapes"] = shapes
-        return tree
+        tree: Table = {
+            "settings": self.fields(scene.settings),
+            "camera": scene.camera and self.typed(scene.camera, CAMERAS),
+            "environment": scene.environment and self.environment(scene.environment),
+            "lights": [self.typed(light, LIGHTS) for light in scene.lights] or None,
+        }
+        shapes = [self.shapes(list(group)) for _, group in itertools.groupby(scene.shapes, _key_of_group)]
+        tree["medium"] = scene.medium and self.medium(scene.medium)
+        tree |= {"media": self.media or None, "materials": self.materials or None, "shapes": shapes}
+        return {key: table for key, table in tree.items() if table is not None}
+
+    def typed(self, thing: Any, classes: dict[str, Any]) -> Table:
+        """Return the table of an object of one of several classes."""
+        (name,) = [name for name, cls in classes.items() if cls is type(thing)]
+        return {"type": name, **self.fields(thing)}
 
     def fields(self, thing: Any, *, without: tuple[str, ...] = ()) -> Table:
         """Return the fields of a dataclass that differ from their defaults."""
@@ -158,13 +151,11 @@ class _Writer:
 
     def value(self, value: Any) -> Any:
         """Return a value as TOML has it."""
-        if isinstance(value, ImageTexture):
-            laid = self.fields(value, without=("pixels", "name"))
-            return {**self.image("image", value.pixels, linear=False), **laid}
-        if isinstance(value, NormalMap):
-            pixels: Any = value.pixels  # of an ImageTexture, if it was one
-            laid = self.fields(value, without=("pixels", "name"))
-            return {**self.image("normals", pixels, linear=True), **laid}
+        if isinstance(value, (ImageTexture, NormalMap)):
+            is_normals = isinstance(value, NormalMap)
+            pixels: Any = value.pixels
+            table = self.image("normals" if is_normals else "image", pixels, linear=is_normals)
+            return {**table, **self.fields(value, without=("pixels", "name"))}
         if isinstance(value, VertexColor):
             return {"vertex_colors": True, **self.fields(value)}
         if isinstance(value, Medium):
@@ -177,27 +168,22 @@ class _Writer:
             return self.motion(value)
         if isinstance(value, Material):
             return self.material(value)
-        if isinstance(value, np.ndarray):
-            return value.tolist()
         if isinstance(value, (list, tuple)):
             return [self.value(item) for item in value]
-        if isinstance(value, np.generic):
-            return value.item()
-        return value
+        return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
     def environment(self, environment: Any) -> Table:
         if isinstance(environment, ImageEnvironment):
             file = self.array("environment", environment.pixels, environment.pixels)
             return {"type": "image", "file": file, **self.fields(environment, without=("pixels", "name"))}
-        return {"type": _type_of(environment, ENVIRONMENTS), **self.fields(environment)}
+        return self.typed(environment, ENVIRONMENTS)
 
     def medium(self, medium: Medium) -> str:
         return self.named(medium, "medium", self.media, lambda: self.fields(medium))
 
     def density(self, density: DensityGrid) -> Table:
         names = ("lower", "upper", "transform", "albedo", "emission")
-        arrays = {name: np.asarray(value) for name in names if (value := getattr(density, name)) is not None}
-        file = self.arrays("density", density, {"density": density.values, **arrays})
+        file = self.arrays("density", density, {"density": density.values, **_arrays_of(density, *names)})
         return {"file": file, **self.fields(density, without=("values", "name", *names))}
 
     def material(self, material: Material) -> str:
@@ -225,9 +211,12 @@ class _Writer:
 
     def shapes(self, shapes: list[Shape]) -> Table:
         """Return one table for shapes that differ only in their transform."""
-        shape = shapes[0]
-        kind = _kind(shape.mesh)
-        table: Table = {"type": kind, "name": shape.name, "file": self.mesh(shape.mesh)}
+        shape, mesh = shapes[0], shapes[0].mesh
+        if isinstance(mesh, Analytic):
+            kind, arrays = "quadrics" if isinstance(mesh, Quadrics) else "spheres", arrays_of_exact(mesh)
+        else:
+            kind, arrays = "mesh", _arrays_of(mesh, "vertices", "faces", "normals", "uvs", "colors")
+        table: Table = {"type": kind, "name": shape.name, "file": self.arrays(kind, mesh, arrays)}
         table["material"] = self.material(shape.material)
         if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:
             table["emission"] = self.value(shape.emission)
@@ -239,21 +228,9 @@ class _Writer:
             places = np.stack([np.asarray(each.transform) for each in shapes])
             table["instances"] = self.array("places", shape, places)
         if shape.deformation is not None:
-            arrays: dict[str, NDArray[Any]] = {
-                "times": shape.deformation.times,
-                "vertices": shape.deformation.vertices,
-            }
-            if shape.deformation.normals is not None:
-                arrays["normals"] = shape.deformation.normals
+            arrays = _arrays_of(shape.deformation, "times", "vertices", "normals")
             table["deformation"] = {"file": self.arrays("deformation", shape.deformation, arrays)}
         return table
-
-    def mesh(self, mesh: Mesh) -> str:
-        if isinstance(mesh, Analytic):
-            return self.arrays(_kind(mesh), mesh, arrays_of_exact(mesh))
-        names = ("vertices", "faces", "normals", "uvs", "colors")
-        arrays = {name: getattr(mesh, name) for name in names if getattr(mesh, name) is not None}
-        return self.arrays("mesh", mesh, arrays)
 
     def image(self, kind: str, pixels: NDArray[np.float32], *, linear: bool) -> Table:
         """Return the keys of a texture, an image of 8 bits if its values are those of one; `linear` is the default."""
@@ -274,9 +251,8 @@ class _Writer:
     def written(self, kind: str, owner: Any, suffix: str, save: Any) -> str:
         if id(owner) not in self.names:
             self.kept.append(owner)
-            name = f"{kind}-{self.counts[kind]}{suffix}"
+            self.names[id(owner)] = name = f"{kind}-{self.counts[kind]}{suffix}"
             self.counts[kind] += 1
-            self.names[id(owner)] = name
 
             def write(temporary: Path) -> None:
                 with temporary.open("wb") as handle:
@@ -290,38 +266,20 @@ def _write_text(file: Path, text: str) -> None:
     file.write_text(text, encoding="utf-8")
 
 
-class _Alike:
-    """Compares equal for shapes that stand still in some place and differ in nothing else."""
+def _key_of_group(shape: Shape) -> tuple[Any, ...]:
+    """Return what instances of one shape have in common: all but where they are."""
+    if shape.transform is None or isinstance(shape.transform, Motion):
+        return (id(shape),)
+    objects = (id(each) for each in (shape.mesh, shape.material, shape.deformation))
+    return (*objects, shape.name, shape.two_sided_emission, shape.emission)
 
-    def __init__(self, shape: Shape) -> None:
-        self.shape = shape
 
-    def __eq__(self, other: object) -> bool:
-        a, b = self.shape, other.shape if isinstance(other, _Alike) else None
-        if b is None or a.transform is None or b.transform is None:
-            return False
-        if isinstance(a.transform, Motion) or isinstance(b.transform, Motion):
-            return False
-        same = all(getattr(a, name) is getattr(b, name) for name in ("mesh", "material", "deformation"))
-        return same and a.name == b.name and (a.two_sided_emission, a.emission) == (b.two_sided_emission, b.emission)
-
-    __hash__ = None  # type: ignore[assignment]
+def _arrays_of(thing: Any, *names: str) -> dict[str, NDArray[Any]]:
+    """Return the arrays that an object has, by name."""
+    return {name: np.asarray(value) for name in names if (value := getattr(thing, name)) is not None}
 
 
 def _is_default(value: Any, field: dataclasses.Field[Any]) -> bool:
     if field.default is dataclasses.MISSING or not isinstance(value, (bool, int, float, str, tuple)):
         return False
     return bool(value == field.default or (isinstance(value, tuple) and value == (field.default,) * len(value) != ()))
-
-
-def _type_of(thing: Any, kinds: dict[str, Any]) -> str:
-    """Return the name in scene files of a thing's class."""
-    (name,) = [name for name, kind in kinds.items() if kind is type(thing)]
-    return name
-
-
-def _kind(mesh: Mesh) -> str:
-    """Return the type of shape that the arrays of a mesh make."""
-    if isinstance(mesh, Analytic):
-        return "quadrics" if isinstance(mesh, Quadrics) else "spheres"
-    return "mesh"

@@ -44,7 +44,6 @@ class Quadrics(Analytic):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of shapes of each kind."""
         disks = int(self.are_disks.sum())
         counts = {"disk": disks, "cylinder": len(self.faces) - disks}
         return {noun: count for noun, count in counts.items() if count}
@@ -57,7 +56,6 @@ class Quadrics(Analytic):
 
     @property
     def areas(self) -> FloatArray:
-        """(N,) float64 areas of one side, square metres."""
         x, y, z = np.moveaxis(self.axes, 1, 0)
         of_cylinders = 2.0 * math.pi * np.linalg.norm(x, axis=1) * np.linalg.norm(z, axis=1)
         return np.asarray(np.where(self.are_disks, math.pi * np.linalg.norm(np.cross(x, y), axis=1), of_cylinders))
@@ -95,21 +93,18 @@ class Quadrics(Analytic):
         ]
 
     def keeps(self, matrices: FloatArray) -> bool:
-        """Return whether disks and cylinders remain such under all maps of a motion, (K, 3 or 4, 4).
-
-        Disks do under all that can be inverted, as they become ellipses; cylinders if they stay round and straight. The
-        maps between two of a motion are similar only if these are. None does where float32 does not resolve it.
-        """
+        # Disks become ellipses under every map that can be inverted; cylinders must stay round and straight. The maps
+        # between two of a motion are similarities only if these are. Shapes that float32 does not resolve are not kept.
         if not all(determinant(matrix[:3, :3]) for matrix in matrices):
             return False
         disks, cylinders = self.are_disks, self.axes[~self.are_disks]
         if len(matrices) > 1 and len(cylinders) and not all(keeps_spheres(matrix) for matrix in matrices):
             return False
         # Between the keys of a motion shapes may be a little less straight than there.
-        within = _SQUARE if len(matrices) == 1 else 0.5 * _SQUARE
+        tolerance = _SQUARE if len(matrices) == 1 else 0.5 * _SQUARE
         with np.errstate(all="ignore"):
             return all(
-                _are_straight(product(cylinders, matrix[:3, :3].T), within).all()
+                _are_straight(product(cylinders, matrix[:3, :3].T), tolerance).all()
                 and not len(_unresolved(disks, *self._moved(matrix)))
                 for matrix in matrices
             )
@@ -125,14 +120,6 @@ class Quadrics(Analytic):
         return _made(self.are_disks, *self._moved(matrix), self.inside_out, self.colors, self.name)
 
     def tessellated(self, segments: int = 64) -> Mesh:
-        """Return triangles with exact normals in place of the shapes, facing to the same sides.
-
-        Args:
-            segments: the number of vertices around.
-
-        Raises:
-            InputError: if there would be too many.
-        """
         if len(self.faces) * 2 * segments > MOST_TRIANGLES:
             raise InputError(f"{self.name}: {len(self.faces)} shapes as triangles are more than {MOST_TRIANGLES}")
         units = {True: unit_disk(segments), False: unit_cylinder(segments)}
@@ -201,7 +188,7 @@ def cylinder(start: Vec3 = (0.0, 0.0, 0.0), end: Vec3 = (0.0, 1.0, 0.0), radius:
 
 
 def basis(z: FloatArray) -> FloatArray:
-    """Return three orthonormal rows, the last of which is z (Duff et al. 2017, "Building an Orthonormal Basis")."""
+    """Return three orthonormal rows ending with z (Duff et al. 2017, "Building an Orthonormal Basis")."""
     sign = math.copysign(1.0, z[2])
     a = -1.0 / (sign + z[2])
     b = z[0] * z[1] * a
@@ -237,12 +224,12 @@ def _unresolved(disks: NDArray[np.bool_], centers: FloatArray, axes: FloatArray)
     return np.flatnonzero(~(least > _LEAST_SIZE * ends.max(axis=1)))
 
 
-def _are_straight(axes: FloatArray, within: float = _SQUARE) -> NDArray[np.bool_]:
+def _are_straight(axes: FloatArray, tolerance: float = _SQUARE) -> NDArray[np.bool_]:
     """Return which cylinders have perpendicular vectors and equal radii."""
     length = np.linalg.norm(axes, axis=2)
     unit = axes / np.maximum(length, 1e-300)[..., None]
     cosines = np.abs(np.einsum("njk,nik->nji", unit, unit) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    return np.asarray((cosines < within) & (np.abs(length[:, 0] - length[:, 1]) < within * length[:, 0]))
+    return np.asarray((cosines < tolerance) & (np.abs(length[:, 0] - length[:, 1]) < tolerance * length[:, 0]))
 
 
 def _reach(disks: NDArray[np.bool_], centers: FloatArray, axes: FloatArray) -> FloatArray:

@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
 from wrt.linalg import dot, norm
+from wrt.scene.description import Checks
 from wrt.scene.lights.light import EVERYWHERE, Light, LightExtent, unit_vector
 from wrt.values import ColorLike, Vec3, boolean, number, vector
 
+_radius = partial(number, above=0.0)
 
-@dataclass(frozen=True)
+
 class _AreaLight(Light):
-    """Base of shapes that emit the same radiance in every direction, and have `radiance`, `power` and maybe a back."""
+    """Base of shapes that emit the same radiance in every direction."""
+
+    radiance: ColorLike | None
+    two_sided: bool = False
 
     def _set_radiance(self, area: float) -> None:
-        """Fill `radiance` from the radiance or power that was given, for one side's area in m²."""
-        area *= 2.0 if getattr(self, "two_sided", False) else 1.0
+        """Fill `radiance` from the radiance or power, for the area of one side, square metres."""
+        area *= 2.0 if self.two_sided else 1.0
         self._set_amount({"radiance": 1.0, "power": 1.0 / (math.pi * area)})
 
     def record(self) -> dict[str, Any]:
-        """Return fields of the LightRecord."""
-        return {"value": self.radiance, "two_sided": getattr(self, "two_sided", False)}  # type: ignore[attr-defined]
+        return {"value": self.radiance, "two_sided": self.two_sided}
 
 
 @dataclass(frozen=True)
@@ -51,20 +56,19 @@ class RectangleLight(_AreaLight):
     two_sided: bool = False
 
     type_name: ClassVar[str] = "rectangle"
+    checks: ClassVar[Checks] = {"origin": vector, "edge_u": vector, "edge_v": vector, "two_sided": boolean}
 
     def __post_init__(self) -> None:
-        u, v = vector(self.edge_u, "edge_u"), vector(self.edge_v, "edge_v")
-        self._set(origin=vector(self.origin, "origin"), edge_u=u, edge_v=v)
+        super().__post_init__()
+        u, v = self.edge_u, self.edge_v
         lengths = math.hypot(*u), math.hypot(*v)
         if min(lengths) == 0.0:
             raise InputError("edge_u and edge_v must not be zero")
         if abs(sum(a * b for a, b in zip(u, v, strict=True))) > 1e-5 * lengths[0] * lengths[1]:
             raise InputError("edge_u and edge_v must be perpendicular; for another parallelogram add a quad that emits")
-        boolean(self.two_sided, "two_sided")
         self._set_radiance(lengths[0] * lengths[1])
 
     def shape(self) -> dict[str, Any]:
-        """Return fields of the LightShape."""
         size = np.linalg.norm([self.edge_u, self.edge_v], axis=1)
         x, y = np.array(self.edge_u) / size[0], np.array(self.edge_v) / size[1]
         y = y - x * dot(x, y)
@@ -72,7 +76,6 @@ class RectangleLight(_AreaLight):
         return {"place": self.origin, "x": x, "y": y, "normal": np.cross(x, y), "size": size}
 
     def extent(self) -> LightExtent:
-        """Return the position, orientation and power."""
         o, u, v = np.array(self.origin), np.array(self.edge_u), np.array(self.edge_v)
         normal = np.cross(u, v)
         area = norm(normal)
@@ -104,19 +107,16 @@ class DiskLight(_AreaLight):
     two_sided: bool = False
 
     type_name: ClassVar[str] = "disk"
+    checks: ClassVar[Checks] = {"center": vector, "normal": unit_vector, "radius": _radius, "two_sided": boolean}
 
     def __post_init__(self) -> None:
-        self._set(center=vector(self.center, "center"), normal=unit_vector(self.normal, "normal"))
-        self._set(radius=number(self.radius, "radius", above=0.0))
-        boolean(self.two_sided, "two_sided")
+        super().__post_init__()
         self._set_radiance(math.pi * self.radius**2)
 
     def shape(self) -> dict[str, Any]:
-        """Return fields of the LightShape."""
         return {"place": self.center, "normal": self.normal, "size": (self.radius,) * 2}
 
     def extent(self) -> LightExtent:
-        """Return the position, orientation and power."""
         normal, area = np.array(self.normal), math.pi * self.radius**2
         reach = self.radius * np.sqrt(np.maximum(1.0 - normal**2, 0.0))
         corners = [np.array(self.center) - reach, np.array(self.center) + reach]
@@ -144,16 +144,15 @@ class SphereLight(_AreaLight):
     power: ColorLike | None = None
 
     type_name: ClassVar[str] = "sphere"
+    checks: ClassVar[Checks] = {"center": vector, "radius": _radius}
 
     def __post_init__(self) -> None:
-        self._set(center=vector(self.center, "center"), radius=number(self.radius, "radius", above=0.0))
+        super().__post_init__()
         self._set_radiance(4.0 * math.pi * self.radius**2)
 
     def shape(self) -> dict[str, Any]:
-        """Return fields of the LightShape."""
         return {"place": self.center, "size": (self.radius,) * 2}
 
     def extent(self) -> LightExtent:
-        """Return the position and power."""
         corners = [np.array(self.center) - self.radius, np.array(self.center) + self.radius]
         return LightExtent(corners, EVERYWHERE, self.radiance, 4.0 * math.pi**2 * self.radius**2, cos_spread=-1.0)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import norm
+from wrt.scene.description import Kind
 from wrt.scene.textures import CHANNELS, ImageTexture
 from wrt.values import Vec3, color, vector
 
 EVERYWHERE = (0.0, 1.0, 0.0)
-"""The axis of lights that shine in every direction."""
+"""The axis of lights that emit in every direction."""
 
 
 class LightExtent(NamedTuple):
@@ -26,9 +27,9 @@ class LightExtent(NamedTuple):
         axis: unit vector, the centre of the light's normals; for a distant light, the direction its light travels.
         amount: radiance, intensity or irradiance, per channel.
         power_over_amount: power / amount; for a distant light, irradiance / amount.
-        cos_spread: cosine of the greatest angle between the axis and a normal; −1 for lights that shine everywhere.
+        cos_spread: cosine of the greatest angle between the axis and a normal; −1 for lights that emit everywhere.
         cos_falloff: cosine of the angle to the normal beyond which nothing is emitted; 0 for surfaces.
-        two_sided: whether it also shines against its axis.
+        two_sided: whether it also emits against its axis.
     """
 
     corners: Any
@@ -41,20 +42,12 @@ class LightExtent(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Light:
+class Light(Kind):
     """Base of all lights without a mesh; not used by itself.
 
     A light is a plain description. `model` names its device functions in `kernels/lights/`; `record`, `shape` and
     `extent` return what they read.
     """
-
-    type_name: ClassVar[str] = ""
-    """The light's `type` in scene files."""
-
-    @property
-    def model(self) -> str:
-        """Name of the model in kernels, by default the light's own."""
-        return self.type_name.replace("-", "_")
 
     def record(self) -> dict[str, Any]:
         """Return fields of the LightRecord: `value`, and `place` and `two_sided` where the model reads them."""
@@ -73,24 +66,19 @@ class Light:
         """Whether it gives any light."""
         return bool(np.any(self.extent().amount))
 
-    def _set(self, **values: Any) -> None:
-        """Replace attributes by their checked values during construction."""
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
     def _set_amount(self, factors: dict[str, float]) -> None:
-        """Fill the first of several attributes from the one that was given, times its factor.
+        """Fill the first of several attributes from whichever is set, times its factor.
 
-        The given one stays as well, so `dataclasses.replace` may pass both; they then agree.
+        That one stays set as well, so `dataclasses.replace` may pass both; they then agree.
         """
-        given = {name: color(getattr(self, name), name) for name in factors if getattr(self, name) is not None}
-        amounts = [tuple(x * factors[name] for x in value) for name, value in given.items()]
+        colors = {name: color(getattr(self, name), name) for name in factors if getattr(self, name) is not None}
+        amounts = [tuple(x * factors[name] for x in value) for name, value in colors.items()]
         agree = all(math.isclose(a, b, rel_tol=1e-9) for each in amounts for a, b in zip(amounts[0], each, strict=True))
-        if not given or not agree:
+        if not colors or not agree:
             *names, last = factors
             either, link = ("either", "or") if len(names) == 1 else ("one of", "and")
             raise InputError(f"a {self.type_name} light takes {either} {', '.join(names)} {link} {last}")
-        self._set(**{**given, next(iter(factors)): amounts[0]})
+        self._set(**{**colors, next(iter(factors)): amounts[0]})
 
 
 def unit_vector(value: Any, name: str) -> Vec3:
@@ -118,14 +106,13 @@ def axes_of(direction: Vec3, up: Vec3) -> tuple[NDArray[np.float64], NDArray[np.
     return right, np.cross(right, direction)
 
 
-def checked_texture(texture: Any, kind: str) -> None:
-    """Raise InputError unless a light can have a texture: an image that needs no surface, or None."""
-    if texture is None:
-        return
+def light_texture(texture: Any, name: str) -> ImageTexture:
+    """Return a light's image, or raise InputError if it is none or needs a surface."""
     if not isinstance(texture, ImageTexture):
-        raise InputError(f"the texture of a {kind} light must be an image")
+        raise InputError(f"the {name} of a light must be an image")
     if texture.vertex_colors or texture.vertex_alpha or texture.uv_set:
-        raise InputError(f"the texture of a {kind} light has no vertices, so no colours or second coordinates of them")
+        raise InputError(f"the {name} of a light has no vertices, so no colours or second coordinates of them")
+    return texture
 
 
 def mean_of(texture: ImageTexture | None) -> NDArray[np.float64]:

@@ -1,25 +1,19 @@
-"""Lights that shine from a point."""
+"""Lights from a point, or from so far away that their rays are parallel."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.scene.lights.light import (
-    EVERYWHERE,
-    Light,
-    LightExtent,
-    axes_of,
-    checked_texture,
-    mean_of,
-    unit_vector,
-)
+from wrt.scene.description import Checks, optional, word_of
+from wrt.scene.lights.light import EVERYWHERE, Light, LightExtent, axes_of, light_texture, mean_of, unit_vector
 from wrt.scene.textures import ImageTexture
-from wrt.values import ColorLike, Vec3, number, one_of, vector
+from wrt.values import ColorLike, Vec3, number, vector
 
 FALLOFFS = ("smooth", "linear", "gltf")
 """Falloffs of a spot light, in the order of their numbers in `kernels/lights/spot.py`."""
@@ -44,27 +38,25 @@ class PointLight(Light):
     color: ColorLike | None = None
 
     type_name: ClassVar[str] = "point"
+    checks: ClassVar[Checks] = {"position": vector}
 
     def __post_init__(self) -> None:
-        self._set(position=vector(self.position, "position"))
+        super().__post_init__()
         self._set_amount({"intensity": 1.0, "power": 0.25 / math.pi, "color": math.pi})
 
     def record(self) -> dict[str, Any]:
-        """Return fields of the LightRecord."""
         return {"place": self.position, "value": self.intensity}
 
     def shape(self) -> None:
-        """Return None: a point has no shape."""
         return
 
     def extent(self) -> LightExtent:
-        """Return the position and power."""
         return LightExtent([self.position], EVERYWHERE, self.intensity, 4.0 * math.pi, cos_spread=-1.0)
 
 
 @dataclass(frozen=True)
 class SpotLight(Light):
-    """A point source that shines in a cone: intensity I f(θ) at the angle θ to its axis.
+    """A point source that emits in a cone: intensity I f(θ) at the angle θ to its axis.
 
     f is 1 within the inner cone and 0 outside the outer one. With x = (cos θ − cos θo) / (cos θi − cos θo), f between
     them is
@@ -105,23 +97,26 @@ class SpotLight(Light):
     up: Vec3 = (0.0, 1.0, 0.0)
 
     type_name: ClassVar[str] = "spot"
+    checks: ClassVar[Checks] = {
+        "position": vector,
+        "direction": unit_vector,
+        "outer_degrees": partial(number, above=0.0, maximum=180.0),
+        "falloff": word_of(FALLOFFS),
+        "texture": optional(light_texture),
+        "up": unit_vector,
+    }
 
     def __post_init__(self) -> None:
-        outer = number(self.outer_degrees, "outer_degrees", above=0.0, maximum=180.0)
-        inner = number(self.inner_degrees, "inner_degrees", minimum=0.0, maximum=outer)
-        one_of(self.falloff, FALLOFFS, "falloff")
-        self._set(position=vector(self.position, "position"), direction=unit_vector(self.direction, "direction"))
-        self._set(inner_degrees=inner, outer_degrees=outer, up=unit_vector(self.up, "up"))
-        checked_texture(self.texture, "spot")
+        super().__post_init__()
+        self._set(inner_degrees=number(self.inner_degrees, "inner_degrees", minimum=0.0, maximum=self.outer_degrees))
         if self.texture is not None:
             axes_of(self.direction, self.up)
-            if outer > 89.0:
+            if self.outer_degrees > 89.0:
                 raise InputError("outer_degrees must be 89 at most for a spot light with a texture")
         self._set_amount({"intensity": 1.0, "power": 1.0 / self.power_over_intensity, "color": math.pi})
 
     @property
     def model(self) -> str:
-        """Name of the model in kernels."""
         return "spot" if self.texture is None else "projector:spot"
 
     @property
@@ -140,11 +135,9 @@ class SpotLight(Light):
         return 2.0 * math.pi * (2.0 * math.sin(0.5 * inner) ** 2 + fading)
 
     def record(self) -> dict[str, Any]:
-        """Return fields of the LightRecord."""
         return {"place": self.position, "value": self.intensity}
 
     def shape(self) -> dict[str, Any]:
-        """Return fields of the LightShape."""
         cosines = [math.cos(math.radians(angle)) for angle in (self.inner_degrees, self.outer_degrees)]
         fields = {"normal": self.direction, "size": cosines, "falloff": FALLOFFS.index(self.falloff)}
         if self.texture is not None:
@@ -152,8 +145,133 @@ class SpotLight(Light):
         return fields
 
     def extent(self) -> LightExtent:
-        """Return the extent of a point on a surface that faces along the axis and shines up to the outer cone."""
+        # A point on a surface that faces along the axis and emits up to the outer cone.
         falloff = math.cos(math.radians(self.outer_degrees))
         power = self.power_over_intensity
         amount = np.asarray(self.intensity) * mean_of(self.texture)
         return LightExtent([self.position], self.direction, amount, power, cos_falloff=falloff)
+
+
+@dataclass(frozen=True)
+class ProjectorLight(Light):
+    """A pinhole that throws an image, like a slide projector without a lens: sharp at every distance.
+
+    A plane across its axis at one metre has the irradiance E times the colour of the image. So the intensity at the
+    angle θ to the axis is E / cos³θ times the colour, and the irradiance of the plane at z metres is E / z².
+
+    Seen from behind the projector, the image is upright and not mirrored. The texture coordinates (0, 0) and (1, 1) are
+    the lower left and the upper right corner of the frame, so that the texture can repeat.
+
+    Give one of `irradiance` and `color`, or neither for an irradiance of 1.
+
+    Attributes:
+        position: metres.
+        direction: direction of its axis; any length but zero.
+        up: direction of the image's upper edge, seen from its middle; not along the axis.
+        texture: the image; without one the frame is a square of one colour.
+        irradiance: of a plane across the axis at one metre where the image is white, per channel, W·m⁻².
+        color: radiance of a white Lambertian surface in its place: irradiance / π, W·sr⁻¹·m⁻². Mitsuba's `projector`
+            calls this irradiance.
+        fov_degrees: angle between the left and right edge of the frame. Its height follows from the image, whose
+            pixels are square.
+    """
+
+    position: Vec3
+    direction: Vec3
+    up: Vec3 = (0.0, 1.0, 0.0)
+    texture: ImageTexture | None = None
+    irradiance: ColorLike | None = None
+    color: ColorLike | None = None
+    fov_degrees: float = 40.0
+
+    type_name: ClassVar[str] = "projector"
+    checks: ClassVar[Checks] = {
+        "position": vector,
+        "direction": unit_vector,
+        "up": unit_vector,
+        "texture": optional(light_texture),
+        "fov_degrees": partial(number, above=0.0, maximum=179.0),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        axes_of(self.direction, self.up)
+        if self.irradiance is None and self.color is None:
+            self._set(irradiance=1.0)
+        self._set_amount({"irradiance": 1.0, "color": math.pi})
+
+    @property
+    def half_sizes(self) -> tuple[float, float]:
+        """Half the width and height of the frame at one metre, metres."""
+        half = math.tan(math.radians(0.5 * self.fov_degrees))
+        if self.texture is None:
+            return half, half
+        height, width = self.texture.pixels.shape[:2]
+        return half, half * height / width
+
+    def record(self) -> dict[str, Any]:
+        return {"place": self.position, "value": self.irradiance}
+
+    def shape(self) -> dict[str, Any]:
+        x, y = axes_of(self.direction, self.up)
+        return {"normal": self.direction, "x": x, "y": y, "size": self.half_sizes}
+
+    def extent(self) -> LightExtent:
+        # A point on a surface that faces along the axis and emits up to the frame's corners.
+        width, height = self.half_sizes
+        amount = np.asarray(self.irradiance) * mean_of(self.texture)
+        falloff = 1.0 / math.sqrt(1.0 + width * width + height * height)
+        return LightExtent([self.position], self.direction, amount, 4.0 * width * height, cos_falloff=falloff)
+
+
+@dataclass(frozen=True)
+class DirectionalLight(Light):
+    """Light from infinitely far away: parallel, or from a round disk such as the sun's.
+
+    The disk's radiance is L = E / (π sin²(α/2)) for the angular diameter α, so a surface that faces its centre has
+    the irradiance E. The camera and mirrors see the disk.
+
+    Give one of `irradiance` and `color`, or neither for an irradiance of 1.
+
+    Attributes:
+        direction: direction in which the light travels; any length but zero.
+        irradiance: on a surface that faces the light, per channel, W·m⁻².
+        color: radiance of a white Lambertian surface that faces the light: irradiance / π, W·sr⁻¹·m⁻².
+        angle_degrees: angular diameter, 0 for parallel light; 0.53 for the sun.
+    """
+
+    direction: Vec3
+    irradiance: ColorLike | None = None
+    color: ColorLike | None = None
+    angle_degrees: float = 0.0
+
+    type_name: ClassVar[str] = "directional"
+    checks: ClassVar[Checks] = {"direction": unit_vector, "angle_degrees": partial(number, minimum=0.0, maximum=180.0)}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.irradiance is None and self.color is None:
+            self._set(irradiance=1.0)
+        if 0.0 < self.angle_degrees < 1e-3:
+            raise InputError(f"angle_degrees must be 0 or at least 0.001, not {self.angle_degrees:g}")
+        self._set_amount({"irradiance": 1.0, "color": math.pi})
+
+    @property
+    def model(self) -> str:
+        return "sun" if self.angle_degrees > 0.0 else "directional"
+
+    def record(self) -> dict[str, Any]:
+        if self.angle_degrees == 0.0:
+            return {"place": np.negative(self.direction), "value": self.irradiance}
+        sine = math.sin(math.radians(0.5 * self.angle_degrees))
+        return {"place": np.negative(self.direction), "value": np.asarray(self.irradiance) / (math.pi * sine * sine)}
+
+    def shape(self) -> dict[str, Any] | None:
+        if self.angle_degrees == 0.0:
+            return None
+        half = math.radians(0.5 * self.angle_degrees)
+        size = (2.0 * math.sin(0.5 * half) ** 2, math.sin(half) ** 2)
+        return {"normal": np.negative(self.direction), "size": size}
+
+    def extent(self) -> LightExtent:
+        return LightExtent(None, self.direction, self.irradiance)

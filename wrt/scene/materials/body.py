@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import ClassVar
 
 from wrt.errors import InputError
+from wrt.scene.description import Checks, instance_of, optional
 from wrt.scene.materials.material import Material
 from wrt.scene.medium import Medium
 from wrt.scene.textures import ColorSource
@@ -15,21 +17,15 @@ from wrt.values import Vec3, integer
 
 @dataclass(frozen=True)
 class Body(Material):
-    """Base of the materials of bodies that light enters; not used by itself.
-
-    Attributes:
-        interior: medium inside the body; None is clear.
-        priority: where bodies overlap, only the one of the highest priority exists.
-    """
+    """Base of the materials of bodies that light enters."""
 
     interior: Medium | None = field(default=None, kw_only=True)
     priority: int = field(default=0, kw_only=True)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.interior is not None and not isinstance(self.interior, Medium):
-            raise InputError(f"interior must be a wrt.Medium, not {type(self.interior).__name__}")
-        self._set(priority=integer(self.priority, "priority", minimum=-1_000_000, maximum=1_000_000))
+    checks: ClassVar[Checks] = {
+        "interior": optional(instance_of(Medium)),
+        "priority": partial(integer, minimum=-1_000_000, maximum=1_000_000),
+    }
 
     @property
     def is_body(self) -> bool:
@@ -43,12 +39,12 @@ class Body(Material):
 
     @property
     def interior_spread(self) -> Vec3:
-        """What the refractive index of each channel differs from that one by."""
+        """The refractive index of each channel less `interior_ior`."""
         return (0.0, 0.0, 0.0)
 
 
 class Entered(Body):
-    """Base of the materials that light enters by their `transmission`, unless they are thin; not used by itself."""
+    """Base of the materials that light enters by their `transmission`, unless they are thin."""
 
     transmission: ColorSource
     thin_walled: bool
@@ -58,8 +54,8 @@ class Entered(Body):
         """Whether light gets inside."""
         return self.transmission != 0.0 and not self.thin_walled
 
-    def _refuse_interior(self) -> None:
-        """Raise InputError if there is a medium inside and no way into it."""
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.interior is not None and not self.is_body:
             raise InputError("an interior needs a transmission above 0 and thin_walled off, so that light gets inside")
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
+from wrt.scene.description import Checks
 from wrt.scene.materials.body import Entered
+from wrt.scene.materials.material import color_source, share
 from wrt.scene.textures import ColorSource
 from wrt.values import boolean, number
 
@@ -13,7 +16,6 @@ _SHARES = (
     *("metallic", "roughness", "anisotropy", "transmission", "diffuse_transmission", "specular_tint", "sheen"),
     *("sheen_tint", "flatness", "coat", "coat_gloss"),
 )
-"""Numbers from 0 to 1, which may vary over the surface."""
 
 
 @dataclass(frozen=True)
@@ -59,28 +61,23 @@ class Burley(Entered):
     coat_gloss: ColorSource = 0.0
 
     type_name: ClassVar[str] = "burley"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_values(*_SHARES, maximum=1.0)
-        self._check_colors("base_color")
-        boolean(self.thin_walled, "thin_walled")
-        self._set(ior=number(self.ior, "ior", minimum=1.0))
-        self._refuse_interior()
+    checks: ClassVar[Checks] = {
+        **dict.fromkeys(_SHARES, share),
+        "base_color": color_source,
+        "thin_walled": boolean,
+        "ior": partial(number, minimum=1.0),
+    }
 
     @property
     def interior_ior(self) -> float:
-        """Refractive index inside."""
         return self.ior
 
     @property
     def model(self) -> str:
-        """The model for an opaque surface, the boundary of a body, or a sheet."""
         return "burley:thin" if self.thin_walled else "burley:transmission" if self.is_body else "burley"
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
-        """The values that kernels/bsdf/burley.py reads."""
         return (
             self.base_color,
             self.diffuse_transmission if self.thin_walled else self.metallic,
@@ -90,5 +87,4 @@ class Burley(Entered):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether it is anisotropic."""
         return self.anisotropy != 0.0

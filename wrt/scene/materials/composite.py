@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from wrt.errors import InputError
-from wrt.scene.materials.diffuse import Diffuse
-from wrt.scene.materials.material import Material, color_source
+from wrt.scene.description import Checks, instance_of
+from wrt.scene.materials.material import Material, share, unlimited_color
+from wrt.scene.materials.simple import Diffuse
 from wrt.scene.textures import ColorSource, shines
-from wrt.values import FLOAT32_MAX
 
 MAX_NESTING = 7
 """Nesting limit of composite materials, which kernels/scene/materials.py shares."""
@@ -19,15 +19,13 @@ def _nesting(material: Material) -> int:
     return 1 + max((_nesting(part) for part in material.parts), default=-1)
 
 
-def _check_parts(material: Material, names: tuple[str, ...]) -> None:
-    for name in names:
-        part = getattr(material, name)
-        if not isinstance(part, Material):
-            raise InputError(f"{name} must be a wrt.Material, not {type(part).__name__}")
-        if shines(part.emission):
-            raise InputError(f"{name} must not emit light; give the shape an emission instead")
-    if _nesting(material) > MAX_NESTING:
+def _dark_part(value: Material, name: str) -> Material:
+    part: Material = instance_of(Material)(value, name)
+    if shines(part.emission):
+        raise InputError(f"{name} must not emit light; give the shape an emission instead")
+    if _nesting(part) >= MAX_NESTING:
         raise InputError(f"materials are nested more than {MAX_NESTING} deep")
+    return part
 
 
 @dataclass(frozen=True)
@@ -47,15 +45,10 @@ class Mix(Material):
 
     type_name: ClassVar[str] = "mix"
     slot_names: ClassVar[tuple[str, ...]] = ("weight",)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_values("weight", maximum=1.0)
-        _check_parts(self, ("first", "second"))
+    checks: ClassVar[Checks] = {"weight": share, "first": _dark_part, "second": _dark_part}
 
     @property
     def parts(self) -> tuple[Material, ...]:
-        """The two materials."""
         return (self.first, self.second)
 
 
@@ -74,14 +67,10 @@ class TwoSided(Material):
     back: Material = field(default_factory=lambda: Diffuse(0.0))
 
     type_name: ClassVar[str] = "two-sided"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_parts(self, ("front", "back"))
+    checks: ClassVar[Checks] = {"front": _dark_part, "back": _dark_part}
 
     @property
     def parts(self) -> tuple[Material, ...]:
-        """The two materials."""
         return (self.front, self.back)
 
 
@@ -96,10 +85,7 @@ class Emissive(Material):
     radiance: ColorSource = 1.0
 
     type_name: ClassVar[str] = "emissive"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._set(radiance=color_source(self.radiance, "radiance", maximum=FLOAT32_MAX))
+    checks: ClassVar[Checks] = {"radiance": unlimited_color}
 
     @property
     def model(self) -> str:
@@ -108,10 +94,8 @@ class Emissive(Material):
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
-        """Its reflectance."""
         return (0.0,)
 
     @property
     def emission(self) -> ColorSource:
-        """The radiance."""
         return self.radiance

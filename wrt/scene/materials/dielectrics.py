@@ -11,22 +11,18 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import gauss_legendre
+from wrt.scene.description import Checks, word_of
 from wrt.scene.materials.dispersion import SHARES, Dispersive, channel_indices, checked_dispersion
-from wrt.scene.materials.material import Material
+from wrt.scene.materials.material import Material, color_source
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
-from wrt.scene.materials.presets import dielectric_ior
+from wrt.scene.materials.presets import by_name, dielectric_ior
 from wrt.scene.textures import ColorSource
-from wrt.values import Vec3, boolean, number, one_of
+from wrt.values import Vec3, boolean, number
 
 
 def refractive_index(value: float | str, name: str) -> float:
     """Return a refractive index, given as a number above 0 or the name of a medium."""
-    if not isinstance(value, str):
-        return number(value, name, above=0.0)
-    try:
-        return dielectric_ior(value)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+    return by_name(dielectric_ior, value, name) if isinstance(value, str) else number(value, name, above=0.0)
 
 
 def mean_transmittance(eta: float) -> float:
@@ -52,14 +48,7 @@ def _transmittance(cos_i: NDArray[np.float64], eta: float) -> NDArray[np.float64
 
 @dataclass(frozen=True)
 class _Boundary(Material):
-    """Base of the boundaries of transparent media.
-
-    Attributes:
-        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
-        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
-        specular_reflectance: multiplies reflected light; 1 in nature.
-        specular_transmittance: multiplies refracted light; 1 in nature.
-    """
+    """Base of the boundaries of transparent media."""
 
     ior: float | str = 1.5
     exterior_ior: float | str = 1.0
@@ -67,14 +56,12 @@ class _Boundary(Material):
     specular_transmittance: ColorSource = field(default=1.0, kw_only=True)
 
     slot_names: ClassVar[tuple[str, ...]] = ("relative_ior", "specular_reflectance", "specular_transmittance")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._set(
-            ior=refractive_index(self.ior, "ior"),
-            exterior_ior=refractive_index(self.exterior_ior, "exterior_ior"),
-        )
-        self._check_colors("specular_reflectance", "specular_transmittance")
+    checks: ClassVar[Checks] = {
+        "ior": refractive_index,
+        "exterior_ior": refractive_index,
+        "specular_reflectance": color_source,
+        "specular_transmittance": color_source,
+    }
 
     @property
     def relative_ior(self) -> float:
@@ -84,17 +71,14 @@ class _Boundary(Material):
 
 @dataclass(frozen=True)
 class _BodyBoundary(_Boundary, Dispersive):
-    """The boundary of a body, not of a pane.
-
-    Attributes:
-        dispersion: 20 over the Abbe number of the inside, or a name such as "diamond" (`wrt materials --presets`).
-    """
+    """Base of the boundaries of bodies, which may be dispersive."""
 
     dispersion: float | str = field(default=0.0, kw_only=True)
 
+    checks: ClassVar[Checks] = {"dispersion": checked_dispersion}
+
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._set(dispersion=checked_dispersion(self.dispersion))
         if self.dispersion and float(self.ior) < 1.0:
             raise InputError(f"dispersion needs an ior of 1 or more, not {self.ior}")
 
@@ -135,14 +119,10 @@ class Dielectric(_BodyBoundary):
     fresnel: str = field(default="exact", kw_only=True)
 
     type_name: ClassVar[str] = "dielectric"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        one_of(self.fresnel, ("exact", "schlick"), "fresnel")
+    checks: ClassVar[Checks] = {"fresnel": word_of(("exact", "schlick"))}
 
     @property
     def model(self) -> str:
-        """The exact model, or that of Schlick's approximation."""
         options = ("schlick",) * (self.fresnel == "schlick") + ("dispersive",) * bool(self.dispersion)
         return ":".join(("dielectric", *options))
 
@@ -192,17 +172,17 @@ class RoughDielectric(_BodyBoundary):
     multiple_bounces: bool = False
 
     type_name: ClassVar[str] = "rough-dielectric"
+    checks: ClassVar[Checks] = {"multiple_bounces": boolean}
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
         self._set(alpha=roughness(self.alpha, self.distribution))
-        if boolean(self.multiple_bounces, "multiple_bounces"):
+        if self.multiple_bounces:
             albedo_table_key(self.alpha, self.distribution, self.masking)
 
     @property
     def model(self) -> str:
-        """The combination of distribution, masking and number of bounces."""
         options = ("multiple",) * self.multiple_bounces + ("dispersive",) * bool(self.dispersion)
         return ":".join(("rough_dielectric", self.distribution, str(self.masking), *options))
 
@@ -213,7 +193,6 @@ class RoughDielectric(_BodyBoundary):
 
     @property
     def table_key(self) -> tuple[Hashable, ...] | None:
-        """For multiple bounces, the table of the energy that a single bounce loses on each side."""
         if not self.multiple_bounces:
             return None
         _, *surface = albedo_table_key(self.alpha, self.distribution, self.masking)
@@ -223,5 +202,4 @@ class RoughDielectric(_BodyBoundary):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether it is anisotropic."""
         return is_anisotropic(self.alpha, self.distribution)

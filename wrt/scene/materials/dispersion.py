@@ -2,15 +2,14 @@
 
 Dispersion is 20 / V, as in glTF, where V = (n_d − 1) / (n_F − n_C) is the Abbe number: the index at 587.6 nm over its
 change from 656.3 nm to 486.1 nm. By the first terms of Cauchy's equation, n(λ) = A + B / λ², the index at any other
-wavelength follows (Khronos Group 2024, "KHR_materials_dispersion"). A channel has one index, that of the dominant
+wavelength follows (Khronos Group 2024, "KHR_materials_dispersion"). Each channel has the index at the dominant
 wavelength of its primary.
 """
 
 from __future__ import annotations
 
-from wrt.errors import InputError
 from wrt.scene.materials.body import Body
-from wrt.scene.materials.presets import dielectric_abbe_number
+from wrt.scene.materials.presets import by_name, dielectric_abbe_number
 from wrt.values import Vec3, number
 
 PRIMARIES: Vec3 = (611.5, 549.1, 464.3)
@@ -48,14 +47,11 @@ def channel_indices(ior: float, dispersion: float) -> Vec3:
     return ior + red, ior + green, ior + blue
 
 
-def checked_dispersion(value: float | str) -> float:
+def checked_dispersion(value: float | str, name: str) -> float:
     """Return a dispersion, given as a number or the name of a medium."""
-    if not isinstance(value, str):
-        return number(value, "dispersion", minimum=0.0, maximum=MOST)
-    try:
-        return 20.0 / dielectric_abbe_number(value)
-    except InputError as error:
-        raise InputError(f"dispersion: {error}") from None
+    if isinstance(value, str):
+        return 20.0 / by_name(dielectric_abbe_number, value, name)
+    return number(value, name, minimum=0.0, maximum=MOST)
 
 
 class Dispersive(Body):
@@ -66,12 +62,10 @@ class Dispersive(Body):
 
     @property
     def interior_ior(self) -> float:
-        """Refractive index inside."""
         return float(self.ior)
 
     @property
     def interior_spread(self) -> Vec3:
-        """What the refractive index of each channel differs from that one by."""
         return channel_spread(float(self.ior), float(self.dispersion))
 
 

@@ -1,22 +1,53 @@
-"""The base of all materials, and checks that they share."""
+"""The base of all materials, that of materials with a thin film, and checks of their values."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
 
 from wrt.errors import InputError
+from wrt.scene.description import Checks, Kind, instance_of, optional
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
-from wrt.values import FLOAT32_MAX, Vec3, color, number
+from wrt.values import FLOAT32_MAX, color, number
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+THICKEST_FILM = 1e5
+"""The greatest thickness of a film, nm: its colours are gone long before."""
+
+HIGHEST_FILM_INDEX = 10.0
+"""The greatest index of a film; no transparent material reaches half of it."""
+
+
+def color_source(value: ColorSource, name: str, *, maximum: float = 1.0) -> ColorSource:
+    """Return a checked colour that may vary over the surface."""
+    if isinstance(value, (ImageTexture, VertexColor)):
+        return value
+    return color(value, name, maximum=maximum)
+
+
+def value_source(
+    value: ColorSource, name: str, *, minimum: float = 0.0, maximum: float = math.inf, above: float = -math.inf
+) -> ColorSource:
+    """Return a checked number that may vary over the surface."""
+    if isinstance(value, (ImageTexture, VertexColor)):
+        return value
+    return number(value, name, minimum=minimum, maximum=min(maximum, FLOAT32_MAX), above=above)
+
+
+share = partial(value_source, maximum=1.0)
+"""Check of a number from 0 to 1 that may vary over the surface."""
+
+unlimited_color = partial(color_source, maximum=FLOAT32_MAX)
+"""Check of a colour, such as an emission, that may exceed 1 and vary over the surface."""
+
 
 @dataclass(frozen=True)
-class Material:
+class Material(Kind):
     """Base of all materials; not used by itself.
 
     A material is a plain description. `model` names its device functions in `kernels/bsdf/`; they read the values of
@@ -30,8 +61,7 @@ class Material:
     opacity: ColorSource = field(default=1.0, kw_only=True)
     normal_map: NormalMap | None = field(default=None, kw_only=True)
 
-    type_name: ClassVar[str] = ""
-    """The material's `type` in scene files."""
+    checks: ClassVar[Checks] = {"opacity": share, "normal_map": optional(instance_of(NormalMap))}
     slot_names: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
@@ -40,17 +70,9 @@ class Material:
         return cls()
 
     def __post_init__(self) -> None:
-        self._check_values("opacity", maximum=1.0)
-        if self.normal_map is not None:
-            if not isinstance(self.normal_map, NormalMap):
-                raise InputError(f"normal_map must be a wrt.NormalMap, not {type(self.normal_map).__name__}")
-            if self.parts:
-                raise InputError(f"a {self.type_name} has no normals of its own; give normal_map to its parts")
-
-    @property
-    def model(self) -> str:
-        """Name of the model in kernels, by default the material's own."""
-        return self.type_name.replace("-", "_")
+        super().__post_init__()
+        if self.normal_map is not None and self.parts:
+            raise InputError(f"a {self.type_name} has no normals of its own; give normal_map to its parts")
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
@@ -77,39 +99,29 @@ class Material:
         """Emitted radiance."""
         return (0.0, 0.0, 0.0)
 
-    def _set(self, **values: Any) -> None:
-        """Replace attributes by their checked values during construction."""
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
 
-    def _check_colors(self, *names: str, maximum: float = 1.0) -> None:
-        """Check attributes that are colours which may vary over the surface."""
-        self._set(**{name: color_source(getattr(self, name), name, maximum=maximum) for name in names})
+@dataclass(frozen=True)
+class Filmed(Material):
+    """Base of materials that may have a thin film, whose colours come from interference."""
 
-    def _check_values(self, *names: str, **limits: float) -> None:
-        """Check attributes that are numbers which may vary over the surface."""
-        self._set(**{name: value_source(getattr(self, name), name, **limits) for name in names})
+    film_thickness: ColorSource = field(default=0.0, kw_only=True)
+    film_ior: float = field(default=1.3, kw_only=True)
 
+    checks: ClassVar[Checks] = {
+        "film_thickness": partial(value_source, maximum=THICKEST_FILM),
+        "film_ior": partial(number, minimum=1.0, maximum=HIGHEST_FILM_INDEX),
+    }
 
-def color_source(value: ColorSource, name: str, *, maximum: float = 1.0) -> ColorSource:
-    """Return a checked colour that may vary over the surface."""
-    if isinstance(value, (ImageTexture, VertexColor)):
-        return value
-    return color(value, name, maximum=maximum)
+    @property
+    def has_film(self) -> bool:
+        """Whether there is a film anywhere."""
+        return self.film_thickness != 0.0
 
+    @property
+    def film_slots(self) -> tuple[ColorSource, ...]:
+        """The values of a film, if there is one."""
+        return (self.film_thickness, self.film_ior) if self.has_film else ()
 
-def value_source(
-    value: ColorSource, name: str, *, minimum: float = 0.0, maximum: float = math.inf, above: float = -math.inf
-) -> ColorSource:
-    """Return a checked number that may vary over the surface."""
-    if isinstance(value, (ImageTexture, VertexColor)):
-        return value
-    return number(value, name, minimum=minimum, maximum=min(maximum, FLOAT32_MAX), above=above)
-
-
-def positive_color(value: Any, name: str) -> Vec3:
-    """Return a colour with every channel above 0."""
-    result = color(value, name)
-    if min(result) <= 0.0:
-        raise InputError(f"{name} must be greater than 0 in each channel, not {result}")
-    return result
+    def _refuse_film(self) -> None:
+        if self.has_film:
+            raise InputError("multiple_bounces cannot have a film; set film_thickness to 0, or turn it off")

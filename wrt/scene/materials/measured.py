@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.scene.description import Checks, instance_of
 from wrt.scene.materials.material import Material
 from wrt.values import boolean, owned
 
@@ -123,11 +124,7 @@ class Measured(Material):
     measurement: Measurement
 
     type_name: ClassVar[str] = "measured"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not isinstance(self.measurement, Measurement):
-            raise InputError(f"measurement must be a wrt.Measurement, not {type(self.measurement).__name__}")
+    checks: ClassVar[Checks] = {"measurement": instance_of(Measurement)}
 
     @classmethod
     def example(cls) -> Measured:
@@ -141,10 +138,8 @@ class Measured(Material):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether it is anisotropic."""
         return not self.measurement.is_isotropic
 
     @property
     def table_key(self) -> tuple[Hashable, ...]:
-        """The tables as the kernel reads them."""
         return "measured", self.measurement

@@ -1,4 +1,4 @@
-"""Mirrors and metals."""
+"""Metals."""
 
 from __future__ import annotations
 
@@ -10,18 +10,24 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.linalg import gauss_legendre
-from wrt.scene.materials.film import Filmed
-from wrt.scene.materials.material import Material, color_source, positive_color
+from wrt.scene.description import Checks
+from wrt.scene.materials.material import Filmed, color_source
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
-from wrt.scene.materials.presets import ALIASES, METAL_F0, SEMICONDUCTOR_F0, metal_f0, metal_ior, reflectance_f0
+from wrt.scene.materials.presets import (
+    ALIASES,
+    METAL_F0,
+    SEMICONDUCTOR_F0,
+    by_name,
+    metal_f0,
+    metal_ior,
+    reflectance_f0,
+)
 from wrt.scene.textures import ColorSource
 from wrt.values import ColorLike, Vec3, boolean, color
 
 COPPER_ETA: Vec3 = (0.200, 0.924, 1.102)
 COPPER_K: Vec3 = (3.912, 2.452, 2.142)
 """η and k at 630, 532 and 465 nm."""
-
-_DEFAULT_SIDE = 0.1
 
 
 def _optics(
@@ -36,10 +42,7 @@ def _optics(
     if by_index + (f0 is not None) + (metal is not None) > 1:
         raise InputError("a metal is given by eta and k, by f0 or by metal: choose one of them")
     if isinstance(f0, str):
-        try:
-            return None, None, reflectance_f0(f0)
-        except InputError as error:
-            raise InputError(f"f0: {error}") from None
+        return None, None, by_name(reflectance_f0, f0, "f0")
     if f0 is not None:
         return None, None, color_source(f0, "f0")
     if metal is not None:
@@ -51,11 +54,10 @@ def _optics(
             if ALIASES.get(word, word) in METAL_F0 | SEMICONDUCTOR_F0:
                 return None, None, metal_f0(metal)
             raise InputError(f"metal: {error}") from None
-    return (
-        positive_color(COPPER_ETA if eta is None else eta, "eta"),
-        color(COPPER_K if k is None else k, "k"),
-        None,
-    )
+    real = color(COPPER_ETA if eta is None else eta, "eta")
+    if min(real) <= 0.0:
+        raise InputError(f"eta must be greater than 0 in each channel, not {real}")
+    return real, color(COPPER_K if k is None else k, "k"), None
 
 
 def average_reflectance(eta: Vec3, k: Vec3) -> Vec3:
@@ -78,70 +80,6 @@ def average_reflectance(eta: Vec3, k: Vec3) -> Vec3:
 
 
 @dataclass(frozen=True)
-class Mirror(Material):
-    """An ideal mirror with the same reflectance at every angle, on both sides.
-
-    Attributes:
-        reflectance: fraction of light reflected per channel, 0 to 1.
-    """
-
-    reflectance: ColorSource = 1.0
-
-    type_name: ClassVar[str] = "mirror"
-    slot_names: ClassVar[tuple[str, ...]] = ("reflectance",)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_colors("reflectance")
-
-
-@dataclass(frozen=True)
-class Glossy(Material):
-    """A mirror whose direction is jittered, as in distribution ray tracing: in a square, or by the lobe of Phong.
-
-    The simplest approximation of gloss (Cook, Porter and Carpenter 1984), not a physical BRDF: it is not reciprocal,
-    and its reflectance is the same at every angle. For metals, use RoughConductor.
-
-    Attributes:
-        reflectance: fraction of light reflected per channel, 0 to 1. Near grazing angles, light in the part of the
-            lobe below the surface is lost.
-        side: side of a square at distance 1 that is perpendicular to the mirrored direction, above 0 and at most 100;
-            the blur's full width is 2 atan(side / 2). The default is 0.1.
-        exponent: instead of the square, n of Phong's lobe (n + 1) / 2π cosⁿα around the mirrored direction (1975), 0
-            to 100000.
-    """
-
-    reflectance: ColorSource = 1.0
-    side: ColorSource | None = None
-    exponent: ColorSource | None = None
-
-    type_name: ClassVar[str] = "glossy"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_colors("reflectance")
-        if self.exponent is None:
-            self._set(side=_DEFAULT_SIDE if self.side is None else self.side)
-            self._check_values("side", maximum=100.0, above=0.0)
-        elif self.side is not None:
-            raise InputError("gloss is given by side or by exponent: choose one of them")
-        else:
-            self._check_values("exponent", maximum=100_000.0)
-
-    @property
-    def model(self) -> str:
-        """The model of the square, or that of Phong's lobe."""
-        return "glossy" if self.exponent is None else "glossy:phong"
-
-    @property
-    def slots(self) -> tuple[ColorSource, ...]:
-        """`reflectance`, then `side` or `exponent`."""
-        width = self.side if self.exponent is None else self.exponent
-        assert width is not None
-        return self.reflectance, width
-
-
-@dataclass(frozen=True)
 class Conductor(Filmed):
     """A perfectly smooth metal: mirror reflection weighted by Fresnel's equations.
 
@@ -151,9 +89,9 @@ class Conductor(Filmed):
     Attributes:
         eta: real part of the refractive index per channel, relative to the air around it; copper's by default.
         k: extinction coefficient per channel; copper's by default.
-        f0: reflectance at normal incidence per channel, 0 to 1, instead of eta and k; or a name in the tables of
-            `materials.presets`, such as "gold", "silicon" or "gems".
-        metal: a name in `materials.presets.METAL_IOR`, "silicon" or a chemical symbol, instead of the others. It is
+        f0: reflectance at normal incidence per channel, 0 to 1, instead of eta and k; or a name such as
+            "gold", "silicon" or "gems" (wrt materials --presets).
+        metal: a name such as "gold", or a chemical symbol, instead of the others (wrt materials --presets). It is
             replaced by its eta and k, or by its f0 if only that is known.
         film_thickness: thickness in nanometres of a thin film on the metal, such as an oxide, whose colours come from
             interference; 0 is no film.
@@ -174,7 +112,6 @@ class Conductor(Filmed):
 
     @property
     def model(self) -> str:
-        """The exact model, or that of Schlick's approximation."""
         options = ("schlick",) * (self.f0 is not None) + ("film",) * self.has_film
         return ":".join(("conductor", *options))
 
@@ -228,20 +165,19 @@ class RoughConductor(Filmed):
     reflectance: ColorSource = 1.0
 
     type_name: ClassVar[str] = "rough-conductor"
+    checks: ClassVar[Checks] = {"reflectance": color_source, "multiple_bounces": boolean}
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
         eta, k, f0 = _optics(self.eta, self.k, self.f0, self.metal)
         self._set(alpha=roughness(self.alpha, self.distribution), eta=eta, k=k, f0=f0, metal=None)
-        self._check_colors("reflectance")
-        if boolean(self.multiple_bounces, "multiple_bounces"):
+        if self.multiple_bounces:
             albedo_table_key(self.alpha, self.distribution, self.masking)
             self._refuse_film()
 
     @property
     def model(self) -> str:
-        """The combination of distribution, masking, Fresnel term, and number of bounces or film."""
         fresnel = "conductor" if self.f0 is None else "schlick"
         name = f"rough_conductor:{self.distribution}:{self.masking}:{fresnel}"
         options = (":multiple" if self.multiple_bounces else "") + (":film" if self.has_film else "")
@@ -257,10 +193,8 @@ class RoughConductor(Filmed):
 
     @property
     def table_key(self) -> tuple[Hashable, ...] | None:
-        """For multiple bounces, the table of the energy that a single bounce loses."""
         return albedo_table_key(self.alpha, self.distribution, self.masking) if self.multiple_bounces else None
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether it is anisotropic."""
         return is_anisotropic(self.alpha, self.distribution)

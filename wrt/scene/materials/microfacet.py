@@ -44,12 +44,12 @@ def masking_for(distribution: str, masking: str | None, alpha: ColorSource) -> s
     """
     if distribution not in MASKINGS:
         raise InputError(f"distribution must be one of {', '.join(MASKINGS)}, not {distribution!r}")
-    known = MASKINGS[distribution]
+    maskings = MASKINGS[distribution]
     if masking is None:
-        return "smith" if "smith" in known else "cook-torrance"
-    if masking not in known:
+        return "smith" if "smith" in maskings else "cook-torrance"
+    if masking not in maskings:
         raise InputError(
-            f"masking must be one of {', '.join(known)} for distribution {distribution!r}, not {masking!r}"
+            f"masking must be one of {', '.join(maskings)} for distribution {distribution!r}, not {masking!r}"
         )
     borrowed = distribution == "blinn-phong" and masking not in _GENERAL
     if borrowed and not (isinstance(alpha, (int, float)) and alpha <= MOST_BORROWED):

@@ -9,11 +9,11 @@ from typing import Any
 from wrt.errors import InputError, did_you_mean
 from wrt.scene.materials import MATERIALS
 from wrt.scene.materials.dielectrics import Dielectric, RoughDielectric
-from wrt.scene.materials.diffuse import OrenNayar
 from wrt.scene.materials.material import Material
 from wrt.scene.materials.metals import RoughConductor
 from wrt.scene.materials.plastics import RoughPlastic
 from wrt.scene.materials.presets import ALIASES, METAL_F0, METAL_IOR, SEMICONDUCTOR_F0
+from wrt.scene.materials.simple import OrenNayar
 
 LOOKS: dict[str, tuple[type[Material], dict[str, Any]]] = {
     "plaster": (OrenNayar, {"reflectance": 0.75}),
@@ -44,7 +44,7 @@ def named_material(text: str) -> Material:
     Raises:
         InputError: if the name is unknown, or a parameter cannot be used.
     """
-    word, _, rest = text.strip().partition(":")
+    word, _, assignments = text.strip().partition(":")
     key = word.strip().lower().replace(" ", "-")
     if key not in LOOKS and key not in MATERIALS:
         key = ALIASES.get(key, key)
@@ -53,16 +53,16 @@ def named_material(text: str) -> Material:
     elif key in MATERIALS:
         cls, values = MATERIALS[key], {}
     else:
-        known = [*LOOKS, *MATERIALS]
-        raise InputError(f"there is no material {word!r}{did_you_mean(key, known)}; known are {', '.join(known)}")
-    given = _parameters(cls, rest, text)
-    if given.keys() & {"eta", "k", "f0", "metal"}:  # a metal is given in one way only
+        names = [*LOOKS, *MATERIALS]
+        raise InputError(f"there is no material {word!r}{did_you_mean(key, names)}; known are {', '.join(names)}")
+    parameters = _parameters(cls, assignments, text)
+    if parameters.keys() & {"eta", "k", "f0", "metal"}:  # a metal is given in one way only
         values = {name: value for name, value in values.items() if name != "metal"}
-    needed = [each.name for each in dataclasses.fields(cls) if not _has_default(each)]
-    if missing := [name for name in needed if name not in given]:
+    required = [each.name for each in dataclasses.fields(cls) if not _has_default(each)]
+    if missing := [name for name in required if name not in parameters]:
         raise InputError(f"material {text!r} needs a {missing[0]}, which only scene files and Python can give")
     try:
-        return cls(**{**values, **given})
+        return cls(**{**values, **parameters})
     except InputError as error:
         raise InputError(f"material {text!r}: {error}") from None
 
@@ -71,25 +71,25 @@ def _has_default(field: dataclasses.Field[Any]) -> bool:
     return field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
 
 
-def _parameters(cls: type[Material], text: str, whole: str) -> dict[str, Any]:
-    """Return the parameters that the part of a text after the colon gives."""
+def _parameters(cls: type[Material], assignments: str, text: str) -> dict[str, Any]:
+    """Return the parameters that the part of a text after the colon assigns."""
     types = typing.get_type_hints(cls)
     fields = [field.name for field in dataclasses.fields(cls)]
     plain = [name for name in fields if types[name] is not Material and name not in ("interior", "normal_map")]
     found: dict[str, Any] = {}
-    for part in filter(None, (part.strip() for part in text.split(";"))):
+    for part in filter(None, (part.strip() for part in assignments.split(";"))):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals:
             color = next((each for each in _COLORS if each in plain), None)
             if color is None:
-                raise InputError(f"material {whole!r}: {name!r} needs a name, such as {plain[0]}={name}")
+                raise InputError(f"material {text!r}: {name!r} needs a name, such as {plain[0]}={name}")
             name, value = color, name
         name = name.replace("-", "_")
         if name not in plain:
             hint = did_you_mean(name, plain)
-            raise InputError(f"material {whole!r}: there is no parameter {name!r}{hint}; there are {', '.join(plain)}")
+            raise InputError(f"material {text!r}: there is no parameter {name!r}{hint}; there are {', '.join(plain)}")
         if name in found:
-            raise InputError(f"material {whole!r}: {name} is given twice")
+            raise InputError(f"material {text!r}: {name} is given twice")
         found[name] = _value(value)
     return found
 

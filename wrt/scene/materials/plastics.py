@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
-from wrt.errors import InputError
+from wrt.scene.description import Checks, word_of
 from wrt.scene.materials.dielectrics import mean_transmittance, refractive_index
-from wrt.scene.materials.material import Material
+from wrt.scene.materials.material import Material, color_source, value_source
 from wrt.scene.materials.microfacet import LEAST_ALPHA, masking_for
 from wrt.scene.textures import ColorSource
 from wrt.values import boolean
@@ -20,7 +21,23 @@ def internal_reflectance(eta: float) -> float:
 
 
 @dataclass(frozen=True)
-class Plastic(Material):
+class _Coated(Material):
+    """Base of materials with a diffuse base under a coat."""
+
+    reflectance: ColorSource = 0.5
+    ior: float | str = 1.5
+    exterior_ior: float | str = 1.0
+
+    checks: ClassVar[Checks] = {"reflectance": color_source, "ior": refractive_index, "exterior_ior": refractive_index}
+
+    @property
+    def relative_ior(self) -> float:
+        """Refractive index of the coat over that outside."""
+        return float(self.ior) / float(self.exterior_ior)
+
+
+@dataclass(frozen=True)
+class Plastic(_Coated):
     """A diffuse base under a smooth transparent coat; the base receives the light that the coat does not reflect.
 
     Both sides look the same. All inter-reflections between coat and base are included.
@@ -34,39 +51,20 @@ class Plastic(Material):
         specular_reflectance: multiplies light that the coat reflects; 1 in nature.
     """
 
-    reflectance: ColorSource = 0.5
-    ior: float | str = 1.5
-    exterior_ior: float | str = 1.0
     nonlinear: bool = False
     specular_reflectance: ColorSource = 1.0
 
     type_name: ClassVar[str] = "plastic"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check_colors("reflectance", "specular_reflectance")
-        self._set(
-            ior=refractive_index(self.ior, "ior"), exterior_ior=refractive_index(self.exterior_ior, "exterior_ior")
-        )
-        boolean(self.nonlinear, "nonlinear")
-
-    @property
-    def relative_ior(self) -> float:
-        """Refractive index of the coat over that outside."""
-        return float(self.ior) / float(self.exterior_ior)
+    checks: ClassVar[Checks] = {"nonlinear": boolean, "specular_reflectance": color_source}
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
-        """The values that kernels/bsdf/plastic.py reads."""
         eta = self.relative_ior
         return (self.reflectance, self.specular_reflectance, eta, internal_reflectance(eta), float(self.nonlinear))
 
 
-_DISTRIBUTIONS = ("ggx", "beckmann")
-
-
 @dataclass(frozen=True)
-class RoughPlastic(Material):
+class RoughPlastic(_Coated):
     """A diffuse base under a rough transparent coat; the base receives the light that the coat does not reflect.
 
     The coat is the microfacet model of Walter, Marschner, Li and Torrance (2007). Both sides look the same.
@@ -86,9 +84,6 @@ class RoughPlastic(Material):
             light is lost, as in most renderers, and rough coats are darker.
     """
 
-    reflectance: ColorSource = 0.5
-    ior: float | str = 1.5
-    exterior_ior: float | str = 1.0
     alpha: ColorSource = 0.1
     distribution: str = "ggx"
     masking: str | None = None
@@ -97,33 +92,24 @@ class RoughPlastic(Material):
     multiple_bounces: bool = True
 
     type_name: ClassVar[str] = "rough-plastic"
+    checks: ClassVar[Checks] = {
+        "alpha": partial(value_source, minimum=LEAST_ALPHA, maximum=1.0),
+        "distribution": word_of(("ggx", "beckmann")),
+        "nonlinear": boolean,
+        "specular_reflectance": color_source,
+        "multiple_bounces": boolean,
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.distribution not in _DISTRIBUTIONS:
-            raise InputError(f"distribution must be one of {', '.join(_DISTRIBUTIONS)}, not {self.distribution!r}")
         self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
-        self._check_colors("reflectance", "specular_reflectance")
-        self._check_values("alpha", minimum=LEAST_ALPHA, maximum=1.0)
-        self._set(
-            ior=refractive_index(self.ior, "ior"), exterior_ior=refractive_index(self.exterior_ior, "exterior_ior")
-        )
-        for name in ("nonlinear", "multiple_bounces"):
-            boolean(getattr(self, name), name)
 
     @property
     def model(self) -> str:
-        """The combination of distribution and masking."""
         return f"rough_plastic:{self.distribution}:{self.masking}"
 
     @property
-    def relative_ior(self) -> float:
-        """Refractive index of the coat over that outside."""
-        return float(self.ior) / float(self.exterior_ior)
-
-    @property
     def slots(self) -> tuple[ColorSource, ...]:
-        """The values that kernels/bsdf/rough_plastic.py reads."""
         return (self.reflectance, self.specular_reflectance, self.relative_ior, self.alpha, float(self.nonlinear))
 
     @property

@@ -11,7 +11,8 @@ and less for the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 from wrt.errors import InputError, did_you_mean
 from wrt.values import Vec3
@@ -89,7 +90,7 @@ METAL_IOR: dict[str, tuple[Vec3, Vec3]] = {
 }
 """Complex refractive index η + ik of metals: η per channel, then k per channel.
 
-Reflectance at normal incidence is that of the measured spectrum under D65. Silver, gold and copper: Johnson and Christy
+They reflect at normal incidence as the measured spectrum does under D65. Silver, gold and copper: Johnson and Christy
 1972; titanium, vanadium, chromium, iron, cobalt, nickel and palladium: Johnson and Christy 1974; aluminium: Rakić 1995;
 platinum: Rakić et al. 1998; tungsten: Weaver et al. 1975; mercury: Inagaki et al. 1981; brass (30 % zinc): Querry 1985;
 stainless steel (austenitic): Karlsson and Ribbing 1982. Zinc is missing: no published index of
@@ -147,10 +148,10 @@ def reflectance_f0(name: str) -> Vec3:
         InputError: for an unknown name.
     """
     colors = METAL_F0 | SEMICONDUCTOR_F0
-    known = [*colors, *DIELECTRIC_F0]
+    names = [*colors, *DIELECTRIC_F0]
     # "glass" is a name of DIELECTRIC_F0, and elsewhere an alias.
     key = name.strip().lower() if isinstance(name, str) and name.strip().lower() in DIELECTRIC_F0 else None
-    key = key or _key(name, known, "metal, semiconductor or dielectric with a reflectance")
+    key = key or _key(name, names, "metal, semiconductor or dielectric with a reflectance")
     red, green, blue = colors[key] if key in colors else (sum(DIELECTRIC_F0[key]) / 2.0,) * 3
     return min(red, 1.0), min(green, 1.0), min(blue, 1.0)
 
@@ -196,9 +197,20 @@ def dielectric_abbe_number(name: str) -> float:
     return DIELECTRIC_ABBE[_key(name, DIELECTRIC_ABBE, "dielectric with an Abbe number")]
 
 
-def _key(name: object, known: Iterable[str], what: str) -> str:
-    """Return the key in `known` for a name or alias, or raise InputError."""
-    names = sorted(known)
+T = TypeVar("T")
+
+
+def by_name(look_up: Callable[[str], T], name: str, field: str) -> T:
+    """Return a preset for a field of a material, or raise InputError naming the field."""
+    try:
+        return look_up(name)
+    except InputError as error:
+        raise InputError(f"{field}: {error}") from None
+
+
+def _key(name: object, keys: Iterable[str], what: str) -> str:
+    """Return the key for a name or alias, or raise InputError."""
+    names = sorted(keys)
     word = name.strip().lower() if isinstance(name, str) else ""
     key = ALIASES.get(word, word)
     if key in names:

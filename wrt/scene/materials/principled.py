@@ -10,17 +10,32 @@ from typing import ClassVar
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.scene.description import Checks
 from wrt.scene.materials.body import Entered
+from wrt.scene.materials.dielectrics import refractive_index
 from wrt.scene.materials.dispersion import SHARES, Dispersive, channel_indices, checked_dispersion
-from wrt.scene.materials.film import Filmed
-from wrt.scene.materials.material import value_source
+from wrt.scene.materials.material import Filmed, color_source, share, unlimited_color
 from wrt.scene.materials.microfacet import LEAST_ALPHA
-from wrt.scene.materials.presets import dielectric_ior
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import FLOAT32_MAX, boolean, number
+from wrt.values import boolean, number
 
 _SHARES = ("metallic", "roughness", "specular", "transmission", "film", "coat", "coat_roughness", "sheen_roughness")
-"""Numbers from 0 to 1, which may vary over the surface."""
+
+
+def _refractive_index(value: float | str, name: str) -> float:
+    """Return a refractive index of at least 1, or 0."""
+    if isinstance(value, str):
+        return refractive_index(value, name)
+    if not isinstance(value, bool) and np.ndim(value) == 0 and value == 0:
+        return 0.0
+    return number(value, name, minimum=1.0)
+
+
+def _anisotropy(value: ColorSource, name: str) -> ColorSource:
+    """Return a checked strength, or an image of directions and strengths."""
+    if isinstance(value, VertexColor) or (isinstance(value, ImageTexture) and value.channel is not None):
+        raise InputError(f"{name} must be a number, or an image with the direction in red and green")
+    return share(value, name)
 
 
 @dataclass(frozen=True)
@@ -84,30 +99,27 @@ class Principled(Filmed, Dispersive, Entered):
     multiple_bounces: bool = False
 
     type_name: ClassVar[str] = "principled"
+    checks: ClassVar[Checks] = {
+        **dict.fromkeys(_SHARES, share),
+        **dict.fromkeys(("base_color", "sheen_color"), color_source),
+        **dict.fromkeys(("specular_color", "emission"), unlimited_color),
+        **dict.fromkeys(("thin_walled", "multiple_bounces"), boolean),
+        "ior": _refractive_index,
+        "dispersion": checked_dispersion,
+        "anisotropy": _anisotropy,
+        "anisotropy_rotation": number,
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check_values(*_SHARES, maximum=1.0)
-        self._check_colors("base_color", "sheen_color")
-        self._check_colors("specular_color", "emission", maximum=FLOAT32_MAX)
-        self._set(
-            ior=_refractive_index(self.ior),
-            dispersion=checked_dispersion(self.dispersion),
-            anisotropy=_anisotropy(self.anisotropy),
-            anisotropy_rotation=number(self.anisotropy_rotation, "anisotropy_rotation"),
-        )
-        for name in ("thin_walled", "multiple_bounces"):
-            boolean(getattr(self, name), name)
         if self.ior == 0.0 and self.transmission != 0.0 and not self.thin_walled:
             raise InputError("ior 0 means infinite, which transmits no light; set transmission to 0, or give an ior")
-        self._refuse_interior()
         if self.multiple_bounces:
             _ = self.table_key
             self._refuse_film()
 
     @property
     def has_film(self) -> bool:
-        """Whether there is a film anywhere."""
         return self.film != 0.0 and super().has_film
 
     @property
@@ -123,7 +135,7 @@ class Principled(Filmed, Dispersive, Entered):
             "sheen": self.sheen_color != (0.0, 0.0, 0.0),
             "bounces": self.multiple_bounces,
         }
-        return tuple(name for name, there in present.items() if there)
+        return tuple(name for name, is_present in present.items() if is_present)
 
     @property
     def model(self) -> str:
@@ -132,7 +144,6 @@ class Principled(Filmed, Dispersive, Entered):
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
-        """The values that kernels/bsdf/principled.py reads for these features."""
         values: list[ColorSource] = [self.base_color, self.metallic, self.roughness]
         values += [self.specular, self.specular_color]
         features = self.features
@@ -157,12 +168,10 @@ class Principled(Filmed, Dispersive, Entered):
 
     @property
     def needs_tangents(self) -> bool:
-        """Whether it is anisotropic."""
         return self.anisotropy != 0.0
 
     @property
     def table_key(self) -> tuple[Hashable, ...] | None:
-        """For multiple bounces, the table of the energy that a single bounce loses (wrt/upload/tables/albedo.py)."""
         if not self.multiple_bounces:
             return None
         if not self.needs_tangents:
@@ -171,22 +180,3 @@ class Principled(Filmed, Dispersive, Entered):
             raise InputError("multiple_bounces needs roughness and anisotropy to be numbers, or no anisotropy")
         alpha = max(self.roughness**2, LEAST_ALPHA)
         return ("reflection", "ggx", "smith", (alpha + (1.0 - alpha) * self.anisotropy**2, alpha, 0.0))
-
-
-def _refractive_index(value: float | str) -> float:
-    """Return a refractive index of at least 1, or 0."""
-    if isinstance(value, str):
-        try:
-            return dielectric_ior(value)
-        except InputError as error:
-            raise InputError(f"ior: {error}") from None
-    if not isinstance(value, bool) and np.ndim(value) == 0 and value == 0:
-        return 0.0
-    return number(value, "ior", minimum=1.0)
-
-
-def _anisotropy(value: ColorSource) -> ColorSource:
-    """Return a checked strength, or an image of directions and strengths."""
-    if isinstance(value, VertexColor) or (isinstance(value, ImageTexture) and value.channel is not None):
-        raise InputError("anisotropy must be a number, or an image with the direction in red and green")
-    return value_source(value, "anisotropy", maximum=1.0)

@@ -5,7 +5,8 @@
 - Sun: Hošek and Wilkie, "Adding a Solar-Radiance Function to the Hošek-Wilkie Skylight Model" (IEEE CG&A 2013).
   Polynomials in the elevation, at eleven wavelengths, and in the cosine at the sun's surface.
 
-The tables are in `wrt/scene/skies/data/hosek_wilkie.npz`, made by `scripts/sky_data.py`, with their licence beside it.
+The published tables are in `wrt/scene/skies/data/hosek_wilkie.npz`, in single precision, with their licence beside it:
+those of the sky's radiance for linear Rec. 709, those of the sun's by wavelength.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.linalg import product
-from wrt.scene.skies.preetham import rgb_from_xyz, spectrum_xyz
 
 Array = NDArray[np.float64]
+
+LUMINOUS_EFFICACY = 683.0
+"""Lumens per watt at 555 nm, by the definition of the candela: the luminance of a colour is 683 times its Y."""
 
 WAVELENGTHS = 320.0 + 40.0 * np.arange(11)
 """Wavelengths at which the sun's radiance is tabulated, nm."""
@@ -30,6 +33,11 @@ _BINOMIAL = np.array([1.0, 5.0, 10.0, 10.0, 5.0, 1.0])
 _SEGMENTS = 45
 
 _SUN_RADIUS = math.radians(0.5 * 0.5358)
+
+# CIE XYZ (D65) to linear Rec. 709, the inverse of ITU-R BT.709's primaries (IEC 61966-2-1).
+_RGB_FROM_XYZ = np.array(
+    [(3.2404542, -1.5371385, -0.4985314), (-0.9692660, 1.8760108, 0.0415560), (0.0556434, -0.2040259, 1.0572252)]
+)
 
 
 @functools.cache
@@ -114,3 +122,34 @@ def sun_spectrum(elevation: float, turbidity: float) -> Array:
 def sun_rgb(elevation: float, turbidity: float) -> Array:
     """Return the mean radiance of the sun's disk seen from the ground as linear Rec. 709, (3,), W·sr⁻¹·m⁻²."""
     return rgb_from_xyz(spectrum_xyz(WAVELENGTHS, sun_spectrum(elevation, turbidity)))
+
+
+def color_matching(wavelengths: ArrayLike) -> Array:
+    """Return the CIE 1931 colour matching functions, (N, 3), at wavelengths in nm.
+
+    The fit of Wyman, Sloan and Shirley, "Simple Analytic Approximations to the CIE XYZ Color Matching Functions"
+    (JCGT 2013), equation 4, which is within the variation among measured observers.
+    """
+    w = np.asarray(wavelengths, np.float64)
+
+    def lobe(mean: float, below: float, above: float) -> Array:
+        result: Array = np.exp(-0.5 * ((w - mean) * np.where(w < mean, below, above)) ** 2)
+        return result
+
+    x = 0.362 * lobe(442.0, 0.0624, 0.0374) + 1.056 * lobe(599.8, 0.0264, 0.0323) - 0.065 * lobe(501.1, 0.0490, 0.0382)
+    y = 0.821 * lobe(568.8, 0.0213, 0.0247) + 0.286 * lobe(530.9, 0.0613, 0.0322)
+    z = 1.217 * lobe(437.0, 0.0845, 0.0278) + 0.681 * lobe(459.0, 0.0385, 0.0725)
+    return np.stack([x, y, z], axis=-1)
+
+
+def spectrum_xyz(wavelengths: ArrayLike, radiance: ArrayLike) -> Array:
+    """Return spectral radiance as CIE XYZ, (3,), W·sr⁻¹·m⁻², interpolated linearly between wavelengths in nm."""
+    at = np.asarray(wavelengths, np.float64)
+    fine = np.arange(at[0], at[-1] + 1.0)
+    return np.asarray(product(np.interp(fine, at, np.asarray(radiance, np.float64)), color_matching(fine)))
+
+
+def rgb_from_xyz(xyz: ArrayLike) -> Array:
+    """Return linear Rec. 709 RGB, clipped at 0 outside the gamut."""
+    result: Array = np.maximum(product(np.asarray(xyz, np.float64), _RGB_FROM_XYZ.T), 0.0)
+    return result

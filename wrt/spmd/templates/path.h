@@ -2,15 +2,15 @@ namespace {
 // A path: the variables that outlive a part of a round.
 struct $STEPS$ {
 $SHARED$
-$OWN$
+$VARYING$
 $CONSTANTS$
 $KEPT$
     lanes::Mask waiting = false;  // for an answer
 $ANSWERS$
     $STEPS$($SHARED_IN$) : $SHARED_GIVEN$ {}
-    void begin($OWN_IN$, const lanes::Mask exec_in) {
+    void begin($VARYING_IN$, const lanes::Mask exec_in) {
         lanes::Mask exec = exec_in, returned_ = false;
-        $OWN_GIVEN$
+        $VARYING_GIVEN$
 $BEGIN$
     }
     // The parts of a round: each returns the lanes that go on.

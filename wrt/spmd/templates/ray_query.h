@@ -7,5 +7,5 @@ struct $NAME$ : lanes::$KIND$ {
     static const Ray& ray(const Steps& steps) { return steps.$RAY$; }
     static lanes::Floats reach(const Steps& steps) { return $REACH$; }
     static Answer& answer(Steps& steps) { return steps.$ANSWER$; }
-    $OWN$
+    $MEMBER$
 };

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -87,6 +88,12 @@ def upload(rows: NDArray[Any], dtype: Any, device: str) -> Any:
     return current_backend().array(rows, dtype, device, copy=False)
 
 
+def is_warp_array(value: Any) -> bool:
+    """Return whether a value is an array of Warp, which need not be imported."""
+    warp = sys.modules.get("warp")
+    return warp is not None and isinstance(value, warp.array)
+
+
 def device_vectors(name: str, value: Any, device: str) -> Any:
     """Return an array of vec3 on the device, without copying Warp arrays there or, on the CPU, float32 ones.
 
@@ -98,12 +105,10 @@ def device_vectors(name: str, value: Any, device: str) -> Any:
     Raises:
         InputError: on arrays of other shapes or types, or on another device.
     """
-    import warp as wp
-
-    if isinstance(value, wp.array):
-        if value.dtype is not wp.vec3 or value.ndim != 1 or str(value.device) != device:
+    if is_warp_array(value):
+        if value.dtype is not sys.modules["warp"].vec3 or value.ndim != 1 or str(value.device) != device:
             raise InputError(f"{name} must be a Warp array of vec3 on {device}, of one dimension")
-        return value.contiguous()
+        return current_backend().from_warp(value.contiguous(), "vec3")
     refuse_masked(value, name)
     try:
         rows = np.ascontiguousarray(value, dtype=np.float32)

@@ -11,8 +11,8 @@ from wrt.backend.device import Device
 from wrt.upload.accel.wide_tree import WideNodes, WideTree
 
 LEVELS_PER_READ = 2
-"""Levels between two looks at whether there are more. A level costs three launches, of 15 us by the model of
-`scripts/gpu_builder_model.py`, and a look 20 us."""
+"""Levels between two looks at whether there are more. A level costs three launches, of about 15 us each, and
+a look 20 us (estimated for an H100)."""
 
 
 def collapse_on_gpu(nodes: Any, costs: Any, boxes: Any, device: Device, max_depth: int) -> WideTree:

@@ -14,8 +14,8 @@ from wrt.upload.accel.binary_tree import empty_bins
 from wrt.upload.accel.gpu_reinsertion import reinsert_on_gpu
 
 LEVELS_PER_READ = 2
-"""Levels between two looks at whether there are more, once there may be none. A level costs nine launches, of 15 us by
-the model of `scripts/gpu_builder_model.py`, and a look 20 us."""
+"""Levels between two looks at whether there are more, once there may be none. A level costs nine launches, of about
+15 us each, and a look 20 us (estimated for an H100)."""
 
 MOST_BUILDERS = 1 << 17
 """Threads that build subtrees at most; each has bins of 2 KB."""

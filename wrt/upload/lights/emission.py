@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.linalg import product
+from wrt.linalg import product, weighted_sum
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.mesh import Mesh, columns
 from wrt.scene.scene import Shape
 from wrt.scene.textures import CHANNELS, ImageTexture, VertexColor
-from wrt.sums import weighted_sum
 from wrt.upload.lights.environment import LUMINANCE
 
 _MOST_PARTS = 64

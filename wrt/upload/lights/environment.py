@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from wrt.backend import current_backend
+from wrt.linalg import weighted_sum
 from wrt.scene.environment import (
     ConstantEnvironment,
     Environment,
@@ -16,7 +17,6 @@ from wrt.scene.environment import (
 )
 from wrt.scene.lights import DirectionalLight
 from wrt.scene.motion import rotation_matrix
-from wrt.sums import weighted_sum
 from wrt.upload.lights.environment_sampling import environment_tables
 from wrt.upload.limits import require_countable
 

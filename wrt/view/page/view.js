@@ -352,6 +352,13 @@ function parsed(buffer) { // see wrt/view/frames.py
   return [header, new Uint8Array(buffer, 4 + size)];
 }
 
+function saved(name, blob) { // by the browser, as a download
+  const file = URL.createObjectURL(blob);
+  element("a", { href: file, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(file), 10000);
+  return `${name} saved.`;
+}
+
 // The page of `wrt view`: a WebSocket that is opened again when it breaks.
 function page(root) {
   const token = new URLSearchParams(location.search).get("token") ?? "";
@@ -361,11 +368,8 @@ function page(root) {
   const shown = mount(root, link, { async download(kind) {
     const answer = await fetch(`picture.${kind}?token=${encodeURIComponent(token)}`);
     if (!answer.ok) throw new Error((await answer.text()).trim());
-    const file = URL.createObjectURL(await answer.blob());
     const name = /filename="(.*)"/.exec(answer.headers.get("Content-Disposition"))?.[1] ?? `picture.${kind}`;
-    element("a", { href: file, download: name }).click();
-    setTimeout(() => URL.revokeObjectURL(file), 10000);
-    return `${name} saved.`;
+    return saved(name, await answer.blob());
   } });
   function connect() {
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live?token=${encodeURIComponent(token)}`);
@@ -393,10 +397,7 @@ function render({ model, el }) {
     const answer = new Promise((resolve) => (link.saved = resolve));
     link.send({ type: "save", suffix: `.${kind}` });
     const [name, bytes] = await answer;
-    const file = URL.createObjectURL(new Blob([bytes]));
-    element("a", { href: file, download: name }).click();
-    setTimeout(() => URL.revokeObjectURL(file), 10000);
-    return `${name} saved.`;
+    return saved(name, new Blob([bytes]));
   } });
   const listen = (message, buffers) => {
     if (message.type === "frame") {

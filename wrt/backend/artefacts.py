@@ -1,0 +1,178 @@
+"""Compiled kernels and what the host knows of `kernels/`, kept for processes that then need not import Warp.
+
+An artefact is a file that Warp has compiled, with the symbol and the argument layout of each of its kernels. The table
+of artefacts is a file in the user's cache folder, named by a digest of everything that they depend on. It has four
+parts by name:
+
+- `files`: Warp's modules: the compiled file, its size, and the symbol and argument layout of each kernel;
+- `structs`: size in bytes, and name, type and offset of each field (see `arrays.Field`);
+- `modules`: constants, structs and kernels of the modules of `kernels/` that the host uses;
+- `calls`: results of functions of those modules.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import itertools
+import json
+import math
+import os
+import sys
+import threading
+import warnings
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+from wrt.backend.cache_folders import is_private, keep_latest, locked, make_private, put, wrt_folder
+from wrt.backend.fingerprint import TESTED, fingerprint, folder_of, version_of
+from wrt.backend.kernel_cache import State, digest, state
+
+KEPT = 16
+"""Tables that are kept, for different versions of the kernels and of Warp, and for different processors."""
+
+_HANDLES = itertools.count()
+"""Numbers of the files that this process has loaded."""
+
+Table = dict[str, dict[str, Any]]
+
+
+class Artefacts:
+    """The compiled kernels that are in the cache, and those loaded into this process.
+
+    Attributes:
+        can_launch: Whether compiled kernels run without Warp: on Linux, with a version of Warp that was tested.
+        path: The file of the table; nothing is kept without one.
+        folders: The folders that are searched for the table; it is written to the first writable one.
+        warp_version: The version of Warp that compiles the kernels.
+        table: The table.
+    """
+
+    def __init__(self) -> None:
+        """Read the table for the current kernels, if this machine has one."""
+        self._warp = folder_of("warp")
+        self.warp_version = version_of(self._warp)
+        self.can_launch = sys.platform.startswith("linux") and self.warp_version in TESTED
+        self.path: Path | None = None
+        self.folders: list[Path] = []
+        self.table: Table = {"files": {}, "structs": {}, "modules": {}, "calls": {}}
+        self._clang: Any = None
+        self._loaded: dict[str, bytes] = {}
+        self._damaged: set[Path] = set()
+        self._lock = threading.RLock()
+        self._is_saved = True
+        if self.can_launch:
+            with contextlib.suppress(OSError):
+                self.path = wrt_folder() / f"artefacts-{fingerprint(self._warp)}.json"
+                self.folders.append(self.path.parent)
+                self.refresh()
+
+    def refresh(self) -> None:
+        """Read what other processes may have added."""
+        for folder in self.folders:
+            assert self.path is not None
+            path = folder / self.path.name
+            with contextlib.suppress(OSError):
+                checksum, _, text = path.read_bytes().partition(b"\n")
+                if checksum == digest(text):
+                    for part, entries in json.loads(text).items():
+                        self.table[part] |= entries
+                elif path not in self._damaged:
+                    self._damaged.add(path)
+                    warnings.warn(f"{path}: the table of compiled kernels was damaged; it is replaced", stacklevel=2)
+
+    def lock(self) -> AbstractContextManager[bool]:
+        """Return a context that only one process of a user can hold at a time."""
+        if self.path is None:
+            return contextlib.nullcontext(False)
+        with contextlib.suppress(OSError):  # without a lock, processes compile in parallel
+            make_private(self.path.parent)
+        return locked(self.path.parent, seconds=math.inf)
+
+    def get(self, part: str, name: str) -> Any:
+        """Return an entry of a part of the table, or None."""
+        return self.table[part].get(name)
+
+    def add(self, part: str, name: str, entry: Any) -> None:
+        """Add an entry, which the next `save` keeps for other processes."""
+        if self.table[part].get(name) != entry:
+            self.table[part][name] = entry
+            self._is_saved = False
+
+    def has(self, call: str) -> bool:
+        """Return whether the kernel that a call returns is compiled and in the cache (see `describe.call_name`)."""
+        kernel = self.table["calls"].get(call, {}).get("kernel")
+        return kernel is not None and self._has_file(kernel[0])
+
+    def _has_file(self, module: str) -> bool:
+        entry = self.table["files"].get(module)
+        try:
+            return entry is not None and os.path.getsize(entry["file"]) == entry["bytes"]
+        except OSError:
+            return False
+
+    def kernel(self, module: str, key: str) -> tuple[Any, list[Any]] | None:
+        """Load one of Warp's modules into this process, and return one of its kernels with its argument layout.
+
+        Return None if it is not compiled, or if its file is missing, damaged or open to others.
+        """
+        entry = self.table["files"].get(module)
+        if entry is None or key not in entry["kernels"]:
+            return None
+        symbol, *layout = entry["kernels"][key]
+        file = Path(entry["file"])
+        with self._lock:
+            if entry["file"] not in self._loaded and not (
+                self._has_file(module) and state(file) is State.WHOLE and is_private(file.parent)
+            ):
+                return None
+            function = self.load(file, symbol)
+        return None if function is None else (function, layout)
+
+    def load(self, file: Path, symbol: str) -> Any:
+        """Load a compiled file, unless it is loaded, and return the function with a symbol; None if it has none."""
+        with self._lock:
+            if str(file) not in self._loaded:
+                handle = f"wrt_{next(_HANDLES)}".encode()
+                if self._native().wp_load_obj(os.fsencode(file), handle, False) != 0:
+                    return None
+                self._loaded[str(file)] = handle
+            address = self._native().wp_lookup(self._loaded[str(file)], symbol.encode())
+        return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(address) if address else None
+
+    def _native(self) -> Any:
+        """Return Warp's library that loads compiled kernels."""
+        if self._clang is None:
+            clang = ctypes.CDLL(str(self._warp / "bin" / "warp-clang.so"))
+            clang.wp_load_obj.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_bool]
+            clang.wp_lookup.argtypes = [ctypes.c_char_p, ctypes.c_char_p]
+            clang.wp_lookup.restype = ctypes.c_uint64
+            # The library wants functions of warp.so (`wp_cpu_block_runtime_api`), which would take 96 MB more. Only
+            # cooperative kernels call them, of which wrt has none. Where Warp runs, users may have such kernels.
+            abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p)
+            if not _is_warp_running():
+                clang.wp_llvm_set_cpu_block_runtime((ctypes.c_void_p * 5)(*[abort.value] * 5))
+            self._clang = clang
+        return self._clang
+
+    def save(self) -> None:
+        """Keep what was added for later processes."""
+        if self._is_saved or self.path is None:
+            return
+        self._is_saved = True
+        self.refresh()  # other processes may have added something while this one compiled
+        text = json.dumps(self.table).encode()
+        for folder in self.folders:
+            with contextlib.suppress(OSError):
+                make_private(folder)
+                # If two processes write at once, one loses its entries; it writes them again after its next render.
+                put(folder / self.path.name, digest(text) + b"\n" + text)
+                keep_latest(folder, "artefacts-*.json", KEPT)
+                return
+
+
+def _is_warp_running() -> bool:
+    """Return whether Warp has started in this process."""
+    context = sys.modules.get("warp._src.context")
+    return context is not None and getattr(context, "runtime", None) is not None

@@ -1,0 +1,79 @@
+"""Start Warp quietly, with wrt's folders."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from functools import cache
+from pathlib import Path
+
+from wrt.backend import cache_folders
+from wrt.backend.memory import forget_code
+
+# Lines that Warp writes at every start and that users cannot act on: that there is no GPU or its driver is too old,
+# which wrt reports in one line when it matters, and that its next release will drop the oldest Python.
+_HELD_BACK = (
+    b"Could not find or load the NVIDIA CUDA driver",
+    b"Warp UserWarning: \n",
+    b"Insufficient CUDA driver version",
+    b"The minimum required CUDA driver version",
+    b"Visit https://nvidia.github.io/warp",
+    b"Support for Python",
+)
+
+
+_STARTING = threading.Lock()
+
+
+def initialize_warp() -> None:
+    """Start Warp quietly, once."""
+    with _STARTING:
+        _initialize()
+
+
+@cache
+def _initialize() -> None:
+    """Start Warp, whose native library writes directly to file descriptor 2; the lines of _HELD_BACK are removed."""
+    import tempfile
+
+    import warp as wp
+
+    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
+    _prepare_folders()
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with tempfile.TemporaryFile() as caught:
+            os.dup2(caught.fileno(), 2)
+            try:
+                wp.init()
+            finally:
+                os.dup2(kept, 2)
+            caught.seek(0)
+            for line in caught:
+                if not any(text in line for text in _HELD_BACK):
+                    os.write(2, line)
+    finally:
+        os.close(kept)
+    # Release 90 MB of code of Warp's libraries: the code that runs when they load is spread all over them.
+    forget_code(*warp_libraries())
+
+
+def _prepare_folders() -> None:
+    """Choose the folder of compiled kernels, and remove leftovers of killed processes."""
+    import warp as wp
+
+    cache_folders.choose_warp_folder()
+    version = wp.config.version
+    kernels = Path(wp.config.kernel_cache_dir)
+    kernels = kernels if kernels.name == version else kernels / version  # Warp adds the version when it starts
+    notes = cache_folders.wrt_folder()
+    cache_folders.remove_leftovers(kernels, notes, *notes.glob("headers-*"))
+
+
+def warp_libraries() -> list[Path]:
+    """Return Warp's libraries."""
+    import warp as wp
+
+    return [Path(wp.__file__).parent / "bin" / name for name in ("warp.so", "warp-clang.so")]

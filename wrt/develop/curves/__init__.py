@@ -1,1 +1,0 @@
-"""Tone curves, a file each."""

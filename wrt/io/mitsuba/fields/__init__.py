@@ -1,1 +1,0 @@
-"""Grids of Mitsuba's volume files, and the surfaces in them."""

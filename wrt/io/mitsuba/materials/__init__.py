@@ -1,1 +1,0 @@
-"""Read Mitsuba's BSDFs and textures as wrt's materials."""

@@ -1,0 +1,88 @@
+"""Registration of custom cameras, lights and materials, by their names in scene files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from wrt.errors import InputError
+from wrt.scene.camera import CAMERAS, Camera
+from wrt.scene.lights import LIGHTS, Light
+from wrt.scene.materials import MATERIALS, Material
+
+if TYPE_CHECKING:
+    from wrt.kernels.bsdf.record import Model
+    from wrt.kernels.camera.camera import CameraModel
+    from wrt.kernels.lights.record import LightModel
+
+_BUILT_IN = "wrt."
+"""Prefix of the modules of built-in classes."""
+
+
+def register_camera(cls: type[Camera], model: CameraModel) -> None:
+    """Make a custom camera known to scenes and scene files.
+
+    A class of the same name from the same module replaces the one registered before, as when a notebook cell runs
+    again. Existing renderers are not affected.
+
+    Args:
+        cls: the description, with a `type_name` and a `film`.
+        model: its device functions.
+
+    Raises:
+        InputError: if `type_name` is empty or taken by another camera.
+    """
+    from wrt.kernels.camera.models import CAMERA_MODELS
+
+    _register(CAMERAS, cls, lambda name, owner: CAMERA_MODELS.register(name, model, owner))
+
+
+def register_light(cls: type[Light], model: LightModel) -> None:
+    """Make a custom light known to scenes and scene files; registering it again is as for `register_camera`.
+
+    Args:
+        cls: the description, with a `type_name`.
+        model: its device functions.
+
+    Raises:
+        InputError: if `type_name` is empty or taken by another light, or the model lacks a function.
+    """
+    from wrt.kernels.lights.shapes import LIGHT_SHAPES
+
+    _register(LIGHTS, cls, lambda name, owner: LIGHT_SHAPES.register(name, model, owner))
+
+
+def register_material(cls: type[Material], model: Model | None = None) -> None:
+    """Make a custom material known to scene files and `wrt materials`; see `register_camera` for registering it again.
+
+    Args:
+        cls: the description, with a `type_name`.
+        model: its device functions, unless it uses the model of another material.
+
+    Raises:
+        InputError: if `type_name` is empty or taken by another material, or the model is invalid.
+    """
+    if model is None:
+        _register(MATERIALS, cls, lambda name, owner: None)
+        return
+    from wrt.kernels.bsdf import register_model
+
+    _register(MATERIALS, cls, lambda name, owner: register_model(name, model, owner))
+
+
+def _register(registered: dict[str, Any], cls: Any, register_model: Callable[[str, str], None]) -> None:
+    """Add a class to those registered, and its device functions by the name and the origin of the class."""
+    previous = registered.get(cls.type_name, cls)
+    is_taken = previous.__module__.startswith(_BUILT_IN) or _origin(previous) != _origin(cls)
+    if not cls.type_name or is_taken:
+        raise InputError(f"{cls.__name__}: type_name {cls.type_name!r} is empty or taken")
+    try:
+        register_model(cls.type_name.replace("-", "_"), _origin(cls))
+    except ValueError as error:
+        raise InputError(f"{cls.__name__}: {error}") from None
+    registered[cls.type_name] = cls
+
+
+def _origin(cls: type) -> str:
+    """Return the qualified name of a class, which identifies it when it is registered again."""
+    return f"{cls.__module__}.{cls.__qualname__}"

@@ -1,0 +1,70 @@
+"""What cameras, lights, materials and the like share: checks of their fields, a name in scene files, a kernel model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, TypeAlias
+
+from wrt.errors import InputError
+from wrt.values import one_of
+
+Check: TypeAlias = Callable[[Any, str], Any]
+"""Takes the value of a field and its name for messages; returns the value to keep, or raises InputError."""
+
+Checks: TypeAlias = Mapping[str, Check]
+"""Checks by the names of fields."""
+
+
+class Description:
+    """Base of dataclasses that check their fields when an object is made, those of their bases first."""
+
+    __slots__ = ()
+
+    checks: ClassVar[Checks] = {}
+
+    def __post_init__(self) -> None:
+        for cls in reversed(type(self).__mro__):
+            for name, check in cls.__dict__.get("checks", {}).items():
+                object.__setattr__(self, name, check(getattr(self, name), self._label(name)))
+
+    def _label(self, name: str) -> str:
+        """Return the name of a field for messages."""
+        return name
+
+    def _set(self, **values: Any) -> None:
+        """Replace fields during construction."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+
+class Kind(Description):
+    """Base of the descriptions that have a `type` in scene files and device functions in kernels."""
+
+    type_name: ClassVar[str] = ""
+    """The `type` in scene files."""
+
+    @property
+    def model(self) -> str:
+        """Name of the model in kernels, by default the type's own."""
+        return self.type_name.replace("-", "_")
+
+
+def optional(check: Check) -> Check:
+    """Return a check that also accepts None."""
+    return lambda value, name: None if value is None else check(value, name)
+
+
+def word_of(words: Sequence[str]) -> Check:
+    """Return a check that a value is one of several words."""
+    return lambda value, name: one_of(value, words, name)
+
+
+def instance_of(cls: type) -> Check:
+    """Return a check that a value is an instance of a public class of wrt."""
+
+    def check(value: Any, name: str) -> Any:
+        if not isinstance(value, cls):
+            raise InputError(f"{name} must be a wrt.{cls.__name__}, not {type(value).__name__}")
+        return value
+
+    return check

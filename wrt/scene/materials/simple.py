@@ -1,0 +1,111 @@
+"""Matt surfaces, ideal mirrors and mirrors blurred without facets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+from wrt.errors import InputError
+from wrt.scene.description import Checks, optional
+from wrt.scene.materials.material import Material, color_source, value_source
+from wrt.scene.textures import ColorSource
+
+_DEFAULT_SIDE = 0.1
+
+
+@dataclass(frozen=True)
+class Diffuse(Material):
+    """Lambertian reflection, f = reflectance / π (Lambert 1760), on both sides.
+
+    Attributes:
+        reflectance: fraction of light reflected per channel, 0 to 1; 0.18 is photographers' middle grey.
+    """
+
+    reflectance: ColorSource = 0.18
+
+    type_name: ClassVar[str] = "diffuse"
+    slot_names: ClassVar[tuple[str, ...]] = ("reflectance",)
+    checks: ClassVar[Checks] = {"reflectance": color_source}
+
+
+@dataclass(frozen=True)
+class OrenNayar(Material):
+    """A rough matt surface such as plaster or clay, on both sides; flatter than Diffuse, and retro-reflective.
+
+    The energy-preserving form (Portsmouth, Kutz and Hill 2025) of the model of Oren and Nayar (1994). With `sigma` 0
+    it is Diffuse.
+
+    Attributes:
+        reflectance: fraction of light that each facet reflects per channel, 0 to 1. The surface as a whole reflects
+            less, because light between facets is absorbed more than once; a white one stays white.
+        sigma: standard deviation of the facets' slope angle, radians, 0 to π/2; 0.35 is 20 degrees.
+    """
+
+    reflectance: ColorSource = 0.18
+    sigma: ColorSource = 0.35
+
+    type_name: ClassVar[str] = "oren-nayar"
+    slot_names: ClassVar[tuple[str, ...]] = ("reflectance", "sigma")
+    checks: ClassVar[Checks] = {"reflectance": color_source, "sigma": partial(value_source, maximum=0.5 * math.pi)}
+
+
+@dataclass(frozen=True)
+class Mirror(Material):
+    """An ideal mirror with the same reflectance at every angle, on both sides.
+
+    Attributes:
+        reflectance: fraction of light reflected per channel, 0 to 1.
+    """
+
+    reflectance: ColorSource = 1.0
+
+    type_name: ClassVar[str] = "mirror"
+    slot_names: ClassVar[tuple[str, ...]] = ("reflectance",)
+    checks: ClassVar[Checks] = {"reflectance": color_source}
+
+
+@dataclass(frozen=True)
+class Glossy(Material):
+    """A mirror whose direction is jittered, as in distribution ray tracing: in a square, or by the lobe of Phong.
+
+    The simplest approximation of gloss (Cook, Porter and Carpenter 1984), not a physical BRDF: it is not reciprocal,
+    and its reflectance is the same at every angle. For metals, use RoughConductor.
+
+    Attributes:
+        reflectance: fraction of light reflected per channel, 0 to 1. Near grazing angles, light in the part of the
+            lobe below the surface is lost.
+        side: side of a square at distance 1 that is perpendicular to the mirrored direction, above 0 and at most 100;
+            the blur's full width is 2 atan(side / 2). The default is 0.1.
+        exponent: instead of the square, n of Phong's lobe (n + 1) / 2π cosⁿα around the mirrored direction (1975), 0
+            to 100000.
+    """
+
+    reflectance: ColorSource = 1.0
+    side: ColorSource | None = None
+    exponent: ColorSource | None = None
+
+    type_name: ClassVar[str] = "glossy"
+    checks: ClassVar[Checks] = {
+        "reflectance": color_source,
+        "side": optional(partial(value_source, maximum=100.0, above=0.0)),
+        "exponent": optional(partial(value_source, maximum=100_000.0)),
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.exponent is None and self.side is None:
+            self._set(side=_DEFAULT_SIDE)
+        elif self.exponent is not None and self.side is not None:
+            raise InputError("gloss is given by side or by exponent: choose one of them")
+
+    @property
+    def model(self) -> str:
+        return "glossy" if self.exponent is None else "glossy:phong"
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        width = self.side if self.exponent is None else self.exponent
+        assert width is not None
+        return self.reflectance, width

@@ -1,1 +1,0 @@
-"""Passes over the intermediate form, one per file."""
