@@ -116,4 +116,4 @@ def normalized(values: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
     """Return integers of an accessor's type as float32 from −1 to 1 (section 3.6.2.2), and other numbers unchanged."""
     if kind.kind not in "iu" or values.dtype.kind not in "iu":
         return values
-    return np.maximum(values.astype(np.float32) / float(np.iinfo(kind.name).max), -1.0)
+    return np.asarray(np.maximum(values.astype(np.float32) / float(np.iinfo(kind.name).max), -1.0))

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.gltf.buffers import TYPES, Buffers, Tree, normalized
-from wrt.io.mesh.parts import Part
-from wrt.io.mesh.trimesh_loaders import decoded, matching
+from wrt.io.mesh.parts import Part, decoded, matching
 from wrt.io.safe_read import first_line
 from wrt.linalg import product
 

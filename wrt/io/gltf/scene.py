@@ -111,7 +111,7 @@ def lights_of(tree: Tree) -> list[Light]:
             lights.append(DirectionalLight(direction, irradiance=strength))
         elif light["type"] == "spot":
             cone = light.get("spot", {})
-            degrees = {
+            degrees: dict[str, Any] = {
                 "inner_degrees": math.degrees(cone.get("innerConeAngle", 0.0)),
                 "outer_degrees": math.degrees(cone.get("outerConeAngle", math.pi / 4.0)),
             }

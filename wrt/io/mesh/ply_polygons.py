@@ -190,7 +190,7 @@ def _triangles(
     memory_limits.take(memory_limits.MESHES, 32 * len(corners))
     points = np.stack([vertices[axis] for axis in "xyz"], axis=1)
     triangles, owner = triangulate(path, points, corners, counts)
-    result = [(key, code, columns[key][0][owner]) for key, code in _scalars(kinds)]
+    result: list[tuple[str, str, NDArray[Any]]] = [(key, code, columns[key][0][owner]) for key, code in _scalars(kinds)]
     result += [(f"{name}#", "B", np.full(len(triangles), 3)), (name, "i", corners[triangles])]
     for key in _COORDINATES:
         if key in columns and (columns[key][1] == 2 * counts).all():
