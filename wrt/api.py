@@ -81,7 +81,7 @@ def load(
         environment: replaces the studio's light, or the scene's own environment: an environment, an image file, or
             "sky" for a clear sky with the sun, at the radiance of an exposed picture.
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
-        aspect: width of the picture over its height, for framing; by default that of the scene's settings.
+        aspect: width of the picture over its height, for framing; by default from the scene's settings.
         time: the time, seconds, at which the first animation of a glTF file is; by default the file is at rest. Studio
             and camera are the same for all times.
 
@@ -245,7 +245,7 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
     scene, up = load_file(path, time=stage.time, alone=stage.time is None), reading.up
     if up is None and suffix == ".dae":
-        from wrt.io.by_trimesh import declared_up
+        from wrt.io.mesh.collada import declared_up
 
         up = declared_up(path)
     with naming_file(path):

@@ -179,7 +179,7 @@ def find_encoder(path: str) -> tuple[str, str]:
     raise InputError(f"{path}: {why}; install ffmpeg, or run: pip install 'wrt[video]'; or choose .webp or .gif")
 
 
-def _write_mp4(path: Path, first: Pixels, others: Iterator[Pixels], fps: float) -> None:
+def _write_mp4(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) -> None:
     height, width, _ = first.shape
     if width < 2 or height < 2:
         raise InputError(f"an MP4 must be at least 2x2, not {width}x{height}")
@@ -197,7 +197,7 @@ def _write_mp4(path: Path, first: Pixels, others: Iterator[Pixels], fps: float) 
         )
         assert process.stdin is not None
         try:
-            for pixels in itertools.chain([first], others):
+            for pixels in itertools.chain([first], frames):
                 process.stdin.write(pixels.data)
             process.stdin.close()
         except BrokenPipeError:
@@ -212,10 +212,10 @@ def _write_mp4(path: Path, first: Pixels, others: Iterator[Pixels], fps: float) 
             raise OSError(f"ffmpeg failed: {last_line or f'status {process.returncode}'}")
 
 
-def _write_webp(path: Path, first: Pixels, others: Iterator[Pixels], fps: float) -> None:
+def _write_webp(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) -> None:
     from PIL import Image
 
-    pictures = [Image.fromarray(pixels) for pixels in others]
+    pictures = [Image.fromarray(pixels) for pixels in frames]
     durations = _durations(len(pictures) + 1, fps, unit=1)
     Image.fromarray(first).save(
         path,
@@ -230,10 +230,10 @@ def _write_webp(path: Path, first: Pixels, others: Iterator[Pixels], fps: float)
     )
 
 
-def _write_gif(path: Path, first: Pixels, others: Iterator[Pixels], fps: float) -> None:
+def _write_gif(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) -> None:
     from PIL import Image
 
-    pictures = [Image.fromarray(pixels) for pixels in itertools.chain([first], others)]
+    pictures = [Image.fromarray(pixels) for pixels in itertools.chain([first], frames)]
     palette = _palette(pictures)
     indexed = [each.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for each in pictures]
     indexed[0].save(

@@ -194,8 +194,8 @@ class AnimationRender:
         identity |= {f"the scene's {part}": digest for part, digest in scene.items()}
         # With --frames other frames of the same animation can be added, so their numbers do not count.
         animation = {"turntable": options.turntable} if options.frames is None else {"fps": options.fps}
-        given = {**options.loading, **options.settings, **options.limits, **animation}
-        identity |= {f"--{name.replace('_', '-')}": value for name, value in given.items()}
+        chosen = {**options.loading, **options.settings, **options.limits, **animation}
+        identity |= {f"--{name.replace('_', '-')}": value for name, value in chosen.items()}
         if os.path.isfile(self._source):
             with open(self._source, "rb") as file:
                 digest = hashlib.blake2b(digest_size=16)

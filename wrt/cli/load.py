@@ -26,9 +26,10 @@ def make_renderer(scene: Scene, options: RenderOptions) -> Renderer:
     elif device.startswith("cuda:") and not device[5:].isdecimal():
         from wrt.distributed.processes import devices_of
 
-        device, *others = devices_of(device) or [device]
-        if others:
-            cluster = _processes((device, *others))
+        devices = devices_of(device) or [device]
+        device = devices[0]
+        if len(devices) > 1:
+            cluster = _processes(tuple(devices))
     if cluster is None:
         from wrt.rendering.renderer import Renderer
 

@@ -29,7 +29,9 @@ class Output:
         is_default: whether `name` is wrt's choice: then the picture gets another name where this one is taken.
     """
 
-    def __init__(self, name: str, *, is_default: bool, force: bool, checkpoint: str | None, taken: set[Path]) -> None:
+    def __init__(
+        self, name: str, *, is_default: bool, force: bool, checkpoint: str | None, pictures: set[Path]
+    ) -> None:
         """Name the files.
 
         Args:
@@ -37,12 +39,12 @@ class Output:
             is_default: see there.
             force: whether the picture may replace a file that wrt did not write.
             checkpoint: the path of the checkpoint, or None.
-            taken: paths of pictures of the same command; each render adds its own.
+            pictures: paths of the pictures of this command so far; each render adds its own.
         """
         self.name, self.is_default = name, is_default
         self.picture = Path(name)
         self.checkpoint = None if checkpoint is None else Path(checkpoint)
-        self._force, self._taken = force, taken
+        self._force, self._pictures = force, pictures
 
     def check(self) -> None:
         """Choose a free name for the picture, and raise InputError if a file must not be written.
@@ -54,7 +56,7 @@ class Output:
         from wrt.rendering.checkpoint import CHECKPOINT
 
         if self.is_default:
-            self.picture = free_path(Path(self.name), PICTURE, taken=self._taken, force=self._force)
+            self.picture = free_path(Path(self.name), PICTURE, taken=self._pictures, force=self._force)
         else:
             self.picture = check_output(self.name, force=self._force)
         if self.checkpoint is not None:
@@ -87,7 +89,7 @@ class Output:
             self._save_checkpoint(renderer)
         finally:
             developed = self._save_picture(renderer)
-            self._taken.add(self.picture)
+            self._pictures.add(self.picture)
         return developed
 
     def saved_files(self) -> str:
@@ -123,7 +125,7 @@ class Output:
 
         for folder in (self.picture.parent, Path(), Path(tempfile.gettempdir())):
             with contextlib.suppress(InputError):
-                path = free_path(folder / self.picture.name, PICTURE, taken=self._taken)
+                path = free_path(folder / self.picture.name, PICTURE, taken=self._pictures)
                 developed = renderer.save(path)
                 self.picture = path
                 return developed
@@ -169,9 +171,10 @@ def outputs_of(options: RenderOptions) -> list[Output]:
             name = os.path.basename(name)
             complain("note", f"{source}: the picture is {name}, because another input has the same name")
     # A default name never replaces a file that wrt did not write.
-    force, taken = options.force and options.output is not None, set[Path]()
+    force, pictures = options.force and options.output is not None, set[Path]()
     return [
-        Output(name, is_default=not is_file, force=force, checkpoint=options.checkpoint, taken=taken) for name in names
+        Output(name, is_default=not is_file, force=force, checkpoint=options.checkpoint, pictures=pictures)
+        for name in names
     ]
 
 

@@ -47,9 +47,9 @@ def _render(options: RenderOptions, interrupts: Interrupts) -> int:
     number, of = options.part
     if len(options.inputs) > 1:
         raise InputError("--part is for a single input; render the inputs one at a time")
-    given = {**options.limits, **options.settings, "checkpoint": options.checkpoint, "dask": options.dask}
+    chosen = {**options.limits, **options.settings, "checkpoint": options.checkpoint, "dask": options.dask}
     for name, message in _FOR_WHOLE_PICTURES.items():
-        if given[name]:
+        if chosen[name]:
             raise InputError(message)
     source = options.inputs[0]
     output = Path(options.output or default_name(source, number, of))

@@ -24,7 +24,7 @@ KERNELS = (
     "wrt.kernels.accel.build.collapse",
     "wrt.kernels.accel.build.presplit",
 )
-"""Kernel modules for rendering a large mesh: they take long to import, and are imported where none is compiled yet."""
+"""Kernel modules for rendering a large mesh; they are imported if they are not compiled yet, which takes long."""
 
 LARGE_FILE = 1 << 20
 """Bytes above which a file is large."""

@@ -135,9 +135,9 @@ def _contents(file: Path, data: bytes, time: float | None) -> Contents:
 
         return read_step(file, data)
     if suffix == ".dae":
-        from wrt.io.by_trimesh import read_by_trimesh
+        from wrt.io.mesh.collada import read_collada
 
-        return read_by_trimesh(file, data)
+        return read_collada(file, data)
     if suffix == ".obj":
         from wrt.io.mesh.obj import read_obj as read
     elif suffix == ".ply":

@@ -21,9 +21,10 @@ from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import GltfMaterials
 from wrt.io.gltf.scene import cameras_of, lights_of
 from wrt.io.mesh.mtl import MtlMaterials
-from wrt.io.mesh.parts import Contents, Part, placed
+from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed
 from wrt.io.mesh.ply import strips_of
-from wrt.io.mesh.trimesh_loaders import COLOR_MAP, Beside, decoded, is_stand_in, matching
+from wrt.io.mesh.sidecars import COLOR_MAP, Sidecars
+from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
 from wrt.scene.normals import corner_weighted_normals
 
@@ -115,7 +116,7 @@ class _Reader:
         self._linear = file_type(source) in _LINEAR_FILES
         self._path = Path(source.source.file_path or OF_TRIMESH)
         self._resolver = source.source.resolver
-        self._beside = Beside(self._path) if source.source.file_path else None
+        self._sidecars = Sidecars(self._path) if source.source.file_path else None
         self._images = _HeldImages(Path(name))
         self._descriptions: list[Tree] = []
         self._physical = GltfMaterials(Path(name), self._descriptions, self._images)
@@ -241,8 +242,8 @@ class _Reader:
         if name in self._maps:
             image: Source = self._maps[name]
             return image
-        if self._beside is not None:
-            return self._beside.find(name)
+        if self._sidecars is not None:
+            return self._sidecars.find(name)
         try:
             data: bytes = self._resolver.get(name)
         except Exception:  # noqa: BLE001 - resolvers of archives and of the network fail in ways of their own

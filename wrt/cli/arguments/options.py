@@ -8,24 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 from wrt._version import __version__
+from wrt.cli.arguments import types
 from wrt.cli.arguments.parser import Once, Parser, parse_with
-from wrt.cli.arguments.types import (
-    choice,
-    crop,
-    definition,
-    duration,
-    exposure,
-    finite,
-    frames,
-    interval,
-    material,
-    part,
-    positive,
-    share,
-    size,
-    view,
-    whole,
-)
+from wrt.cli.arguments.types import choice, positive, whole
 from wrt.errors import InputError
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -43,20 +28,18 @@ examples:
   wrt info robot.glb
 """
 
-SCENE = "built-in scene, scene file or mesh file, as for wrt render"
-
 VALUES: dict[str, tuple[str, Callable[[str], Any], str]] = {
     "--spp": ("N", whole(1), "samples per pixel in total (default: from the scene)"),
-    "--time": ("TIME", duration,
+    "--time": ("TIME", types.duration,
         "stop after this time, such as 90, 90s, 1m30s or 1:30; without --spp there is no sample limit"),
-    "--noise": ("SHARE", share,
+    "--noise": ("SHARE", types.share,
         "stop when the noise of the picture is below this share of its brightness, such as 1%% or 0.01"),
-    "--size": ("WxH", size, "resolution: 640x480, 720p, 1080p or 4k (default: from the scene)"),
-    "--crop": ("X0,Y0,X1,Y1", crop, "render only columns X0 to X1-1 and rows Y0 to Y1-1"),
-    "--view": ("VIEW", view,
+    "--size": ("WxH", types.size, "resolution: 640x480, 720p, 1080p or 4k (default: from the scene)"),
+    "--crop": ("X0,Y0,X1,Y1", types.crop, "render only columns X0 to X1-1 and rows Y0 to Y1-1"),
+    "--view": ("VIEW", types.view,
         "view the scene from AZIMUTH,ELEVATION in degrees, or from the front, right, back, left, top, bottom or "
         "three-quarter"),
-    "--material": ("NAME", material, "material of a mesh, such as gold, glass or diffuse:0.8,0.2,0"),
+    "--material": ("NAME", types.material, "material of a mesh, such as gold, glass or diffuse:0.8,0.2,0"),
     "--environment": ("FILE", str, "light the scene with an image, such as an .hdr, or with sky for sun and sky"),
     "--layers": ("NAMES", str, "layers to add to an .exr: albedo, normal, depth and others (see the docs)"),
     "--triangles": ("N", whole(1), "number of triangles of a procedural mesh"),
@@ -70,21 +53,21 @@ VALUES: dict[str, tuple[str, Callable[[str], Any], str]] = {
     "--sampler": ("NAME", str, "independent, stratified, sobol or blue-noise (default: from the scene)"),
     "--integrator": ("NAME", str, "path, direct, whitted, ao or aov (default: from the scene)"),
     "--clamp-indirect": ("RADIANCE", positive, "limit the indirect radiance of each path; biased"),
-    "--regularization": ("ALPHA", finite, "add this roughness to rough surfaces along a path; biased"),
+    "--regularization": ("ALPHA", types.finite, "add this roughness to rough surfaces along a path; biased"),
     "--tone": ("NAME", str,
         "tone curve of a PNG or JPEG: soft, none, neutral, agx, aces, ocio or ocio:CONFIG,DISPLAY,VIEW (default: "
         "soft)"),
-    "--exposure": ("STOPS", exposure,
+    "--exposure": ("STOPS", types.exposure,
         "brighten a PNG or JPEG by this many stops (factors of two), or auto (default: 0, and auto for pictures "
         "that would be mostly white or dark)"),
     "--turntable": ("N", whole(2),
         "render N frames once around the scene, to a video (.mp4, .webp or .gif) or to frames (cow_%%04d.png)"),
-    "--frames": ("A-B", frames,
+    "--frames": ("A-B", types.frames,
         "render frames A to B of a scene with keyframes or a glTF animation; frame f is at f / FPS seconds"),
     "--fps": ("FPS", positive, "frames per second (default: 24)"),
-    "--part": ("I/N", part,
+    "--part": ("I/N", types.part,
         "render only part I of N, from 1/N to N/N, to a file for wrt merge (default: INPUT-I-of-N.wrt)"),
-    "--save-every": ("TIME", interval,
+    "--save-every": ("TIME", types.interval,
         "time between saves of picture and checkpoint during the render, or never (default: 60 s for the "
         "checkpoint; for the picture 2 s at first, then longer and longer)"),
     "--sensor": ("N", whole(0), "which sensor of a Mitsuba scene is the camera, from 0"),
@@ -113,7 +96,12 @@ FLAGS = {
 """Options without a value, and their help."""
 
 SPECIAL: dict[str, dict[str, Any]] = {
-    "--output": {"metavar": "OUT", "action": Once},
+    "--output": {
+        "metavar": "OUT",
+        "action": Once,
+        "help": "picture to write: .png, .jpg, .exr or .npy (default: INPUT's name with .png, in the current folder); "
+        "for several inputs, a folder",
+    },
     "--checkpoint": {"metavar": "FILE", "action": Once, "help": "save the state of the render here, for --resume"},
     "--adaptive": {
         "action": "store_true",
@@ -134,7 +122,7 @@ SPECIAL: dict[str, dict[str, Any]] = {
         "dest": "parameters",
         "metavar": "NAME=VALUE",
         "action": "append",
-        "type": definition,
+        "type": types.definition,
         "help": "value of the parameter $NAME in a Mitsuba scene",
     },
     "--up": {
@@ -177,6 +165,26 @@ def _join_negative_values(arguments: list[str]) -> list[str]:
     return joined
 
 
+ARGUMENTS: dict[str, dict[str, Any]] = {
+    "NAME": {"dest": "name", "nargs": "?", "help": "describe this material, such as diffuse"},
+    "SCENE": {"dest": "source", "help": "built-in scene, scene file or mesh file, as for wrt render"},
+    "OUT.toml": {
+        "dest": "output",
+        "help": "scene file to write, with its arrays in the folder OUT_files; or a GLB file for other programs",
+    },
+    "PICTURE": {"dest": "source", "help": "picture of radiance: .exr, .hdr or .npy"},
+    "PART": {"dest": "inputs", "nargs": "+", "help": "files that wrt render --part has written, in any order"},
+    "SHELL": {"dest": "shell", "choices": SHELLS, "type": choice(SHELLS), "help": ", ".join(SHELLS)},
+    "INPUT": {
+        "dest": "inputs",
+        "nargs": "+",
+        "help": "built-in scene (see 'wrt scenes'), scene file (.toml, or Mitsuba .xml) or mesh file; several inputs "
+        "are rendered in turn",
+    },
+}
+"""Arguments that are not options."""
+
+
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
@@ -189,107 +197,91 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"wrt {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=Parser)
 
-    def command(name: str, summary: str, details: str = "", *, module: str = "wrt.cli.commands") -> Parser:
-        """Add a command; in its own help `details` follow the summary."""
-        parser: Parser = commands.add_parser(
+    def command(name: str, words: str, summary: str, *, module: str = "wrt.cli.commands", **changes: Any) -> Parser:
+        """Add a command with arguments and options of the tables above.
+
+        Args:
+            name: its name.
+            words: its arguments and options.
+            summary: what it does; the list of commands shows the part up to a vertical bar.
+            module: the module of its function.
+            changes: a different help, or other settings, of some arguments.
+        """
+        short, _, details = summary.partition("|")
+        added: Parser = commands.add_parser(
             name,
-            help=summary,
-            description=f"{summary[0].upper()}{summary[1:]}{details}.",
+            help=short,
+            description=f"{short[0].upper()}{short[1:]}{details}.",
             formatter_class=argparse.RawDescriptionHelpFormatter if name == "render" else argparse.HelpFormatter,
             allow_abbrev=False,
         )
-        parser.set_defaults(run=_imported_when_called(module, name))
-        return parser
+        added.set_defaults(run=_imported_when_called(module, name))
+        for word in words.split():
+            _add(added, word, changes.get(word.removeprefix("--").lower(), {}))
+        return added
 
-    command("scenes", "list the built-in scenes")
-    command("schema", "print the JSON schema of scene files", ", for editors")
-
-    materials = command("materials", "list the materials and their parameters, or describe one")
-    materials.add_argument("name", metavar="NAME", nargs="?", help="describe this material, such as diffuse")
-    _add(materials, "--presets")
-
-    info = command(
+    command("scenes", "", "list the built-in scenes")
+    command("schema", "", "print the JSON schema of scene files|, for editors")
+    command("materials", "NAME --presets", "list the materials and their parameters, or describe one")
+    command(
         "info",
-        "show what a scene or mesh file contains",
-        ": shapes, materials, textures, lights and camera",
+        "SCENE --system --memory --size --confined",
+        "show what a scene or mesh file contains|: shapes, materials, textures, lights and camera",
+        scene={"nargs": "?"},
+        size={"help": "with --memory: the size of the picture"},
     )
-    info.add_argument("source", metavar="SCENE", nargs="?", help=SCENE)
-    _add(info, "--system --memory --size --confined", size="with --memory: the size of the picture")
-
-    convert = command(
+    command(
         "convert",
-        "convert any scene or mesh to a scene file or GLB",
-        ", with its arrays in a folder beside it. Both render to bit-identical pictures",
+        "SCENE OUT.toml --up --force --confined",
+        "convert any scene or mesh to a scene file or GLB|, with its arrays in a folder beside it. Both render to "
+        "bit-identical pictures",
+        force={"help": "overwrite existing files"},
     )
-    convert.add_argument("source", metavar="SCENE", help=SCENE)
-    convert.add_argument(
-        "output",
-        metavar="OUT.toml",
-        help="scene file to write, with its arrays in the folder OUT_files; or a GLB file for other programs",
+    command(
+        "develop",
+        "PICTURE --output --tone --exposure --force",
+        "turn a picture of radiance into a PNG or a JPEG| with an exposure and a tone curve",
+        output={"help": "picture to write: .png or .jpg (default: PICTURE's name with .png)"},
     )
-    _add(convert, "--up --force --confined", force="overwrite existing files")
-
-    develop = command(
-        "develop", "turn a picture of radiance into a PNG or a JPEG", " with an exposure and a tone curve"
+    command(
+        "merge",
+        "PART --output --checkpoint --tone --exposure --force --quiet",
+        "merge the parts of a render to its picture|, bit for bit",
+        module="wrt.cli.parts",
+        output={"required": True, "help": "picture to write: .png, .jpg, .exr or .npy"},
+        checkpoint={"help": "also save the state, for wrt render SCENE --resume"},
     )
-    develop.add_argument("source", metavar="PICTURE", help="picture of radiance: .exr, .hdr or .npy")
-    written = "picture to write: .png or .jpg (default: PICTURE's name with .png)"
-    _add(develop, "--output --tone --exposure --force", output=written)
-
-    merge = command("merge", "merge the parts of a render to its picture", ", bit for bit", module="wrt.cli.parts")
-    merge.add_argument(
-        "inputs", metavar="PART", nargs="+", help="files that wrt render --part has written, in any order"
-    )
-    written = "picture to write: .png, .jpg, .exr or .npy"
-    merge.add_argument("-o", "--output", metavar="OUT", action=Once, required=True, help=written)
-    saved = "also save the state, for wrt render SCENE --resume"
-    _add(merge, "--checkpoint --tone --exposure --force --quiet", checkpoint=saved)
-
-    completion = command(
+    command(
         "completion",
-        "print shell code that completes wrt's commands and options",
-        '. In bash and zsh: eval "$(wrt completion bash)"; in fish: wrt completion fish | source',
+        "SHELL",
+        "print shell code that completes wrt's commands and options|. In bash and zsh: "
+        'eval "$(wrt completion bash)"; in fish: wrt completion fish | source',
     )
-    completion.add_argument("shell", metavar="SHELL", choices=SHELLS, type=choice(SHELLS), help=", ".join(SHELLS))
-
-    compile = command(
+    command(
         "compile",
-        "compile the kernels that renders of scenes need",
-        ", so that no render waits for a compiler: for images of containers and for clusters",
+        f"INPUT --general --denoise {STUDIO} --device --threads {INTEGRATION} {READING}",
+        "compile the kernels that renders of scenes need|, so that no render waits for a compiler: for images of "
+        "containers and for clusters",
+        input={"nargs": "*", "metavar": "SCENE", "help": f"{ARGUMENTS['SCENE']['help']}, like the options below"},
+        denoise={"help": "also compile what removing noise needs"},
     )
-    compile.add_argument("inputs", metavar="SCENE", nargs="*", help=f"{SCENE}, like the options below")
-    _add(
-        compile,
-        f"--general --denoise {STUDIO} --device --threads {INTEGRATION} {READING}",
-        denoise="also compile what removing noise needs",
+    command(
+        "view",
+        "SCENE --watch --no-browser --port --spp --size --device --threads --seed --up --confined",
+        "show a scene in the browser while it converges",
+        module="wrt.cli.view",
+        spp={"help": "samples per pixel at which rendering pauses (default: at least 1024)"},
     )
-
-    live = command("view", "show a scene in the browser while it converges", module="wrt.cli.view")
-    live.add_argument("source", metavar="SCENE", help=SCENE)
-    _add(
-        live,
-        "--watch --no-browser --port --spp --size --device --threads --seed --up --confined",
-        spp="samples per pixel at which rendering pauses (default: at least 1024)",
+    render = command(
+        "render",
+        f"INPUT --output --spp --time --noise --adaptive --adaptive-unbiased --denoise {STUDIO} --device --threads "
+        f"--dask --seed --max-depth {INTEGRATION} --tone --exposure --turntable --frames --fps --part --checkpoint "
+        f"--resume --save-every --force --quiet --json {READING}",
+        "render scenes and meshes to pictures",
+        module="wrt.cli.render",
+        device={"help": "device to render on: cpu, cuda, cuda:N, or several GPUs: cuda:0,1 or cuda:all (default: cpu)"},
     )
-
-    render = command("render", "render scenes and meshes to pictures", module="wrt.cli.render")
     render.epilog = EXAMPLES
-    render.add_argument(
-        "inputs",
-        metavar="INPUT",
-        nargs="+",
-        help="built-in scene (see 'wrt scenes'), scene file (.toml, or Mitsuba .xml) or mesh file; several inputs are "
-        "rendered in turn",
-    )
-    _add(
-        render,
-        f"--output --spp --time --noise --adaptive --adaptive-unbiased --denoise {STUDIO} --device --threads --dask "
-        f"--seed --max-depth {INTEGRATION} --tone --exposure --turntable --frames --fps --part --checkpoint --resume "
-        f"--save-every --force --quiet --json {READING}",
-        output="picture to write: .png, .jpg, .exr or .npy (default: INPUT's name with .png, in the current folder); "
-        "for several inputs, a folder",
-        device="device to render on: cpu, cuda, cuda:N, or several GPUs: cuda:0,1 or cuda:all (default: cpu)",
-    )
     return parser
 
 
@@ -303,16 +295,18 @@ def _imported_when_called(module: str, name: str) -> Callable[..., int]:
     return run
 
 
-def _add(parser: Parser, options: str, **helps: str) -> None:
-    """Add options of the tables above to a command, some with another help."""
-    for option in options.split():
-        if option in VALUES:
-            details: dict[str, Any] = dict(zip(("metavar", "type", "help"), VALUES[option], strict=True))
-            details["default"] = DEFAULTS.get(option)
-        elif option in FLAGS:
-            details = {"action": "store_true", "help": FLAGS[option]}
-        else:
-            details = dict(SPECIAL[option])
-        details["help"] = helps.get(option.removeprefix("--"), details.get("help"))
-        names = [SHORT[option], option] if option in SHORT else [option]
-        parser.add_argument(*names, **details)
+def _add(parser: Parser, word: str, changes: dict[str, Any]) -> None:
+    """Add an argument or option of the tables above to a command, with some of its settings changed."""
+    if not word.startswith("--"):
+        settings = {"metavar": word, **ARGUMENTS[word], **changes}
+        parser.add_argument(settings.pop("dest"), **settings)
+        return
+    if word in VALUES:
+        settings = dict(zip(("metavar", "type", "help"), VALUES[word], strict=True))
+        settings["default"] = DEFAULTS.get(word)
+    elif word in FLAGS:
+        settings = {"action": "store_true", "help": FLAGS[word]}
+    else:
+        settings = SPECIAL[word]
+    names = [SHORT[word], word] if word in SHORT else [word]
+    parser.add_argument(*names, **{**settings, **changes})
