@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import sys
 import time
@@ -16,6 +17,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests"), str(ROOT / "scripts")]
+# No general kernel stands in for the scalar one, which the films are recorded with.
+os.environ.update(WRT_WIDE="0", WRT_BACKGROUND="0")
 RECORDED = ROOT / "tests" / "data" / "digests.json"
 
 

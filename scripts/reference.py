@@ -251,7 +251,8 @@ def keys_of(found: dict[str, Any]) -> dict[str, list[str]]:
             default = "required" if key in found.get("required", ()) else ""
             if "default" in value:
                 default = f"`{json.dumps(value['default'])}`"
-            rows[key] = [values_in_words(value), default, meaning_of(value)]
+            kind = values_in_words(value)
+            rows[key] = [kind, default, meaning_of(value, kind)]
     return rows
 
 
@@ -260,12 +261,14 @@ def table_of_keys(keys: dict[str, list[str]]) -> str:
     return table(["key", "value", "default", "meaning"], [[f"`{key}`", *row] for key, row in keys.items()])
 
 
-def meaning_of(value: dict[str, Any]) -> str:
-    """Return a key's description, without words that concern only Python."""
+def meaning_of(value: dict[str, Any], kind: str) -> str:
+    """Return a key's description, without words that concern only Python, and without limits that `kind` has."""
     text = value.get("description", "")
     text = re.sub(r",? ?one of [A-Z_]+(, or two, for u and for v)?\.?$", ".", text).lstrip(".") or "one of these."
     text = re.sub(r"one of [A-Z_]+; ", "", text)
     text = re.sub(r"\bNone (is|for)\b", "by default", text)
+    text = re.sub(",? per channel", "", text) if kind.startswith("colour") else text
+    text = re.sub(r", 0 (to|and at most) 1\b", "", text) if " 0 to 1" in kind else text
     return (text[:1].upper() + text[1:]).replace("|", "\\|")
 
 

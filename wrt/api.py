@@ -9,7 +9,7 @@ import os
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +20,18 @@ from wrt.io.safe_read import PathLike, confined_to
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh
-from wrt.scene.scene import Scene, Shape
+from wrt.scene.scene import RenderSettings, Scene, Shape
 from wrt.studio.stage import FOR_ANIMATIONS, Stage, make_stage
 from wrt.studio.views import ViewLike
 
+if TYPE_CHECKING:
+    from wrt.rendering.renderer import Renderer
+
 MOST_NAMES = 10_000
 """Maximum number of file names in a folder to search for one similar to a missing file's."""
-_WITH_AXES = ("glb", "gltf", "npz", "usd", "usda", "usdc", "usdz")
-"""File types whose y axis points up."""
 
-_FOR_MESHES = "an up axis is for meshes, not for scenes"
-_FOR_PROCEDURAL = "a number of triangles is for scenes with a procedural mesh"
+_Y_UP = ("glb", "gltf", "npz", "usd", "usda", "usdc", "usdz")
+"""File types whose y axis points up."""
 
 
 def load(
@@ -80,7 +81,7 @@ def load(
         environment: replaces the studio's light, or the scene's own environment: an environment, an image file, or
             "sky" for a clear sky with the sun, at the radiance of an exposed picture.
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
-        aspect: width of the picture over its height, for framing; by default that of the scene's settings.
+        aspect: width of the picture over its height, for framing; by default from the scene's settings.
         time: the time, seconds, at which the first animation of a glTF file is; by default the file is at rest. Studio
             and camera are the same for all times.
 
@@ -96,12 +97,42 @@ def load(
         aspect=aspect,
         time=time,
     )
+    reading = _Reading(triangles, up, parameters or None, sensor)
     with _confined(source if confined else None), _strictly() if strict else contextlib.nullcontext():
-        scene = _load(source, triangles, up, parameters, sensor, stage)
+        scene = _load(source, reading, stage)
     if confined and scene is not source and names_file(scene.settings.tone):
         # Such a configuration names further files, which OpenColorIO opens when a picture is developed.
         raise InputError(f"{source}: tone {scene.settings.tone!r} names a file, which is not read in confinement")
     return scene
+
+
+def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any) -> Scene:
+    """Load a scene to be rendered, and override its settings.
+
+    Args:
+        source: as for `load`.
+        settings: values of fields of `wrt.RenderSettings` by name; None keeps the scene's own value.
+        options: as for `load`; a width and a height among the settings are the aspect.
+
+    Raises:
+        InputError: see `load`; also if the picture is to be denoised and the extra wrt[denoise] is not installed.
+    """
+    width, height = settings.get("width"), settings.get("height")
+    scene = load(source, aspect=width / height if width and height else None, **options)
+    changes = {name: value for name, value in settings.items() if value is not None}
+    scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, **changes))
+    if scene.settings.denoise:
+        from wrt.develop.denoise import require_denoiser
+
+        require_denoiser()
+    return scene
+
+
+def split_settings(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Split keyword arguments into fields of `wrt.RenderSettings` and the others, which are options of `load`."""
+    names = {field.name for field in dataclasses.fields(RenderSettings)} - {"transparent"}  # `load` sets that one
+    settings = {name: value for name, value in options.items() if name in names}
+    return settings, {name: value for name, value in options.items() if name not in names}
 
 
 @contextlib.contextmanager
@@ -117,115 +148,112 @@ def _strictly() -> Iterator[None]:
 
 def _confined(source: Any) -> contextlib.AbstractContextManager[None]:
     """Return a context that confines reading to the folder of `source` if it is a path."""
-    is_path = isinstance(source, (str, os.PathLike)) and not _is_builtin(source)
+    is_path = isinstance(source, (str, os.PathLike)) and not is_builtin(source)
     return confined_to(Path(source).parent if is_path else None)
 
 
-def _is_builtin(source: Any) -> bool:
+def is_builtin(source: Any) -> bool:
+    """Return whether a source is the name of a built-in scene; a file of that name comes first."""
     from wrt import meshes
 
     return isinstance(source, str) and source in meshes.scene_names() and not Path(source).is_file()
 
 
-def _load(
-    source: Any,
-    triangles: int | None,
-    up: str | None,
-    parameters: Mapping[str, Any] | None,
-    sensor: int | None,
-    stage: Stage,
-) -> Scene:
+_ONLY_FOR = {
+    "triangles": "a number of triangles is for scenes with a procedural mesh",
+    "up": "an up axis is for meshes, not for scenes",
+    "parameters": "parameters are only for Mitsuba scenes (.xml)",
+    "sensor": "the number of a sensor is only for Mitsuba scenes (.xml)",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Reading:
+    """The options of `load` that apply to one kind of source each."""
+
+    triangles: int | None
+    up: str | None
+    parameters: Mapping[str, Any] | None
+    sensor: int | None
+
+    def require_only(self, source: object, *applicable: str) -> None:
+        """Raise InputError if an option is given that does not apply to a source."""
+        for name, message in _ONLY_FOR.items():
+            if name not in applicable and getattr(self, name) is not None:
+                raise InputError(f"{source}: {message}")
+
+
+def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     if isinstance(source, (str, os.PathLike)):
-        return _load_path(source, triangles, up, parameters, sensor, stage)
+        return _load_path(source, reading, stage)
     kind = type(source).__name__
-    _refuse(parameters, sensor, kind)
-    if triangles is not None:
-        raise InputError(f"{kind}: {_FOR_PROCEDURAL}")
     if stage.time is not None:
         raise InputError(f"{kind}: {FOR_ANIMATIONS}")
     if isinstance(source, Scene):
-        if up is not None:
-            raise InputError(f"{kind}: {_FOR_MESHES}")
+        reading.require_only(kind)
         source.check()
         return stage.shown(source)
+    reading.require_only(kind, "up")
     if isinstance(source, Mesh):
         from wrt.io.mesh.repair import bare_shape
 
         shapes = [bare_shape(source) if stage.material is None else Shape(source, name=source.name)]
-        if up is None:
-            _name_land(source.name, shapes, "y")
-        return stage.present(source, Scene(shapes), up or "y")
+        if reading.up is None:
+            _warn_of_land(source.name, shapes, "y")
+        return stage.present(source, Scene(shapes), reading.up or "y")
     from wrt.io.load_mesh import load_object
 
     scene = load_object(source, alone=True)
     from wrt.io.trimesh_objects import file_type
 
-    return _shown(source, scene, up, file_type(source), stage)
+    return _present(source, scene, reading.up, file_type(source), stage)
 
 
-def _refuse(parameters: Mapping[str, Any] | None, sensor: int | None, source: object) -> None:
-    """Raise InputError if there are parameters or a sensor, since the source is not a Mitsuba scene."""
-    if parameters:
-        raise InputError(f"{source}: parameters are only for Mitsuba scenes (.xml)")
-    if sensor is not None:
-        raise InputError(f"{source}: the number of a sensor is only for Mitsuba scenes (.xml)")
-
-
-def _load_path(
-    source: PathLike,
-    triangles: int | None,
-    up: str | None,
-    parameters: Mapping[str, Any] | None,
-    sensor: int | None,
-    stage: Stage,
-) -> Scene:
+def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
     from wrt import meshes
     from wrt.io.safe_read import naming_file
 
     path = Path(source)
     if not str(source):
         raise InputError("the name of the input is empty")
-    if _is_builtin(source):
+    if is_builtin(source):
         path = meshes.scene_path(str(source))
     elif not os.path.lexists(path):  # the reader has a better message for a broken link
-        raise InputError(_not_there(source))
-    if path.suffix.lower() == ".xml":
-        if up is not None or triangles is not None:
-            raise InputError(f"{source}: an up axis and a number of triangles are not for Mitsuba scenes")
+        raise InputError(_missing_file(source))
+    suffix = path.suffix.lower()
+    if suffix == ".xml":
+        reading.require_only(source, "parameters", "sensor")
         from wrt.io.file_type import hinting
         from wrt.io.mitsuba.scene import load_mitsuba
 
         # Overflow is not reported here: values are checked where they are used.
         with naming_file(path), hinting(path), np.errstate(all="ignore"):
-            return stage.shown(load_mitsuba(path, parameters=parameters, sensor=sensor))
-    _refuse(parameters, sensor, source)
-    if path.suffix.lower() == ".toml":
-        if up is not None:
-            raise InputError(f"{source}: {_FOR_MESHES}")
+            return stage.shown(load_mitsuba(path, parameters=reading.parameters, sensor=reading.sensor))
+    if suffix == ".toml":
+        reading.require_only(source, "triangles")
         from wrt.io.toml.reader import load_scene
 
-        loaded = load_scene(path, triangles=triangles)
+        loaded = load_scene(path, triangles=reading.triangles)
         with naming_file(path):
             return stage.shown(loaded)
-    if triangles is not None:
-        raise InputError(f"{source}: {_FOR_PROCEDURAL}")
+    reading.require_only(source, "up")
     from wrt.io.load_mesh import load_file
 
     if stage.time is not None:
-        from wrt.animation.file_animation import reach_of_file
+        from wrt.animation.timeline import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
-    scene = load_file(path, time=stage.time, alone=stage.time is None)
-    if up is None and path.suffix.lower() == ".dae":
-        from wrt.io.by_trimesh import declared_up
+    scene, up = load_file(path, time=stage.time, alone=stage.time is None), reading.up
+    if up is None and suffix == ".dae":
+        from wrt.io.mesh.collada import declared_up
 
         up = declared_up(path)
     with naming_file(path):
-        return _shown(source, scene, up, path.suffix.lower().removeprefix("."), stage)
+        return _present(source, scene, up, suffix.removeprefix("."), stage)
 
 
-def _not_there(source: str | os.PathLike[str]) -> str:
-    """Return the error message for a missing file, with a hint at the nearest name."""
+def _missing_file(source: PathLike) -> str:
+    """Return the error message for a missing file, with the most similar name."""
     from wrt import meshes
 
     path = Path(source)
@@ -233,131 +261,100 @@ def _not_there(source: str | os.PathLike[str]) -> str:
         return f"{source}: no such file; standard input is not read"
     if "://" in str(source):
         return f"{source}: no such file; download it first"
-    known: list[str] = []
+    names: list[str] = []
     with contextlib.suppress(OSError, ValueError), os.scandir(path.parent) as entries:
-        known = [entry.name for entry in itertools.islice(entries, MOST_NAMES)]
-    said = f"{source}: no such file"
+        names = [entry.name for entry in itertools.islice(entries, MOST_NAMES)]
+    message = f"{source}: no such file"
     if path.parent == Path():
-        known += meshes.scene_names()
+        names += meshes.scene_names()
         if not path.suffix:
-            said += f", and no built-in scene of that name ({', '.join(meshes.scene_names())})"
-    return said + did_you_mean(path.name, known, likeness=0.75)  # above the default, since most names share a suffix
+            message += f", and no built-in scene of that name ({', '.join(meshes.scene_names())})"
+    return message + did_you_mean(path.name, names, likeness=0.75)  # above the default, since most names share a suffix
 
 
-def _shown(source: object, scene: Scene, up: str | None, kind: str, stage: Stage) -> Scene:
+def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Stage) -> Scene:
     """Return the content of a mesh file or object, with its own lights or in a studio.
 
     Args:
         source: the file or object, for messages.
         scene: its content.
-        up: the given up axis, or None.
+        up: the up axis that was given, or None.
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
     name = name_of(source)
-    if up is None and (kind == "npz" or kind not in _WITH_AXES) and not (scene.lights or scene.camera):
+    if up is None and (kind == "npz" or kind not in _Y_UP) and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
-        up = "y" if kind in _WITH_AXES else guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
-        _name_land(name, scene.shapes, up)
+        up = "y" if kind in _Y_UP else guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
+        _warn_of_land(name, scene.shapes, up)
     if up not in (None, "y") and (scene.lights or scene.camera):
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
 
 
-def _name_land(name: str, shapes: list[Shape], up: str) -> None:
-    """Warn if shapes stand on an edge that may be land, whose axis nothing names."""
+def _warn_of_land(name: str, shapes: list[Shape], up: str) -> None:
+    """Warn if shapes stand on edge that look like land, in a file that does not name its up axis."""
     from wrt.studio.orientation import land_axis
 
     axis = land_axis(shapes, up)
     if axis is not None:
         looks = f"it is thin along {axis} and faces that way"
-        text = f'{name}: {looks}; if it is land, which lies, say up="{axis}", or --up {axis}'
-        warn(text, UserWarning)
+        warn(f'{name}: {looks}; if it is land, which lies flat, use up="{axis}", or --up {axis}', UserWarning)
 
 
 def render(
     source: Any,
     *,
-    up: str | None = None,
-    parameters: Mapping[str, Any] | None = None,
-    strict: bool = False,
-    width: int | None = None,
-    height: int | None = None,
     spp: int | None = None,
     time: float | None = None,
     noise: float | None = None,
     adaptive: bool | str | None = None,
-    denoise: bool | None = None,
     device: str = "cpu",
     seed: int = 0,
     threads: int | None = None,
-    max_depth: int | None = None,
-    crop: tuple[int, int, int, int] | None = None,
-    sampler: str | None = None,
-    integrator: str | None = None,
-    view: ViewLike | None = None,
-    frame: bool | None = None,
-    material: Material | str | None = None,
-    environment: Environment | PathLike | None = None,
-    transparent: bool = False,
     progress: bool | None = None,
+    **options: Any,
 ) -> NDArray[np.float32]:
-    """Render `source` and return (H, W, 3) float32 linear radiance, of the crop window if given.
+    """Render `source` and return (H, W, 3) float32 linear radiance, of the crop window if there is one.
 
     A transparent picture is (H, W, 4): its radiance, 0 where nothing is seen, and its coverage (associated alpha).
 
-    `source`, `up`, `parameters`, `strict`, `view`, `frame`, `material`, `environment` and `transparent` are as for
-    `load`, the other arguments as for `wrt.Renderer` and its `passes`; `denoise` removes noise, see
-    `wrt.Renderer.denoised`. `progress` says whether to show the progress of the render; None is for a bar in
-    terminals and notebooks and nothing elsewhere.
+    Args:
+        source: as for `load`.
+        spp: samples per pixel; without spp, time and noise, the scene's settings decide.
+        time: seconds of rendering.
+        noise: relative noise of the picture at which rendering ends, see `wrt.Renderer.noise`.
+        adaptive: whether tiles that reach this noise stop before the others, see `wrt.Renderer.passes`.
+        device: "cpu", "cuda" or "cuda:N".
+        seed: 0 to 2³² − 1; different seeds give statistically independent pictures.
+        threads: CPU threads; by default all cores.
+        progress: whether to show progress; by default a bar in terminals and notebooks, and nothing elsewhere.
+        options: fields of `wrt.RenderSettings`, which override the scene's own, such as width, height, crop, sampler,
+            integrator, max_depth and denoise; and options of `load`, such as up, view, frame, material, environment,
+            transparent, parameters and strict.
 
     Raises:
         InputError: if an argument cannot be used.
     """
-    from wrt.develop.denoise import require_denoiser
     from wrt.progress.bar import ProgressBar
     from wrt.progress.terminal import bar_stream
     from wrt.rendering.passes import LONGEST_PASS
     from wrt.rendering.renderer import Renderer
 
-    scene = load(
-        source,
-        up=up,
-        parameters=parameters,
-        strict=strict,
-        view=view,
-        frame=frame,
-        material=material,
-        environment=environment,
-        transparent=transparent,
-        aspect=width / height if width and height else None,
-    )
-    if denoise is not None:
-        scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, denoise=denoise))
-    if scene.settings.denoise:
-        require_denoiser()  # before rendering
-    renderer = Renderer(
-        scene,
-        width=width,
-        height=height,
-        device=device,
-        seed=seed,
-        threads=threads,
-        max_depth=max_depth,
-        crop=crop,
-        sampler=sampler,
-        integrator=integrator,
-    )
-    watched = bar_stream() is not None if progress is None else progress
-    seconds = None if watched else LONGEST_PASS
-    with ProgressBar(_label_of(source), time_limit=time, wanted=watched) as bar:
-        for done in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=seconds):
+    settings, loading = split_settings(options)
+    scene = load_with_settings(source, settings, **loading)
+    renderer = Renderer(scene, device=device, seed=seed, threads=threads)
+    is_watched = bar_stream() is not None if progress is None else progress
+    limits: dict[str, Any] = {"spp": spp, "time": time, "noise": noise, "adaptive": adaptive}
+    name = Path(source).stem if isinstance(source, (str, os.PathLike)) else "picture"
+    with ProgressBar(name, time_limit=time, is_shown=is_watched) as bar:
+        for done in renderer.passes(**limits, pass_seconds=None if is_watched else LONGEST_PASS):
             bar.update(done)
-    image, alpha = renderer.denoised() if scene.settings.denoise else renderer.image(), renderer.alpha()
+    return finished_image(renderer)
+
+
+def finished_image(renderer: Renderer) -> NDArray[np.float32]:
+    """Return the radiance of a renderer, denoised if that is set, with the coverage of a transparent picture."""
+    image, alpha = renderer.denoised() if renderer.settings.denoise else renderer.image(), renderer.alpha()
     return image if alpha is None else np.dstack([image, alpha])
-
-
-def _label_of(source: object) -> str:
-    """Return a short name for a source."""
-    return Path(source).stem if isinstance(source, (str, os.PathLike)) else "picture"

@@ -8,13 +8,13 @@ import warnings
 from collections.abc import Iterable
 
 _PART = 4
-"""Characters of a word from which on a name that contains it is similar."""
+"""A name that contains a word of at least this many characters is similar to it."""
 
 LONGEST_MESSAGE = 600
 """Maximum characters of a message; longer ones lose their middle, which repeats input."""
 
 OF_TRIMESH = "trimesh"
-"""What messages call sources without a path, which are objects of that library."""
+"""Name in messages of sources without a path, which are objects of that library."""
 
 
 def one_line(text: str) -> str:
@@ -34,7 +34,7 @@ def is_utf8(path: object) -> bool:
 
 
 class InputError(ValueError):
-    """A file, value or scene cannot be used; the message is one line that says which and why."""
+    """A file, value or scene cannot be used; the message is one line with its name and the reason."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(one_line(str(message)))
@@ -45,7 +45,7 @@ class NotEnoughMemory(InputError):
 
 
 class InputWarning(UserWarning):
-    """Something of the input was left out or will look wrong; the message is one line that says what.
+    """Part of the input was left out or will look wrong; the message is one line that names it.
 
     `warnings.simplefilter("error", wrt.InputWarning)` makes these errors, and "ignore" hides them.
     """
@@ -60,21 +60,21 @@ def warn(message: str, category: type[Warning] = InputWarning) -> None:
 
 
 def name_of(source: object) -> str:
-    """Return what messages call a source: its path if it is one."""
+    """Return the name of a source in messages: its path if it has one."""
     return str(source) if isinstance(source, (str, os.PathLike)) else OF_TRIMESH
 
 
-def did_you_mean(word: object, known: Iterable[str], *, likeness: float = 0.6) -> str:
-    """Return a hint at the most similar known word, for the end of a message, or "" if none is similar.
+def did_you_mean(word: object, words: Iterable[str], *, likeness: float = 0.6) -> str:
+    """Return a hint at the most similar valid word, for the end of a message, or "" if there is no similar word.
 
     Args:
         word: what was typed.
-        known: the valid words.
+        words: the valid words.
         likeness: smallest similarity of two words for a hint, 0 to 1.
     """
     import difflib
 
-    word, names = str(word), list(known)
+    word, names = str(word), list(words)
     near = [name for name in names if name.casefold() == word.casefold()]
     near += difflib.get_close_matches(word, names, 1, likeness)
     if len(word) >= _PART:

@@ -73,8 +73,8 @@ def register_material(cls: type[Material], model: Model | None = None) -> None:
 def _register(registered: dict[str, Any], cls: Any, register_model: Callable[[str, str], None]) -> None:
     """Add a class to those registered, and its device functions by the name and the origin of the class."""
     previous = registered.get(cls.type_name, cls)
-    taken = previous.__module__.startswith(_BUILT_IN) or _origin(previous) != _origin(cls)
-    if not cls.type_name or taken:
+    is_taken = previous.__module__.startswith(_BUILT_IN) or _origin(previous) != _origin(cls)
+    if not cls.type_name or is_taken:
         raise InputError(f"{cls.__name__}: type_name {cls.type_name!r} is empty or taken")
     try:
         register_model(cls.type_name.replace("-", "_"), _origin(cls))

@@ -199,9 +199,9 @@ _DECODED = "for sRGB, take wrt.scene.srgb.linear_from_srgb(codes / 255)"
 
 def refuse_codes(value: object, name: str) -> None:
     """Raise InputError naming `name` if values are codes, such as 0 to 255, which are not linear either."""
-    given = array(value, name)
-    if given.dtype.kind in "iu" and given.size and given.max() > 1:
-        raise InputError(f"{name} must be linear numbers, not codes up to {given.max()}; {_DECODED}")
+    values = array(value, name)
+    if values.dtype.kind in "iu" and values.size and values.max() > 1:
+        raise InputError(f"{name} must be linear numbers, not codes up to {values.max()}; {_DECODED}")
 
 
 def image(value: object, name: str) -> NDArray[np.float32]:

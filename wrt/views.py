@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import itertools
 import operator
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
 
 TOGETHER = 2
-"""Views that are rendered at once: while threads run out of work at the end of one, they take that of the other."""
+"""Views rendered at once: threads that run out of work at the end of one continue with the other."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,21 +48,15 @@ def render_views(
     source: Any,
     cameras: Iterable[Camera],
     *,
-    width: int | None = None,
-    height: int | None = None,
     spp: int | None = None,
     noise: float | None = None,
-    denoise: bool | None = None,
     layers: Sequence[str] | None = None,
     device: str = "cpu",
     seed: int = 0,
     threads: int | None = None,
-    max_depth: int | None = None,
-    sampler: str | None = None,
-    integrator: str | None = None,
-    transparent: bool = False,
+    **options: Any,
 ) -> Iterator[View]:
-    """Render a scene through many cameras, as for a dataset, and yield the pictures in their order.
+    """Render a scene through many cameras, as for a dataset, and yield the pictures in the order of the cameras.
 
     The scene is built once, and two pictures are rendered at once, so that small ones keep all threads busy. Each has
     the bits of `wrt.render` with that camera. Leaving the loop ends rendering.
@@ -69,82 +64,58 @@ def render_views(
     Args:
         source: as for `wrt.load`.
         cameras: the cameras, of any of wrt's types, all with the same shutter times; they may come from a generator.
-        width: pixels, as for `wrt.Renderer`; so are the arguments that are not named here.
-        height: pixels.
-        spp: samples per pixel; by default those of the scene's settings.
+        spp: samples per pixel; by default from the scene's settings.
         noise: relative noise at which a picture is done, see `wrt.Renderer.passes`.
-        denoise: whether to remove noise, see `wrt.Renderer.denoised`.
         layers: names of layers to render besides radiance, such as depth, normal and object.
         device: "cpu", "cuda" or "cuda:N".
         seed: of all pictures.
         threads: CPU threads; by default all cores.
-        max_depth: most segments in a path.
-        sampler: source of random numbers.
-        integrator: see `wrt.scene.scene.INTEGRATORS`.
-        transparent: whether pictures have coverage, see `wrt.load`.
+        options: as for `wrt.render`, such as width, height, integrator, denoise and transparent.
 
     Raises:
         InputError: if an argument cannot be used.
     """
-    from wrt.api import load
+    from wrt.api import load_with_settings, split_settings
     from wrt.rendering.renderer import Renderer
 
     if isinstance(cameras, Camera) or not isinstance(cameras, Iterable):
         raise InputError(f"cameras must be several of wrt's cameras, not {type(cameras).__name__}")
-    coming, count = iter(cameras), operator.length_hint(cameras, 0)
-    first = next(coming, None)
+    following, count = iter(cameras), operator.length_hint(cameras, 0)
+    first = next(following, None)
     if first is None:
         return
     require_camera(first)
-    aspect = width / height if width and height else None
-    scene = dataclasses.replace(load(source, transparent=transparent, aspect=aspect), camera=first)
-    renderer = Renderer(
-        scene,
-        width=width,
-        height=height,
-        device=device,
-        seed=seed,
-        threads=threads,
-        max_depth=max_depth,
-        sampler=sampler,
-        integrator=integrator,
-        layers=layers,
-    )
-    views = _Views(renderer, {"spp": spp, "noise": noise}, renderer.settings.denoise if denoise is None else denoise)
-    yield from views.all(_joined(first, coming), count)
-
-
-def _joined(first: Camera, rest: Iterator[Camera]) -> Iterator[Camera]:
-    yield first
-    yield from rest
+    settings, loading = split_settings({**options, "layers": layers})
+    scene = dataclasses.replace(load_with_settings(source, settings, **loading), camera=first)
+    renderer = Renderer(scene, device=device, seed=seed, threads=threads)
+    yield from _Views(renderer, {"spp": spp, "noise": noise}, count).render(itertools.chain([first], following))
 
 
 class _Views:
-    """Renders views by a few renderers of one scene on one device, each in a thread of its own."""
+    """Renders views by a few renderers of one scene on one device, each in its own thread."""
 
-    def __init__(self, renderer: Renderer, limits: dict[str, Any], denoise: bool) -> None:
-        self._device, self._limits, self._denoise = renderer.device, limits, denoise
+    def __init__(self, renderer: Renderer, limits: Mapping[str, Any], count: int) -> None:
+        """Share a built scene between renderers; `count` is the number of views, or 0 if it is not known."""
+        self._device, self._limits, self._count = renderer.device, limits, count
         # Bodies around the camera belong to the built scene, which all share; a GPU has no threads that could idle.
-        alone = renderer.built_features.bodies or not renderer.device.is_cpu
-        self._idle = [renderer, *(renderer.sharing() for _ in range(0 if alone else TOGETHER - 1))]
-        self._count, self._seconds_of_view = 0, 0.0
+        is_alone = renderer.built_features.bodies or not renderer.device.is_cpu
+        self._idle = [renderer, *(renderer.sharing() for _ in range(0 if is_alone else TOGETHER - 1))]
         self._together = len(self._idle)
-        self._setting = threading.Lock()
+        self._seconds_of_view = 0.0
+        self._camera_lock = threading.Lock()
         self._ended = threading.Event()
 
-    def all(self, cameras: Iterator[Camera], count: int) -> Iterator[View]:
-        """Yield the views of cameras in order; there are `count`, or 0 if that is not known."""
-        self._count = count
+    def render(self, cameras: Iterator[Camera]) -> Iterator[View]:
+        """Yield the views of cameras in order."""
         begun: collections.deque[Future[View]] = collections.deque()
-        together = self._together
-        pool = Threads(together, "wrt-view")
+        pool = Threads(self._together, "wrt-view")
         try:
             for index, camera in enumerate(cameras):
-                if len(begun) > together:  # one waits, so that no thread does
-                    yield self._wait(begun.popleft())
+                if len(begun) > self._together:  # one is queued, so that no thread waits
+                    yield _result(begun.popleft())
                 begun.append(pool.submit(self._render, index, camera))
             while begun:
-                yield self._wait(begun.popleft())
+                yield _result(begun.popleft())
         finally:
             self._ended.set()
             if begun:
@@ -152,43 +123,36 @@ class _Views:
             pool.end()
             self._device.cancelled.clear()
 
-    def _wait(self, view: Future[View]) -> View:
-        while True:  # an unlimited wait cannot be interrupted on every system
-            try:
-                return view.result(timeout=INTERRUPT_SECONDS)
-            except TimeoutError:
-                if view.done():
-                    raise
-
     def _render(self, index: int, camera: Camera) -> View:
+        from wrt.api import finished_image
         from wrt.rendering.passes import LONGEST_PASS
 
         renderer = self._idle.pop()
         renderer.first_pass = self._first_pass(renderer)
         before = renderer.seconds_render
         try:
-            with self._setting:  # renderers that share a scene share its camera
+            with self._camera_lock:  # renderers that share a scene share its camera
                 try:
                     renderer.set_camera(camera)
                 except InputError as error:
                     raise InputError(f"camera {index}: {error}") from None
-            renderer._kernel.seconds_after = self._seconds_after(index)
+            # A single view is mostly too short to load or compile the wide kernel for. Without a count, as many views
+            # are expected to follow as came before.
+            views_left = max(self._count - index - 1, 0) if self._count else index
+            renderer._kernel.seconds_after = views_left * self._seconds_of_view / self._together
             for _ in renderer.passes(**self._limits, pass_seconds=LONGEST_PASS):
                 if self._ended.is_set():
                     break
             self._seconds_of_view = renderer.seconds_render - before
-            image = renderer.denoised() if self._denoise else renderer.image()
-            alpha = renderer.alpha()
-            whole = image if alpha is None else np.dstack([image, alpha])
-            return View(index, camera, whole, renderer.layers(), renderer.spp)
+            return View(index, camera, finished_image(renderer), renderer.layers(), renderer.spp)
         finally:
             self._idle.append(renderer)
 
     def _first_pass(self, renderer: Renderer) -> int:
         """Return the samples of a view's first pass: all, once a view is known to take no longer than a pass.
 
-        That costs less than one sample, a multiple of sixteen and a remainder, since the wide kernel takes sixteen
-        samples of a pixel at once. On a GPU passes stay short, as nothing interrupts them.
+        That is faster than one sample, a multiple of sixteen and a remainder, since the wide kernel takes sixteen
+        samples of a pixel at once. On a GPU passes stay short, because nothing interrupts them.
         """
         from wrt.rendering.passes import LONGEST_PASS
         from wrt.scene.scene import MAX_SPP
@@ -199,10 +163,11 @@ class _Views:
         is_known = 0.0 < self._seconds_of_view < LONGEST_PASS
         return MAX_SPP if is_known and renderer.device.is_cpu and not has_noise else 1
 
-    def _seconds_after(self, index: int) -> float:
-        """Return how long the views after this one will take, at least as many as before while they are not counted.
 
-        A view alone is mostly too short to load or to compile the wide kernel.
-        """
-        views = self._count - index - 1 if self._count else index
-        return max(views, 0) * self._seconds_of_view / self._together
+def _result(view: Future[View]) -> View:
+    while True:  # an unlimited wait cannot be interrupted on every system
+        try:
+            return view.result(timeout=INTERRUPT_SECONDS)
+        except TimeoutError:
+            if view.done():
+                raise

@@ -1,6 +1,6 @@
 """Stages of a path in media: absorption and emission along a segment, and scattering.
 
-Raab, Seibert and Keller (2008); the formulas are in `kernels/media/medium.py` and `kernels/media/phase.py`.
+Raab, Seibert and Keller (2008); the formulas are in `kernels/media/medium.py`.
 """
 
 import warp as wp

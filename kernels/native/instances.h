@@ -1,5 +1,5 @@
 #pragma once
-// Two-level traversal: instances of meshes, each mesh with a tree of its own (`kernels/accel/instances.py`).
+// Two-level traversal: instances of meshes, each mesh with a tree of its own (`kernels/core/ray_tree.py`).
 #include "motion.h"
 #include "traversal.h"
 

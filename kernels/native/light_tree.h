@@ -1,5 +1,5 @@
 #pragma once
-// Sampling the light tree (`kernels/lights/tree.py`).
+// Sampling the light tree (`kernels/lights/choice.py`).
 #include "vectors.h"
 
 namespace wrt {

@@ -4,7 +4,7 @@
 #include "triangles.h"
 
 namespace wrt {
-// The arrays of a tree (`kernels/accel/bvh.py`).
+// The arrays of a tree (`kernels/core/ray_tree.py`).
 struct Tree {
     const float *nodes, *leaves;
 #if WRT_VECTORS

@@ -111,28 +111,3 @@ def test_a_panorama_is_laid_out_as_an_environment_image(device):
     image = image_of(wrt.Renderer(scene, width=16 * 17, height=8 * 17, device=device, filter="box"), 16)
     middles = image[8::17, 8::17]  # texels are interpolated, and so themselves only in their middles
     np.testing.assert_allclose(middles, pixels, atol=0.03)
-
-
-MIRROR = wrt.Motion([0.0], [np.diag([-1.0, 1.0, 1.0, 1.0])])
-STRETCH = wrt.Motion([0.0, 1.0], [np.eye(4), np.diag([1.0, 1.1, 1.0, 1.0])])
-
-
-@pytest.mark.parametrize(
-    ("cls", "changes", "message"),
-    [
-        (wrt.PerspectiveCamera, {"shutter_open": 1.0, "shutter_close": 0.5}, "shutter_close must not be before"),
-        (wrt.PerspectiveCamera, {"shift_y": math.inf}, "shift_y must be finite"),
-        (wrt.PerspectiveCamera, {"motion": 3}, "motion must be a wrt.Motion, not int"),
-        (wrt.PerspectiveCamera, {"motion": STRETCH}, "motion must be rigid"),
-        (wrt.PerspectiveCamera, {"motion": MIRROR}, "motion must be rigid"),
-        (wrt.PerspectiveCamera, {"aperture": "hexagon"}, "aperture must be one of disk, square, polygon, not"),
-        (wrt.PerspectiveCamera, {"aperture_blades": 2}, "aperture_blades must be between 3 and"),
-        (wrt.OrthographicCamera, {"view_height": 0.0}, "view_height must be greater than 0"),
-        (wrt.PanoramaCamera, {"vertical_degrees": 181.0}, "vertical_degrees must be at most 180"),
-        (wrt.FisheyeCamera, {"origin": (0, 0, 0)}, "origin and target must differ"),
-    ],
-    ids=lambda value: str(value)[:40],
-)
-def test_impossible_cameras_are_refused(cls, changes, message):
-    with pytest.raises(wrt.InputError, match=f"^camera {message}"):
-        cls(**changes)

@@ -24,8 +24,8 @@ SHAPES = {
 
 
 def camera(shape, **changes):
-    given = {"fov_degrees": FOV, "aperture_radius": RADIUS, "focus_distance": FOCUS, **SHAPES[shape][0], **changes}
-    return wrt.PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), **given)
+    options = {"fov_degrees": FOV, "aperture_radius": RADIUS, "focus_distance": FOCUS, **SHAPES[shape][0], **changes}
+    return wrt.PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), **options)
 
 
 def unfolded(points, corners, first):

@@ -1,4 +1,4 @@
-"""docs/own-camera.md: its program runs, and a camera of one's own sees what its formula says."""
+"""docs/own-camera.md: its program runs, and the camera it registers sees by its formula."""
 
 import re
 import runpy
@@ -17,7 +17,7 @@ from wrt.scene.camera import CAMERAS
 
 @pytest.fixture(scope="module")
 def example(tmp_path_factory):
-    """What the page's program defines; it has run, but for its render, from a file since Warp reads it."""
+    """Run the page's program without its render, from a file as Warp reads it, and return what it defines."""
     path = tmp_path_factory.mktemp("own") / "stereographic.py"
     path.write_text(CODE, "utf-8")
     with pytest.MonkeyPatch.context() as patch:
@@ -46,10 +46,10 @@ def test_it_sees_by_its_formula_and_projects_back(example, device):
     x, y = np.meshgrid((np.arange(n) + 0.5 - n / 2) * pixel, -(np.arange(n) + 0.5 - n / 2) * pixel)
     angle, turn = 2.0 * np.arctan(np.hypot(x, y) / 2.0), np.arctan2(y, x)
     expected = np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), -np.cos(angle)], axis=-1)
-    seen = layers["position"] / np.linalg.norm(layers["position"], axis=-1, keepdims=True)
+    directions = layers["position"] / np.linalg.norm(layers["position"], axis=-1, keepdims=True)
     # The sample nearest to a pixel's middle is within a few hundredths of a pixel's width of it in most.
-    assert np.median(np.linalg.norm(seen - expected, axis=-1)) < 0.15 * pixel
-    assert np.abs(seen - expected).max() < pixel
+    assert np.median(np.linalg.norm(directions - expected, axis=-1)) < 0.15 * pixel
+    assert np.abs(directions - expected).max() < pixel
     np.testing.assert_allclose(layers["motion"], 0.0, atol=2e-3)
 
 

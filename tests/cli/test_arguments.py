@@ -1,4 +1,4 @@
-"""Times, sizes and options as people write them; errors say how, and suggest the word that was meant."""
+"""Times, sizes and options as people write them; errors name the right form and suggest the likely word."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def test_times_and_sizes() -> None:
 
 def test_what_is_no_time_size_or_number() -> None:
     for text in NO_TIMES:
-        told = f"must be a time such as 90, 90s, 1m30s or 1:30, not {text!r}"
-        with pytest.raises(argparse.ArgumentTypeError, match=re.escape(told)):
+        message = f"must be a time such as 90, 90s, 1m30s or 1:30, not {text!r}"
+        with pytest.raises(argparse.ArgumentTypeError, match=re.escape(message)):
             duration(text)
     for text in ("0", "-1", "0m0s", "0:00", "nan", "inf", "1e999"):
         with pytest.raises(argparse.ArgumentTypeError, match=r"greater than 0|finite"):
             duration(text)
-    for text, told in NO_SIZES.items():
-        with pytest.raises(argparse.ArgumentTypeError, match=re.escape(told)):
+    for text, message in NO_SIZES.items():
+        with pytest.raises(argparse.ArgumentTypeError, match=re.escape(message)):
             size(text)
     with pytest.raises(argparse.ArgumentTypeError, match="must be a whole number in digits, not '1k'"):
         whole(1)("1k")  # 1000, or 1024?

@@ -51,9 +51,9 @@ def write_unusable(folder: Path) -> list[Path]:
     return sorted(folder.rglob("*"))
 
 
-def assert_one_line(said: str, mention: str) -> None:
-    assert re.fullmatch(r"wrt: error: [^\n]+\n", said), said
-    assert mention in said
+def assert_one_line(printed: str, mention: str) -> None:
+    assert re.fullmatch(r"wrt: error: [^\n]+\n", printed), printed
+    assert mention in printed
 
 
 @pytest.mark.parametrize("mention", ERRORS)

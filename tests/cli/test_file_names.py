@@ -65,12 +65,12 @@ def one_line_of(command: str, name: str, capsys: Any) -> str:
     if words[0] == "render":
         words += [*SMALL, "--quiet"]
     assert main(words) in (1, 2)
-    said: str = capsys.readouterr().err
-    assert said.startswith("wrt: error: ")
-    assert said.count("\n") == 1, command
-    assert said[:-1].isprintable()
-    assert len(said) < LONGEST_MESSAGE + 20
-    return said
+    printed: str = capsys.readouterr().err
+    assert printed.startswith("wrt: error: ")
+    assert printed.count("\n") == 1, command
+    assert printed[:-1].isprintable()
+    assert len(printed) < LONGEST_MESSAGE + 20
+    return printed
 
 
 @pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
@@ -91,9 +91,9 @@ def test_files_that_are_written(name: str, folder: Path, capsys: pytest.CaptureF
 @pytest.mark.parametrize("name", ODD.values(), ids=ODD)
 def test_a_developed_picture_is_named_in_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["develop", "radiance.npy", "-o", f"{name}.png"]) == 0
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert said[:-1].isprintable()
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert printed[:-1].isprintable()
 
 
 TOML = '[[shapes]]\ntype = "mesh"\nfile = {}\n', '[materials.m]\ntype = "diffuse"\nreflectance = {{ texture = {} }}\n'

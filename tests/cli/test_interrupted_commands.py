@@ -24,11 +24,11 @@ def test_an_interrupt_saves_picture_and_checkpoint(number: signal.Signals, statu
     process = start(tmp_path, *command, "--save-every", "0.3")
     wait_for(tmp_path / "out.png", process)
     process.send_signal(number)
-    out, said = process.communicate(timeout=60)
+    out, printed = process.communicate(timeout=60)
     assert (process.returncode, out) == (status, "")
     stopped = r"wrt: stopped: at ((\d+)(?: to \d+)?) samples per pixel; out\.png and state saved\n"
-    found = re.fullmatch(stopped, without_progress(said))
-    assert found, said
+    found = re.fullmatch(stopped, without_progress(printed))
+    assert found, printed
     # Both hold what was there at the end, not what an earlier save left.
     with Image.open(tmp_path / "out.png") as picture:
         assert picture.size == (32, 32)
@@ -46,9 +46,9 @@ def test_an_interrupt_ends_all_inputs(tmp_path: Path) -> None:
     process = start(tmp_path, "render", "one.toml", "two.toml", *SMALL[:2], "--time", "1h", "--save-every", "0.2")
     wait_for(tmp_path / "one.png", process)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
+    _, printed = process.communicate(timeout=60)
     assert process.returncode == 130
-    first, second = without_progress(said).splitlines()
+    first, second = without_progress(printed).splitlines()
     assert re.fullmatch(r"wrt: stopped: at \d+(?: to \d+)? samples per pixel; one\.png saved", first)
     assert second == "wrt: stopped: two.toml: not rendered"
     assert not list(tmp_path.glob("two*.png"))
@@ -61,7 +61,7 @@ def test_an_interrupt_while_saving_waits_for_the_end_and_only_the_first_counts()
         signal.raise_signal(signal.SIGTERM)
         done.append("saved")
 
-    with Interrupts() as interrupts:
+    with Interrupts("", own_process=False) as interrupts:
         with pytest.raises(KeyboardInterrupt):
             interrupts.hold(save)
         assert done == ["saved"]
@@ -116,9 +116,9 @@ def test_no_traceback_at_any_moment(command: str, moment: int, tmp_path: Path) -
         assert result.returncode == -signal.SIGINT, "the signal never came"
     assert "Traceback" not in result.stderr
     assert "ignored" not in result.stderr
-    said = without_progress(result.stderr)
+    printed = without_progress(result.stderr)
     if result.returncode == 130:
-        assert said.startswith("wrt: stopped: ")
-        assert said.count("\n") == 1
-        assert list(tmp_path.iterdir()) == [] or "saved" in said, "a file is left that nothing tells of"
+        assert printed.startswith("wrt: stopped: ")
+        assert printed.count("\n") == 1
+        assert list(tmp_path.iterdir()) == [] or "saved" in printed, "a file is left that nothing tells of"
     assert not [path.name for path in tmp_path.iterdir() if path.name.startswith(".")], "a file is left half written"

@@ -1,4 +1,4 @@
-"""`wrt materials` tells of every material what its class says; `wrt info` tells what is in a scene."""
+"""`wrt materials` describes every material in the words of its class; `wrt info` counts and lists a scene."""
 
 from __future__ import annotations
 
@@ -55,7 +55,9 @@ def test_one_material_is_explained_in_full() -> None:
         description, _, attributes = (inspect.getdoc(cls) or "").replace("`", "").partition("\nAttributes:\n")
         meanings = re.findall(r"^    [\w, ]+: (.*(?:\n        .*)*)", attributes, re.MULTILINE)
         words = " ".join(text.split())
-        assert [said for said in (*description.split("\n\n"), *meanings) if " ".join(said.split()) not in words] == []
+        assert [
+            printed for printed in (*description.split("\n\n"), *meanings) if " ".join(printed.split()) not in words
+        ] == []
         assert [parameter.name for parameter in parameters_of(cls) if not parameter.meaning] == [], name
 
 

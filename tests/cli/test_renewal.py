@@ -19,8 +19,8 @@ from wrt.rendering.passes import LONGEST_PASS
 LONG = ("render", "cornell-box", "--size", "16x16", "--spp", "8")
 
 
-def due(plan: Renewal, left: float | None) -> tuple[bool, bool]:
-    return plan.due(SimpleNamespace(seconds_left=left))
+def due(plan: Renewal, seconds_left: float | None) -> tuple[bool, bool]:
+    return plan.due(SimpleNamespace(seconds_left=seconds_left))
 
 
 class Clock:
@@ -71,14 +71,14 @@ def test_renewals_take_a_fiftieth_of_the_time_at_most(cost: float) -> None:
 def test_intervals_can_be_given_and_turned_off() -> None:
     assert np.diff(times(0.01, 100.0, 0.5, 5.0)[0]) == pytest.approx(5.0, abs=0.6)
     assert times(0.01, 1e6, 1e3, float("inf"))[0] == []
-    cluster = {"watched": False, "longest": 3.0 * LONGEST_PASS}
+    cluster = {"is_watched": False, "longest": 3.0 * LONGEST_PASS}
     for every, options, expected in (
         (5.0, {}, 5.0),
         (None, {}, None),
         (float("inf"), {}, None),
-        (5.0, {"watched": False}, 5.0),
-        (None, {"watched": False}, UNWATCHED_PASS),
-        (float("inf"), {"watched": False}, LONGEST_PASS),
+        (5.0, {"is_watched": False}, 5.0),
+        (None, {"is_watched": False}, UNWATCHED_PASS),
+        (float("inf"), {"is_watched": False}, LONGEST_PASS),
         (20.0, cluster, 20.0),
         (None, cluster, 3.0 * UNWATCHED_PASS),
         (float("inf"), cluster, 3.0 * LONGEST_PASS),
@@ -123,21 +123,21 @@ def watched(monkeypatch: pytest.MonkeyPatch, look: Callable[[int], object]) -> N
 
 @pytest.mark.parametrize("name", ["a.png", pytest.param("a.exr", marks=pytest.mark.slow)])
 def test_the_picture_can_be_read_while_it_renders(monkeypatch: pytest.MonkeyPatch, often: None, name: str) -> None:
-    seen = []
+    means = []
     layers = ("--layers", "albedo") if name == "a.exr" else ()
-    watched(monkeypatch, lambda number: seen.append(wrt.load_image(name).mean()) if number else None)
+    watched(monkeypatch, lambda number: means.append(wrt.load_image(name).mean()) if number else None)
     assert run(*LONG, "-o", name, *layers, "--quiet") == 0
-    assert len(set(seen)) == len(seen) >= 2
+    assert len(set(means)) == len(means) >= 2
     assert os.listdir() == [name]
 
 
 def test_never_writes_it_only_at_the_end_and_the_same(monkeypatch: pytest.MonkeyPatch, often: None) -> None:
     assert run(*LONG, "-o", "a.exr") == 0
-    seen = []
-    watched(monkeypatch, lambda number: seen.append(os.listdir()))
+    listings = []
+    watched(monkeypatch, lambda number: listings.append(os.listdir()))
     assert run(*LONG, "-o", "b.exr", "--save-every", "never") == 0
-    assert seen
-    assert all(names == ["a.exr"] for names in seen)
+    assert listings
+    assert all(names == ["a.exr"] for names in listings)
     np.testing.assert_array_equal(wrt.load_image("a.exr"), wrt.load_image("b.exr"))
 
 
@@ -183,8 +183,8 @@ def test_a_file_that_appears_is_never_replaced(
 
 
 def test_checkpoints_keep_their_own_interval(monkeypatch: pytest.MonkeyPatch, often: None) -> None:
-    seen = []
-    watched(monkeypatch, lambda number: seen.append(sorted(os.listdir())))
+    listings = []
+    watched(monkeypatch, lambda number: listings.append(sorted(os.listdir())))
     assert run(*LONG, "-o", "a.png", "--checkpoint", "a.ckpt") == 0
-    assert seen[-1] == ["a.png"]  # a minute has not passed
+    assert listings[-1] == ["a.png"]  # a minute has not passed
     assert sorted(os.listdir()) == ["a.ckpt", "a.png"]

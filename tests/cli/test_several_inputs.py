@@ -10,7 +10,7 @@ import pytest
 from support.commands import ROOM, SMALL, without_progress
 
 from wrt.cli import main
-from wrt.cli.output_paths import default_outputs
+from wrt.cli.output import default_outputs
 from wrt.errors import InputError
 
 
@@ -50,8 +50,8 @@ def test_an_error_in_one_keeps_none_of_the_others_from_being_rendered(folder: Pa
 def test_errors_name_the_input_and_the_worst_decides(folder: Path, capsys) -> None:
     (folder / "pictures" / "two.png").mkdir(parents=True)
     assert main(["render", "one.toml", "two.toml", *SMALL, "--quiet", "--crop", "0,0,9,9", "-o", "."]) == 2
-    named = re.findall(r"^wrt: error: (.*?): crop must lie", capsys.readouterr().err, re.MULTILINE)
-    assert named == ["one.toml", "two.toml"]
+    inputs = re.findall(r"^wrt: error: (.*?): crop must lie", capsys.readouterr().err, re.MULTILINE)
+    assert inputs == ["one.toml", "two.toml"]
     assert main(["render", "one.toml", "two.toml", *SMALL, "--quiet", "-o", "pictures"]) == 2
     assert written(folder) == ["pictures/one.png"]
 
@@ -66,7 +66,7 @@ def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder: Path) -
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "printed"),
     [
         (["-o", "x.png"], "x.png: for several inputs, the output must be a folder; end its name with / to create it"),
         (["-o", "one.toml/"], "one.toml/: cannot be created: "),
@@ -74,10 +74,10 @@ def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder: Path) -
         (["one.toml"], "one.toml: given twice"),
     ],
 )
-def test_what_does_not_go_with_several(arguments: list[str], said: str, folder: Path, capsys) -> None:
+def test_what_does_not_go_with_several(arguments: list[str], printed: str, folder: Path, capsys) -> None:
     before = sorted(folder.rglob("*"))
     assert main(["render", "one.toml", "two.toml", *SMALL, *arguments]) == 2
-    assert capsys.readouterr().err.startswith(f"wrt: error: {said}")
+    assert capsys.readouterr().err.startswith(f"wrt: error: {printed}")
     assert sorted(folder.rglob("*")) == before
 
 
@@ -102,7 +102,7 @@ def test_inputs_that_are_called_alike_get_longer_names_or_are_refused(inputs: st
 def test_longer_names_are_said(folder: Path, capsys) -> None:
     assert main(["render", "a/room.toml", "b/room.toml", *SMALL]) == 0
     assert written(folder) == ["a-room.png", "b-room.png"]
-    said = capsys.readouterr().err.splitlines()
+    printed = capsys.readouterr().err.splitlines()
     for name in "ab":
-        told = f"{name}/room.toml: the picture is {name}-room.png, because another input has the same name"
-        assert f"wrt: note: {told}" in said
+        note = f"{name}/room.toml: the picture is {name}-room.png, because another input has the same name"
+        assert f"wrt: note: {note}" in printed

@@ -1,4 +1,4 @@
-"""No command ends in a traceback if standard streams are closed, full, read by nobody or ASCII only."""
+"""No command ends in a traceback if standard streams are closed, full, without a reader or ASCII only."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ THOROUGH = {"--help": 6, "no file": 9, "render": 3, "render --json": 1}
 
 QUICK = {"--help": ("stdout full", "stdout closed", "stdout broken"), "no file": STATES[1:3]}
 
-SAID = {
+PRINTED = {
     "stdout closed": "standard output: Bad file descriptor",
     "stdout full": "standard output: No space left on device",
 }
@@ -70,14 +70,14 @@ def test_streams_in_every_state(command: str, state: str, tmp_path: Path) -> Non
     (tmp_path / "möbius.toml").write_text(ROOM)
     with streams(state) as options:
         done = run(tmp_path, *COMMANDS[command], text=False, **options)
-    for said in (done.stdout or b"", done.stderr or b""):
-        assert b"Traceback" not in said, said.decode(errors="replace")
-        assert b"Exception" not in said, said.decode(errors="replace")
-    lost = state.startswith(("stdout", "both")) and command in PRINTING
-    assert done.returncode == (2 if command in UNUSABLE else int(lost)), done.stderr
-    if lost and state.startswith("stdout"):
-        said = without_progress(done.stderr.decode()).splitlines()[command == "render --json" :]
-        assert said == ([f"wrt: error: {SAID[state]}"] if state in SAID else []), "a closed pipe is no error"
+    for printed in (done.stdout or b"", done.stderr or b""):
+        assert b"Traceback" not in printed, printed.decode(errors="replace")
+        assert b"Exception" not in printed, printed.decode(errors="replace")
+    is_lost = state.startswith(("stdout", "both")) and command in PRINTING
+    assert done.returncode == (2 if command in UNUSABLE else int(is_lost)), done.stderr
+    if is_lost and state.startswith("stdout"):
+        printed = without_progress(done.stderr.decode()).splitlines()[command == "render --json" :]
+        assert printed == ([f"wrt: error: {PRINTED[state]}"] if state in PRINTED else []), "a closed pipe is no error"
     if command == "render":  # the picture, not text for standard error
         assert (tmp_path / "möbius.png").read_bytes().startswith(b"\x89PNG")
     if (command, state) == ("no file", "ascii:strict"):
@@ -98,7 +98,7 @@ def test_nul_characters_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments in COMMANDS.values():
         for number in range(len(arguments) if arguments[0] != "--help" else 0):
             assert main([*arguments[:number], arguments[number] + "\0x", *arguments[number + 1 :]]) == 2
-            said = capsys.readouterr().err
-            assert said.startswith("wrt: error: ")
-            assert "NUL" in said
-            assert said.count("\n") == 1
+            printed = capsys.readouterr().err
+            assert printed.startswith("wrt: error: ")
+            assert "NUL" in printed
+            assert printed.count("\n") == 1

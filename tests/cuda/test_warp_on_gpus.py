@@ -135,7 +135,7 @@ def test_no_tree_is_built_where_warp_finds_no_memory_of_its_own(
     picture = tmp_path / "picture.png"
     options = ["--device", GPU, "--size", "8x8", "--spp", "1", "--quiet", "-o", str(picture)]
     with emulated_cuda(optimization=0):
-        monkeypatch.setattr(wp.utils, name, lambda *_: None)
+        monkeypatch.setattr(wp.utils, name, lambda *_, **__: None)
         assert main(["render", "cornell-box", *options]) == 1
     said = capfd.readouterr().err
     # Arrays of the emulated GPU say that they are on the CPU.

@@ -167,11 +167,11 @@ def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path: Path, arrays,
 
 def test_polygons_that_cross_themselves_end_and_corners_are_keyholes_only_where_they_meet():
     points = np.random.default_rng(0).random((300, 3)) * (1.0, 1.0, 0.0)
-    triangles, _ = triangulate(points, np.arange(300), np.array([300]))
+    triangles, _ = triangulate("a", points, np.arange(300), np.array([300]))
     assert triangles.shape == (298, 3)
     # Corner 3 has the x of one corner of the triangle 0 1 2 and the y of another, and lies inside.
     points = np.array([[0, 0, 0], [4, 1, 0], [2, 5, 0], [2, 1, 0]], float)
-    triangles, _ = triangulate(points, np.arange(4), np.array([4]))
+    triangles, _ = triangulate("a", points, np.arange(4), np.array([4]))
     a, b, c = (points[triangles[:, k]] for k in range(3))
     assert (np.cross(b - a, c - a)[:, 2] > 0.0).all()
 
@@ -192,7 +192,7 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
     *((name, BOXES[name][:-40], "truncated") for name in BOXES if name.endswith((".stl", ".ply"))),
     ("a.off", BOXES["big.off"][:-8], "not as long as its numbers"),
     ("a.ply", b"ply\nformat binary_little_endian 1.0\n" + MANY, "truncated"),
-    ("a.gltf", TREE.replace(b'"count": 3', b'"count": 1000000000000000'), "not a whole GLTF file"),
+    ("a.gltf", TREE.replace(b'"count": 3', b'"count": 1000000000000000'), "its meshes would take"),
     # Places and corners
     *(
         ("a.obj", f"v 0 0 0\nv 1 {word} 0\nv 1 1 0\nf 1 2 3\n", r"a vertex is at 1 \S+ 0; positions must be finite")
@@ -217,9 +217,6 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
 def test_files_that_cannot_be_read_are_refused_in_one_line(tmp_path):
     for name, content, message in REFUSED:
         check_refused(message, load_mesh, write(tmp_path, name, content))
-    check_refused("no such file", load_mesh, tmp_path / "none.obj")
-    (tmp_path / "folder.obj").mkdir()
-    check_refused("is a directory", load_mesh, tmp_path / "folder.obj")
 
 
 def test_broken_files_load_or_are_refused_in_one_line(assets):

@@ -152,7 +152,7 @@ def test_points_of_instances_that_do_not_fit_are_left_out(tmp_path):
 @pytest.mark.parametrize(
     ("prims", "reason"),
     [
-        (MESH.replace("point3f[]", "unknown[]"), "its faces have 3 corners, but 0 are given|names a point"),
+        (MESH.replace("point3f[]", "unknown[]"), "its faces have 3 corners, but 0 are given|names vertex"),
         (MESH.replace("int[] faceVertexC", "string[] faceVertexC").replace("[3]", '["3"]'), "0 corners, but 3"),
         (MESH.replace("[3]", "[9223372036854775807, 3]").replace("int[]", "int64[]"), "corners, but 3 are given"),
         ('def Cube "c" {\nstring size = "x"\n}', "/c: its size must be a number"),

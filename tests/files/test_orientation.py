@@ -70,7 +70,7 @@ def test_land_lies_and_what_may_be_land_on_its_edge_is_named(tmp_path: Path) -> 
     upright = turned(land)
     assert up_of(upright, default="z") == "z"
     for mesh, file, other in ((upright, "land.ply", "z"), (land, "land.stl", "y")):
-        says = f'it is thin along {other} and faces that way; if it is land, which lies, say up="{other}"'
+        says = f'it is thin along {other} and faces that way; if it is land, which lies flat, use up="{other}"'
         made = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
         made.export(tmp_path / file)
         with pytest.warns(UserWarning, match=f"land.*: {says}, or --up {other}"):

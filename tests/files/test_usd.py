@@ -141,7 +141,7 @@ def test_what_is_wrong_is_told_in_one_line(folder, monkeypatch):
     with pytest.raises(wrt.InputError, match=r"bad\.usda: not a USD file that can be read"):  # and what Pixar's says
         load_file(path)
     path = write(folder, "broken.usda", USD.replace("[0, 1, 2, 3, 1, 4, 2]", "[0, 1, 2, 3, 1, 9, 2]"))
-    check_refused("/World/Square: a face names a point that is not there", load_file, path)
+    check_refused("/World/Square: a face names vertex 9, but there are 5", load_file, path)
     write(folder, "other.usda", USD)
     (folder / "inside").mkdir()
     outside = '#usda 1.0\ndef "A" (references = @../other.usda@</World>)\n{\n}\n'

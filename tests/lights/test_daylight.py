@@ -72,10 +72,10 @@ def test_daylight_of_a_file_is_mitsuba_s(name: str, tmp_path: Path, report: Repo
     d = image_directions(height, width)[rows, columns] @ rotation_matrix(image.rotation_axis, image.rotation_degrees).T
     to_sun = -np.array(sun.direction)
     half = math.radians(0.5 * sun.angle_degrees)
-    beside = d @ to_sun < math.cos(1.1 * half)
+    off_the_sun = d @ to_sun < math.cos(1.1 * half)
     ours = image.scale * image.pixels[rows, columns].astype(np.float64)
     expected = np.maximum(radiance(mi, theirs, d), 0.0)
-    error = np.abs(ours - expected)[beside].max() / expected.mean()
+    error = np.abs(ours - expected)[off_the_sun].max() / expected.mean()
     report("largest error of the sky over its mean", float(error), "< 1e-4, by date 2e-3")
     # By date Mitsuba's sun is some hundredths of a degree off: its days are in single precision.
     assert error < (2e-3 if name == "date" else 1e-4)
@@ -85,10 +85,12 @@ def test_daylight_of_a_file_is_mitsuba_s(name: str, tmp_path: Path, report: Repo
     across /= np.linalg.norm(across)
     rim = [math.cos(a) * to_sun + math.sin(a) * across for a in (0.0, 0.9 * half, 1.1 * half)]
     inner, outer, out = radiance(mi, theirs, np.array(rim))
-    own = np.array(sun.irradiance) / (math.pi * math.sin(half) ** 2)
+    sun_radiance = np.array(sun.irradiance) / (math.pi * math.sin(half) ** 2)
     np.testing.assert_allclose(inner, outer, rtol=0.05)
     assert out.max() < 0.05 * inner.max()
-    np.testing.assert_allclose(own, outer - expected[beside].mean(axis=0), rtol=0.004 if name != "wide" else 0.1)
+    np.testing.assert_allclose(
+        sun_radiance, outer - expected[off_the_sun].mean(axis=0), rtol=0.004 if name != "wide" else 0.1
+    )
 
 
 def test_the_sun_stands_where_the_almanac_has_it(report: Report) -> None:

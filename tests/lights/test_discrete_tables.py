@@ -73,9 +73,9 @@ def test_draws_follow_the_weights(n: int, device: str) -> None:
     weights = np.where(rng.random(n) < 0.2, 0.0, rng.lognormal(0.0, 2.0, n))
     weights[0] = 1.0
     samples, cells = 2**20, 51 if n < 100 else 1
-    index, rest = drawn(make_alias_table(weights), uniforms(samples, 2, seed=n), device)
-    assert 0.0 <= rest.min() <= rest.max() < 1.0
-    counts = np.bincount(index * cells + (rest * cells).astype(np.int64), minlength=n * cells)
+    index, leftover = drawn(make_alias_table(weights), uniforms(samples, 2, seed=n), device)
+    assert 0.0 <= leftover.min() <= leftover.max() < 1.0
+    counts = np.bincount(index * cells + (leftover * cells).astype(np.int64), minlength=n * cells)
     result = chi_square_test(counts, np.repeat(samples * weights / weights.sum(), cells) / cells, tests=4)
     assert result.passed, result.message
 

@@ -1,4 +1,4 @@
-"""Surfaces that shine by an image or by vertex colours do so as many small ones of one colour each would."""
+"""A surface that emits by an image or by vertex colours gives the light of many small ones of one colour each."""
 
 from __future__ import annotations
 

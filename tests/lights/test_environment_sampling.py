@@ -52,8 +52,8 @@ class Sky:
     def look(self, directions: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         """Return radiance, density, (u, v) and the direction of that (u, v)."""
         out = wp.empty((3, len(directions)), dtype=wp.vec3, device=self.device)
-        given = [self.data, self.receiver, upload(directions, wp.vec3, self.device)]
-        wp.launch(look, len(directions), given, [out], device=self.device)
+        inputs = [self.data, self.receiver, upload(directions, wp.vec3, self.device)]
+        wp.launch(look, len(directions), inputs, [out], device=self.device)
         radiance, point, back = out.numpy().astype(np.float64)
         return radiance, point[:, 2], point[:, :2], back
 
@@ -65,8 +65,8 @@ class Sky:
 
     def green(self, d: NDArray) -> NDArray:
         """Return the irradiance per solid angle from directions, or the radiance where there is no normal."""
-        seen = 1.0 if self.normal is None else np.maximum(d @ self.normal, 0.0)
-        return self.look(d)[0][:, 1] * seen
+        cosine = 1.0 if self.normal is None else np.maximum(d @ self.normal, 0.0)
+        return self.look(d)[0][:, 1] * cosine
 
 
 def directions(n: int, seed: int) -> NDArray[np.float64]:

@@ -142,7 +142,7 @@ def test_the_environment_is_chosen_as_often_as_paths_are_told(device: str, repor
 @pytest.mark.parametrize("strategy", ["mis", pytest.param("bsdf", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["sphere", "sun"])
 def test_panes_that_are_not_opaque_dim_light(name: str, strategy: str, device: str, report: Report) -> None:
-    """Of black panes that are there by a quarter, three quarters of the light come through, whoever finds it."""
+    """Black panes of opacity 0.25 pass three quarters of the light, with each estimator."""
     scene = under(CASES[name].light, eye=0.4)
     pane = wrt.quad((-50.0, 0.5, 50.0), (100.0, 0.0, 0.0), (0.0, 0.0, -100.0))
     scene.add(pane, material=wrt.Diffuse(0.0, opacity=0.25))
@@ -163,18 +163,18 @@ def test_projector(device: str, report: Report) -> None:
 
     def frame(x: NDArray, z: NDArray) -> tuple[NDArray, NDArray]:
         """Return the irradiance that white would give, and the number of the quarter of the frame; 4 outside."""
-        way = np.stack([x, np.zeros_like(x), z], axis=-1) - place
-        depth = way @ axis
-        s, t = (way @ across / depth / math.tan(math.radians(35.0)) for across in (right, np.cross(right, axis)))
+        offset = np.stack([x, np.zeros_like(x), z], axis=-1) - place
+        depth = offset @ axis
+        s, t = (offset @ across / depth / math.tan(math.radians(35.0)) for across in (right, np.cross(right, axis)))
         quarter = np.where(t > 0.0, 0, 2) + np.where(s < 0.0, 0, 1)
         return 3.0 * place[1] / depth**3, np.where(np.maximum(np.abs(s), np.abs(t)) < 1.0, quarter, 4)
 
     half = 0.5 * (POINTS[1] - POINTS[0])
     corners = [frame(where[0] + a * half, where[1] + b * half)[1] for a in (-1, 1) for b in (-1, 1)]
-    whole = np.ptp(corners, axis=0) == 0
+    is_inside_a_quarter = np.ptp(corners, axis=0) == 0
     shares = np.array([0.1, 0.9, 0.4, 0.2, 0.0])[corners[0]]
-    assert all((corners[0][whole] == quarter).sum() > 5 for quarter in range(5))
-    lit = whole & (corners[0] < 4)
+    assert all((corners[0][is_inside_a_quarter] == quarter).sum() > 5 for quarter in range(5))
+    lit = is_inside_a_quarter & (corners[0] < 4)
     expected = pixel_mean(lambda x, z: frame(x, z)[0], where) * shares
     check("projector", measured[lit], variance[lit], expected[lit], 1024, report)
     assert not measured[np.min(corners, axis=0) == 4].any()
@@ -202,8 +202,8 @@ def test_spot_light(falloff: str, device: str, report: Report) -> None:
     where, measured, variance = irradiance(scene, device, 4096)
 
     def cosine(x: NDArray, z: NDArray) -> NDArray:
-        way = np.stack([x - PLACE[0], np.full_like(x, -PLACE[1]), z - PLACE[2]])
-        return np.einsum("k,k...->...", axis, way) / np.linalg.norm(way, axis=0) / np.linalg.norm(axis)
+        offset = np.stack([x - PLACE[0], np.full_like(x, -PLACE[1]), z - PLACE[2]])
+        return np.einsum("k,k...->...", axis, offset) / np.linalg.norm(offset, axis=0) / np.linalg.norm(axis)
 
     def factor(x: NDArray, z: NDArray) -> NDArray:
         return fading(cosine(x, z), inner, outer, falloff)
@@ -229,14 +229,14 @@ def test_power_of_a_spot_is_the_integral_of_its_intensity(falloff: str, inner: f
         ring = fading(np.cos(angles), a, b, falloff) * np.sin(angles)
         total += 2.0 * math.pi * float((weights * ring).sum()) * 0.5 * (b - a)
     assert light.intensity[0] * total == pytest.approx(5.0, rel=1e-5)
-    # By colour, a spot shines on what faces it a metre away so that white shows that colour: L = π f c (n·l).
+    # By colour: white that faces the spot at one metre shows that colour, L = π f c (n·l).
     assert wrt.SpotLight((0, 0, 0), (0, -1, 0), color=2.0).intensity[0] == pytest.approx(2.0 * math.pi)
 
 
 def test_lights_are_seen_and_hide_what_is_behind_them(device: str) -> None:
     """Seen from above: fronts show their radiance and backs nothing; a black one takes the light of another away."""
     options = {"width": 8, "height": 8, "spp": 2, "device": device, "sampler": "independent"}
-    # The normal of the first is downwards, that of the second upwards.
+    # The first faces down, the second up.
     down, up = [((-9.0, 1.0, -9.0), *edges) for edges in itertools.permutations([(18.0, 0.0, 0.0), (0.0, 0.0, 18.0)])]
     color = (1.0, 2.0, 3.0)
 

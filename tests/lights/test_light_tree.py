@@ -57,7 +57,7 @@ def probabilities_of_lights(tree: LightTree, at: Receivers, probability_out: wp.
         probability_out[i, j] = far_light_probability(tree, at.position[i], at.normal[i], at.receives)
 
 
-class Asked:
+class Queries:
     """A tree on a device, asked by points with normals."""
 
     def __init__(self, tree: HostTree, at: tuple[NDArray, NDArray], receives: int, device: str, far: float = 0.0):
@@ -82,7 +82,7 @@ class Asked:
         light = values[..., 0].astype(int)
         return np.where(light < -1, len(self.tree.places), light), values[..., 1], values[..., 2:]
 
-    def said(self) -> NDArray:
+    def probabilities(self) -> NDArray:
         """Return (points, lights) probabilities, or (points, lights + 1) where there are far lights, these last."""
         out = wp.empty(self.shape, dtype=float, device=self.device)
         wp.launch(probabilities_of_lights, out.shape, [self.tree, self.at], [out], device=self.device)
@@ -165,39 +165,43 @@ CASES = [
 def test_lights_are_drawn_as_often_as_said(kind: str, receives: int, far: float, device: str) -> None:
     lights, n = LIGHTS[kind], 2**14
     at = receivers(lights)
-    asked = Asked(build_light_tree(lights), at, receives, device, far)
-    said = asked.said()
-    assert (said >= 0.0).all()
-    assert (said.sum(axis=1) <= 1.0 + 1e-5).all()
+    queries = Queries(build_light_tree(lights), at, receives, device, far)
+    probabilities = queries.probabilities()
+    assert (probabilities >= 0.0).all()
+    assert (probabilities.sum(axis=1) <= 1.0 + 1e-5).all()
     if kind == "all at one point" and receives != FRONT:  # nothing tells them apart but their power
-        np.testing.assert_allclose(said, np.broadcast_to(lights.power / lights.power.sum(), said.shape), rtol=1e-4)
+        np.testing.assert_allclose(
+            probabilities, np.broadcast_to(lights.power / lights.power.sum(), probabilities.shape), rtol=1e-4
+        )
     if receives == ANYWHERE:  # normals do not count
         unknown = (at[0], np.full_like(at[1], np.nan))
-        np.testing.assert_array_equal(Asked(build_light_tree(lights), unknown, receives, device).said(), said)
-    light, probability, rest = asked.drawn(uniforms(n, 2, seed=3))
+        np.testing.assert_array_equal(
+            Queries(build_light_tree(lights), unknown, receives, device).probabilities(), probabilities
+        )
+    light, probability, leftover = queries.drawn(uniforms(n, 2, seed=3))
     chosen = light >= 0
     assert (probability[~chosen] == 0.0).all()
     # The walk up gives what the walk down gave, bit for bit.
-    assert (said.astype(np.float32)[np.nonzero(chosen)[0], light[chosen]] == probability[chosen]).all()
-    for i in range(len(said)):
-        counts = np.append(np.bincount(light[i][chosen[i]], minlength=said.shape[1]), (~chosen[i]).sum())
-        expected = n * np.append(said[i], 1.0 - said[i].sum())
+    assert (probabilities.astype(np.float32)[np.nonzero(chosen)[0], light[chosen]] == probability[chosen]).all()
+    for i in range(len(probabilities)):
+        counts = np.append(np.bincount(light[i][chosen[i]], minlength=probabilities.shape[1]), (~chosen[i]).sum())
+        expected = n * np.append(probabilities[i], 1.0 - probabilities[i].sum())
         if expected.max() > n - 10.0:  # no two cells to compare
             assert n - counts[np.argmax(expected)] < 40
             assert counts[expected == 0.0].sum() == 0
             continue
         # Rounding may leave a little for no light where there always is one.
         expected[-1] = expected[-1] if expected[-1] > 0.1 else 0.0
-        result = chi_square_test(counts, expected, tests=len(said) * len(CASES))
+        result = chi_square_test(counts, expected, tests=len(probabilities) * len(CASES))
         assert result.passed, f"point {i}: {result.message}"
     if far:
-        share = said[:, -1]
+        share = probabilities[:, -1]
         assert (share == 1.0).any()
         assert ((share > 0.1999) & (share < 0.8001) | (share == 1.0)).all()
         # What is left of the numbers is uniform, whatever was chosen.
         is_far = light[0] == len(lights)
         for some in (is_far, chosen[0] & ~is_far):
-            counts, _, _ = np.histogram2d(*rest[0][some].T, bins=8, range=[[0.0, 1.0], [0.0, 1.0]])
+            counts, _, _ = np.histogram2d(*leftover[0][some].T, bins=8, range=[[0.0, 1.0], [0.0, 1.0]])
             result = chi_square_test(counts, np.full((8, 8), some.sum() / 64.0), tests=2)
             assert result.passed, result.message
 
@@ -219,15 +223,15 @@ def test_no_light_that_reaches_a_point_is_left_out(receives: int, device: str, r
         points[:150] += (rng.normal(size=(150, 3)) * 10.0 ** rng.uniform(-3, 1, (150, 1))).astype(np.float32)
         normals = unit(rng.normal(size=points.shape)).astype(np.float32)
         normals[::5] = lights.axis[rng.integers(0, n, 60)]
-        said = Asked(build_light_tree(lights), (points, normals), receives, device).said()
+        probabilities = Queries(build_light_tree(lights), (points, normals), receives, device).probabilities()
         # A point of the triangle is in front of it, and above the receiver's horizon.
         c = corners.astype(np.float64)
         in_front = ((points[:, None] - c[None, :, 0]) * np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])).sum(axis=2)
-        sees = (in_front > 0.0) | (two_sided & (in_front < 0.0))
+        is_reached = (in_front > 0.0) | (two_sided & (in_front < 0.0))
         if receives == FRONT:
-            sees &= ((c[None] - points[:, None, None]) * normals[:, None, None]).sum(axis=3).max(axis=2) > 0.0
-        reached += int(sees.sum())
-        missed += int((said[sees] == 0.0).sum())
+            is_reached &= ((c[None] - points[:, None, None]) * normals[:, None, None]).sum(axis=3).max(axis=2) > 0.0
+        reached += int(is_reached.sum())
+        missed += int((probabilities[is_reached] == 0.0).sum())
     report("pairs of points and lights, left out", f"{reached}, {missed}", 0)
     assert reached > 40_000
     assert missed == 0
@@ -248,27 +252,34 @@ def test_no_beam_that_reaches_a_point_is_left_out(is_wide: bool, device: str) ->
     tree = build_light_tree(LightBounds.of(position[:, None], axis, 1.0, cos_falloff=cosine))
     for _ in range(10):
         angle = 0.99 * np.arccos(cosine)[:, None]
-        way = axis * np.cos(angle) + unit(np.cross(axis, rng.normal(size=(n, 3)))) * np.sin(angle)
-        points = (position + way * 10.0 ** rng.uniform(-1.0, 3.0, (n, 1))).astype(np.float32)
-        assert (np.diagonal(Asked(tree, (points, -way.astype(np.float32)), FRONT, device).said()) > 0.0).all()
+        direction = axis * np.cos(angle) + unit(np.cross(axis, rng.normal(size=(n, 3)))) * np.sin(angle)
+        points = (position + direction * 10.0 ** rng.uniform(-1.0, 3.0, (n, 1))).astype(np.float32)
+        assert (
+            np.diagonal(Queries(tree, (points, -direction.astype(np.float32)), FRONT, device).probabilities()) > 0.0
+        ).all()
 
 
 def test_near_lights_and_those_that_face_the_point_are_preferred(report: Report, device: str) -> None:
-    """The variance of unshadowed light over that of the choice by power, for lights of a large room."""
+    """Unshadowed light in a large room has far less variance than with the choice by power."""
     rng = np.random.default_rng(0)
     lights = triangles_of(triangles(2000, 11, size=0.02) * np.float32(5.0), rng.lognormal(size=2000))
     points = (rng.random((50, 3)) * [20.0, 5.0, 20.0]).astype(np.float32)
     normals = unit(rng.normal(size=points.shape)).astype(np.float32)
-    said = Asked(build_light_tree(lights), (points, normals), FRONT, device).said()
-    way = lights.center - points[:, None]
-    cosines = np.maximum((way * normals[:, None]).sum(axis=2), 0.0) * np.maximum(-(way * lights.axis).sum(axis=2), 0.0)
-    arriving = lights.power * cosines / (way**2).sum(axis=2) ** 2
+    probabilities = Queries(build_light_tree(lights), (points, normals), FRONT, device).probabilities()
+    offset = lights.center - points[:, None]
+    cosines = np.maximum((offset * normals[:, None]).sum(axis=2), 0.0) * np.maximum(
+        -(offset * lights.axis).sum(axis=2), 0.0
+    )
+    arriving = lights.power * cosines / (offset**2).sum(axis=2) ** 2
 
     def variance(p: NDArray) -> float:
         second = np.divide(arriving**2, p, out=np.zeros_like(arriving), where=arriving > 0.0).sum(axis=1)
         return float(np.mean(second / arriving.sum(axis=1) ** 2 - 1.0))
 
-    by_tree, by_power = variance(said), variance(np.broadcast_to(lights.power / lights.power.sum(), said.shape))
+    by_tree, by_power = (
+        variance(probabilities),
+        variance(np.broadcast_to(lights.power / lights.power.sum(), probabilities.shape)),
+    )
     report("relative variance by tree, by power", f"{by_tree:.2f}, {by_power:.2f}")
     assert by_tree < 0.05 * by_power
 
@@ -359,10 +370,13 @@ def test_the_tree_is_for_many_lights(tmp_path: Path, monkeypatch: pytest.MonkeyP
     def has_tree(scene: wrt.Scene, choice: str = "auto") -> bool:
         return build_scene(scene, Device("cpu"), light_choice=choice).features.light_tree
 
-    few, many = wrt.Scene(), wrt.Scene()
-    few.add(lamps(FEW_LIGHTS, 1), emission=1.0)
-    many.add(lamps(FEW_LIGHTS + 1, 1), emission=1.0)
-    assert [has_tree(few), has_tree(few, "tree"), has_tree(many), has_tree(many, "power")] == [False, True, True, False]
+    few_lamps, many_lamps = wrt.Scene(), wrt.Scene()
+    few_lamps.add(lamps(FEW_LIGHTS, 1), emission=1.0)
+    many_lamps.add(lamps(FEW_LIGHTS + 1, 1), emission=1.0)
+    assert not has_tree(few_lamps)
+    assert has_tree(few_lamps, "tree")
+    assert has_tree(many_lamps)
+    assert not has_tree(many_lamps, "power")
     # Lights that are infinitely far away are not in it.
     far = wrt.Scene(lights=[wrt.DirectionalLight((0, -1, 0), 1.0)] * 100)
     far.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)))

@@ -1,4 +1,4 @@
-"""docs/own-light.md: its program runs, its model is right, and a light of one's own is as good as a built-in one."""
+"""docs/own-light.md: its program runs, its model is right, and its light works like a built-in one."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_the_program_runs_and_its_light_is_reflected(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
 def test_estimators_agree_with_the_closed_form(strategy: str, device: str, report: Report) -> None:
-    """The irradiance of a ring is that of a disk less that of its hole."""
+    """The irradiance of a ring: a disk minus the disk of its hole."""
     scene = floor_scene(eye=0.9)
     scene.add_light(ring())
     spp = 2048 if strategy == "bsdf" else 512

@@ -60,8 +60,6 @@ def test_harmonics_that_are_negative_are_black() -> None:
     up = image_directions(*image.pixels.shape[:2])[..., 1] > 0.0
     assert (image.pixels[up] > 0.0).all()
     assert not image.pixels[~up].any()
-    with pytest.raises(wrt.InputError, match=r"must be 1, 4, 9, 16, \.\.\. rows of three numbers, not \(2, 3\)"):
-        wrt.SphericalHarmonicsEnvironment([1.0, 2.0])
 
 
 @pytest.mark.parametrize("strategy", ["mis", pytest.param("light", marks=pytest.mark.slow)])
@@ -161,5 +159,3 @@ def test_the_sun_may_be_given_by_its_direction_or_left_out() -> None:
     direction = wrt.SunSkyEnvironment(sun_direction=tuple(3.0 * x for x in angles.to_sun))  # type: ignore[arg-type]
     assert (direction.elevation_degrees, direction.azimuth_degrees) == pytest.approx((30.0, -100.0))
     np.testing.assert_allclose(wrt.SunSkyEnvironment(0.001, 90.0).to_sun, (1.0, 0.0, 0.0), atol=1e-4)
-    with pytest.raises(wrt.InputError):
-        wrt.SunSkyEnvironment(sun_direction=(0.0, -1.0, 0.0))

@@ -198,7 +198,7 @@ def faults(x: NDArray[np.float64], material: Material) -> list[str]:
 
 @pytest.mark.slow
 def test_pictures_of_the_extremes(device: str, report: Report) -> None:
-    """Of samples of their own, none of which is thrown away."""
+    """Sample by sample; the film rejects none."""
     rows = math.ceil(len(SHOWN) / COLUMNS)
     size = {"width": COLUMNS * TILE, "height": rows * TILE}
     renderer = wrt.Renderer(balls(), **size, sampler="independent", device=device, seed=7, max_depth=32, filter="box")

@@ -140,7 +140,7 @@ def test_a_dielectric_by_schlick_is_the_shader_of_the_lecture(front: bool, ior: 
 
 @pytest.mark.parametrize("eta", [1.0001, 1.1, 1.33, 1.5, 2.42, 5.0])
 def test_mean_reflectances_have_their_closed_form(eta: float) -> None:
-    """From inside by 1 − R = (1 − R_outside) / η² (Stokes); of a metal without absorption that of the dielectric."""
+    """From inside by 1 − R = (1 − R_outside) / η² (Stokes); of a metal without absorption as of the dielectric."""
     outside = diffuse_reflectance(eta)
     assert internal_reflectance(eta) == pytest.approx(1.0 - (1.0 - outside) / eta**2, abs=1e-8)
     assert internal_reflectance(1.0 / eta) == pytest.approx(outside, abs=1e-8)

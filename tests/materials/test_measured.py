@@ -16,9 +16,8 @@ from support.scene_files import QUAD
 from support.wide_scenes import differences, needs_lanes, room
 
 import wrt
-from wrt.io.measured.measurement import load_measurement, save_measurement
+from wrt.io.measured.measurement import load_measurement, save_measurement, write_tensors
 from wrt.io.measured.observer import WAVELENGTHS
-from wrt.io.measured.tensor_file import write_tensors
 from wrt.io.mitsuba.spectra import reflected
 from wrt.scene.materials.measured import Measurement
 
@@ -71,9 +70,9 @@ def test_viewers_at_both_ends_of_a_half(device: str) -> None:
     """Exactly along the axis, where the azimuth could be either end."""
     wi = hemisphere(N, seed=46)
     for x in (0.6, -0.6):
-        along = CASES["half"].evaluate(np.array([x, 0.0, 0.8]), wi, device)[0]
-        beside = CASES["half"].evaluate(np.array([x, 1e-6, 0.8]), wi, device)[0]
-        np.testing.assert_allclose(along, beside, rtol=1e-3)
+        on_axis = CASES["half"].evaluate(np.array([x, 0.0, 0.8]), wi, device)[0]
+        off_axis = CASES["half"].evaluate(np.array([x, 1e-6, 0.8]), wi, device)[0]
+        np.testing.assert_allclose(on_axis, off_axis, rtol=1e-3)
 
 
 # --- Mitsuba -----------------------------------------------------------------------------------------
@@ -202,7 +201,7 @@ BAD: list[tuple[str, Any, str]] = [
     ("theta_i", lambda x: x[::-1], "ascending angles"),
     ("phi_i", lambda x: x / 3.0, "1/6"),
 ]
-"""Tables, what is wrong with them, and what is said of it."""
+"""Name of a table, how to damage it, and the message."""
 
 
 def with_bytes(at: bytes, offset: int, new: bytes) -> Any:
@@ -227,23 +226,23 @@ DAMAGED = [
 
 
 def test_bad_files_are_refused_in_one_line(tmp_path: Path) -> None:
-    whole, file = saved(tmp_path, TABLES["isotropic"]).read_bytes(), tmp_path / "bad.bsdf"
+    intact, file = saved(tmp_path, TABLES["isotropic"]).read_bytes(), tmp_path / "bad.bsdf"
 
-    def assert_refused(said: str) -> None:
+    def assert_refused(message: str) -> None:
         with pytest.raises(wrt.InputError) as caught:
             load_measurement(file)
         assert str(caught.value).startswith(f"{file}: ")
-        assert said in str(caught.value)
+        assert message in str(caught.value)
         assert "\n" not in str(caught.value)
 
-    for name, alter, said in BAD:
+    for name, alter, message in BAD:
         fields = fields_of(TABLES["half"])
         table = fields.pop(name)
         written(file, fields if alter is None else {**fields, name: alter(table)})
-        assert_refused(said)
-    for damage, said in DAMAGED:
-        file.write_bytes(damage(whole))
-        assert_refused(said)
+        assert_refused(message)
+    for damage, message in DAMAGED:
+        file.write_bytes(damage(intact))
+        assert_refused(message)
     written(file, {name: np.zeros(1, np.float32) for name in ("theta_h", "theta_d", "phi_d", "wvls", "M")})
     assert_refused("polarised measurement")
 
@@ -262,8 +261,6 @@ def test_scene_files(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text(text.replace("tables", "no"))
     with pytest.raises(wrt.InputError, match=r"bad\.toml: materials\.paint\.measurement: .*no_rgb.bsdf: no such file"):
         wrt.load(tmp_path / "bad.toml")
-    with pytest.raises(wrt.InputError, match=r"must be a wrt\.Measurement, not str"):
-        wrt.Measured("paint.bsdf")
 
 
 def test_scenes_of_mitsuba(tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ def sgd(alpha: float, p: float) -> Case:
 
 
 ROUGHNESSES = (1e-4, 0.1, 1.0)
-# Those of sgd are of chrome steel, alum-bronze and dark red paint (Bagher et al. 2012), but for the exact p.
+# The first, second and fifth of sgd are chrome steel, alum-bronze and dark red paint (Bagher et al. 2012).
 CASES = [
     *(slopes(name, alpha) for name in ("ggx", "beckmann", "blinn-phong") for alpha in ROUGHNESSES),
     *(slopes(name, *pair) for name in ("ggx", "beckmann") for pair in ((0.5, 0.05), (1e-4, 1e-3))),
@@ -196,8 +196,8 @@ def printed_d(case: Case, m: Array) -> Array:
     y = a + tan2 / a
     # Γ(1 − p, α), from its value at 0 < 1 − p + n by Γ(s, α) = (Γ(s + 1, α) − α^s exp(−α)) / s.
     s = 1.0 - b
-    whole = s % 1.0 or 1.0
-    upper = special.exp1(a) if s in (0.0, -1.0) else special.gammaincc(whole, a) * special.gamma(whole)
+    fraction = s % 1.0 or 1.0
+    upper = special.exp1(a) if s in (0.0, -1.0) else special.gammaincc(fraction, a) * special.gamma(fraction)
     for k in np.arange(s, s % 1.0 if s % 1.0 else 0.0)[::-1]:
         upper = (upper - a**k * np.exp(-a)) / k
     return np.exp(-y) / y**b / (a * upper * np.pi * cos**4)
@@ -214,14 +214,14 @@ def test_distribution_is_the_printed_one_and_normalised(case: Case, device: str,
     found, expected = case.d(m, device), printed_d(case, m.astype(np.float64))
     area = r**2 * case.scale[0] * case.scale[1] * (log_r[1] - log_r[0]) * (2.0 * np.pi / 16)
     total = float(np.sum(found * m[:, 2].astype(np.float64) ** 4 * area))
-    seen = (expected > 1e-20 * expected.max()) & (r > 1e-3) & (r < 50.0)
-    error = np.abs(found[seen] / expected[seen] - 1.0)
+    is_significant = (expected > 1e-20 * expected.max()) & (r > 1e-3) & (r < 50.0)
+    error = np.abs(found[is_significant] / expected[is_significant] - 1.0)
     report(f"{case}: ∫ D cosθ dω", total, 1.0)
     report(f"{case}: largest relative error", float(error.max()), 0.0)
     assert abs(total - 1.0) < 1e-4
-    # Rounding, and that of the argument of exp, where D has fallen by 20 orders: 50 roundings and more.
+    # The argument of exp is rounded, too: 50 roundings and more where D has fallen by 20 orders.
     assert error.max() < 3e-5
-    assert seen.sum() > 10_000
+    assert is_significant.sum() > 10_000
     assert not case.d(m * np.array([1.0, 1.0, -1.0]), device).any()
 
 
@@ -297,12 +297,12 @@ def smith_g1(case: Case, w: Array) -> Array:
 def test_smith_is_exact(name: str, device: str, report: Report) -> None:
     wo = np.concatenate([hemisphere(20_000, seed=4), [viewer(a) for a in (*ANGLES, 89.9, 89.99)]])
     up = np.broadcast_to([0.0, 0.0, 1.0], wo.shape)
-    worst = 0.0
+    largest = 0.0
     for case in (case for case in CASES if case.name == name):
         found = case.masking("smith", up, wo, wo, device)[1]
-        worst = max(worst, float(np.abs(found / smith_g1(case, wo) - 1.0).max()))
-    report(f"{name}: largest relative error of G1", worst, 0.0)
-    assert worst < 5e-6
+        largest = max(largest, float(np.abs(found / smith_g1(case, wo) - 1.0).max()))
+    report(f"{name}: largest relative error of G1", largest, 0.0)
+    assert largest < 5e-6
 
 
 def test_walters_fit(device: str, report: Report) -> None:
@@ -337,9 +337,9 @@ def test_maskings_are_the_printed_ones(device: str) -> None:
 
 
 def test_materials_may_ask_for_what_kernels_have() -> None:
-    known = {name: set(maskings_of(name)) for name in DISTRIBUTIONS}
-    known["blinn-phong"].remove("smith")  # borrowed, and makes light at grazing angles whatever the roughness
-    assert known == {name: set(maskings) for name, maskings in described.MASKINGS.items()}
+    in_kernels = {name: set(maskings_of(name)) for name in DISTRIBUTIONS}
+    in_kernels["blinn-phong"].remove("smith")  # borrowed, and makes light at grazing angles whatever the roughness
+    assert in_kernels == {name: set(maskings) for name, maskings in described.MASKINGS.items()}
     assert float(LEAST_ALPHA) == described.LEAST_ALPHA
     with pytest.raises(ValueError, match="'smith' is not known for the distribution 'abc'"):
         make_microfacet("abc", "smith")

@@ -1,4 +1,4 @@
-"""Opacity: what is there of a surface reflects, shines and casts shadows; the rest lets light through as air does."""
+"""Opacity: a share of the surface reflects, emits and casts shadows; light passes the rest as it passes air."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def test_what_has_no_opacity_is_not_there(strategy: str, max_depth: int, device:
     scene.add(wrt.sphere((0.0, 2.5, 0.0), 0.9, subdivisions=2), material=ghosts[2])
     scene.add(wrt.quad((-3, 0.05, 3), (6, 0, 0), (0, 0, -6)), material=ghosts[3], emission=100.0)
     if max_depth == 1:
-        seen = render(scene, device, spp=8, strategy=strategy, max_depth=1).image()
-        np.testing.assert_allclose(seen, empty, rtol=1e-4, atol=1e-6)
+        image = render(scene, device, spp=8, strategy=strategy, max_depth=1).image()
+        np.testing.assert_allclose(image, empty, rtol=1e-4, atol=1e-6)
         return
     # A glowing ghost would take part in the choice of lights: other numbers, the same mean.
     scene.shapes[-1] = dataclasses.replace(scene.shapes[-1], emission=0.0)
@@ -87,7 +87,7 @@ PANES: dict[str, tuple[list[wrt.Material], float]] = {
 
 @pytest.mark.parametrize("name", PANES)
 def test_shadows_of_panes_are_their_share(name: str, device: str) -> None:
-    """Irradiance through panes is that without them times what they let through, sample by sample."""
+    """Panes multiply irradiance by the share they pass, sample by sample."""
     materials, share = PANES[name]
     images = []
     for panes in ([], materials):
@@ -105,7 +105,7 @@ def test_shadows_of_panes_are_their_share(name: str, device: str) -> None:
 def test_a_lamp_through_a_pane_and_one_partly_there(strategy: str, device: str, report: Report) -> None:
     """All ways to find the lamp agree: shadow rays take shares, rays that are followed choose.
 
-    What shines is what is there: all of the second lamp's left half, a quarter of its right one. Between the halves,
+    Opacity scales emission: the second lamp's left half emits fully, its right half a quarter. Between the halves,
     and at the seam of the repeated texture, opacity runs over 2 cm: less than noise.
     """
     columns = np.repeat(np.float32([1.0] * 32 + [0.25] * 32)[None, :, None], 3, axis=2)
@@ -117,8 +117,8 @@ def test_a_lamp_through_a_pane_and_one_partly_there(strategy: str, device: str, 
     half_there.add(wrt.quad(*place), material=partly)
 
     def halves(x: NDArray, z: NDArray) -> NDArray:
-        left, right = (rectangle_irradiance(x + shift, z, 1.0, (0.3, 0.4)) for shift in (0.3, -0.3))
-        return left + 0.25 * right
+        left_half, right_half = (rectangle_irradiance(x + shift, z, 1.0, (0.3, 0.4)) for shift in (0.3, -0.3))
+        return left_half + 0.25 * right_half
 
     def behind(x: NDArray, z: NDArray) -> NDArray:
         return 0.75 * rectangle_irradiance(x, z, 1.0, (0.6, 0.4))

@@ -81,9 +81,3 @@ def test_sampling_is_better_than_a_cosine(device: str, report: Report) -> None:
         second = float(np.mean(value[:, 0] ** 2 * np.pi / wi[:, 2]) * 2.0 * np.pi)
         report(f"deviation at {degrees:g}°, a cosine's beside it", deviation, np.sqrt(second - 1.0))
         assert deviation < 0.5 * np.sqrt(second - 1.0)
-
-
-@pytest.mark.parametrize("bad", [{"sigma": -0.1}, {"sigma": 1.6}, {"reflectance": 1.1}])
-def test_impossible_values_are_refused(bad: dict) -> None:
-    with pytest.raises(wrt.InputError, match=next(iter(bad))):
-        wrt.OrenNayar(**bad)

@@ -1,4 +1,4 @@
-"""docs/own-bsdf.md: its program runs, its model is right, and a model of one's own is as good as a built-in one."""
+"""docs/own-bsdf.md: its program runs, its model is right, and its material works like a built-in one."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_ones_own_may_be_registered_again(device: str) -> None:
             for _ in renderers[-1].passes(spp=1):
                 pass
             images.append(renderers[-1].image())
-        # What is there already keeps the functions that it was made with.
+        # Renderers keep the functions that they were made with.
         for renderer in renderers:
             for _ in renderer.passes(spp=2):
                 pass
@@ -150,6 +150,6 @@ def test_ones_own_may_be_registered_again(device: str) -> None:
     finally:
         del MATERIALS["cell-moon"]
     assert images[0].max() > 0.0
-    for dim, twice, again in (images, later):
+    for dim, twice, repeated in (images, later):
         np.testing.assert_array_equal(twice, 2.0 * dim)
-        np.testing.assert_array_equal(again, dim)
+        np.testing.assert_array_equal(repeated, dim)

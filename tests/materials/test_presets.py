@@ -105,7 +105,7 @@ def test_spectra_give_printed_colors(name: str) -> None:
 def test_index_reflects_as_the_spectrum(name: str, report: Report) -> None:
     """At normal incidence to the rounding of η and k to four digits; at every angle to 0.01.
 
-    But for a channel that lies outside the gamut.
+    Channels outside the gamut are left out.
     """
     _, table = measured()[name]
     np.testing.assert_allclose(preset_f0(name), np.clip(colors(table)[0], 0.0, MAX_F0), atol=1e-4)
@@ -121,9 +121,9 @@ def test_index_reflects_as_the_spectrum(name: str, report: Report) -> None:
 
 def test_tables_of_metals_differ_as_said() -> None:
     """The module says by how much; a metal it does not name is off by less than nickel."""
-    said = {"titanium": 0.1, "iron": 0.1, "silver": 0.065, "gold": 0.065}
+    limits = {"titanium": 0.1, "iron": 0.1, "silver": 0.065, "gold": 0.065}
     for name in presets.METAL_F0.keys() & presets.METAL_IOR.keys():
-        assert np.abs(preset_f0(name) - presets.metal_f0(name)).max() < said.get(name, 0.04), name
+        assert np.abs(preset_f0(name) - presets.metal_f0(name)).max() < limits.get(name, 0.04), name
 
 
 def test_names() -> None:
@@ -131,9 +131,9 @@ def test_names() -> None:
     assert presets.metal_ior("aluminum") == presets.metal_ior("Al") == presets.METAL_IOR["aluminium"]
     assert presets.metal_f0("gold") == (1.0, 0.782, 0.344)
     assert presets.dielectric_ior("glass") == 1.51
-    known = {*presets.METAL_F0, *presets.METAL_IOR, *presets.DIELECTRIC_IOR, *presets.SEMICONDUCTOR_F0}
-    assert set(presets.ALIASES.values()) <= known
-    assert known.isdisjoint(presets.ALIASES)
+    names = {*presets.METAL_F0, *presets.METAL_IOR, *presets.DIELECTRIC_IOR, *presets.SEMICONDUCTOR_F0}
+    assert set(presets.ALIASES.values()) <= names
+    assert names.isdisjoint(presets.ALIASES)
 
 
 def test_every_constant_has_a_name_in_a_scene(tmp_path: Path) -> None:

@@ -64,17 +64,17 @@ class Row(NamedTuple):
     weights: bool = True
 
 
-def row(material: wrt.Material, *angles: float, back: bool = False, bumpy: bool = False, **known: bool) -> Row:
+def row(material: wrt.Material, *angles: float, back: bool = False, bumpy: bool = False, **properties: bool) -> Row:
     case = Bumpy(material, not back, VARIANCE) if bumpy else Case(material, not back)
-    return Row(case, angles, **known)
+    return Row(case, angles, **properties)
 
 
-def metal(alpha: Any, distribution: str = "ggx", masking: str = "smith", **rest: Any) -> wrt.RoughConductor:
-    return wrt.RoughConductor(alpha, distribution=distribution, masking=masking, **rest)
+def metal(alpha: Any, distribution: str = "ggx", masking: str = "smith", **options: Any) -> wrt.RoughConductor:
+    return wrt.RoughConductor(alpha, distribution=distribution, masking=masking, **options)
 
 
-def glass(alpha: Any, ior: float = 1.5, **rest: Any) -> wrt.RoughDielectric:
-    return wrt.RoughDielectric(ior, alpha=alpha, **rest)
+def glass(alpha: Any, ior: float = 1.5, **options: Any) -> wrt.RoughDielectric:
+    return wrt.RoughDielectric(ior, alpha=alpha, **options)
 
 
 def measured(tables: Measurement, *angles: float, quick: bool = False) -> Row:
@@ -164,9 +164,9 @@ TABLE = {
 }
 
 
-def names(**wanted: bool) -> list[Any]:
+def names(**properties: bool) -> list[Any]:
     """Return the rows that have these properties as parameters, the quick ones unmarked."""
-    rows = {name: row for name, row in TABLE.items() if all(getattr(row, k) == v for k, v in wanted.items())}
+    rows = {name: row for name, row in TABLE.items() if all(getattr(row, k) == v for k, v in properties.items())}
     return [pytest.param(name, marks=() if row.quick else pytest.mark.slow) for name, row in rows.items()]
 
 
@@ -204,10 +204,10 @@ def test_reciprocity(name: str, device: str, report: Report) -> None:
     if case.model.transmits and not case.model.delta and case.front and "dispersi" not in case.name:
         material: Any = case.material
         ior = getattr(material, "relative_ior", 1.0 if getattr(material, "thin_walled", False) else material.ior)
-        most, worst = transmission_error(case, ior, device)
-        report(f"{name}: f(wo, wi) η² and f(wi, wo), 99.9 % and all", most, worst)
-        assert most < 2e-4
-        assert worst < 1e-2
+        of_most, largest = transmission_error(case, ior, device)
+        report(f"{name}: f(wo, wi) η² and f(wi, wo), 99.9 % and all", of_most, largest)
+        assert of_most < 2e-4
+        assert largest < 1e-2
 
 
 @pytest.mark.parametrize("name", names(conserving=True))
@@ -315,7 +315,7 @@ def test_white_plastic_under_bumps_stays_white(roughness: float, device: str, re
 
 @pytest.mark.slow
 def test_white_materials_vanish_in_a_white_room(device: str, report: Report) -> None:
-    """Textured roughness, tables that lie one behind the other, and a body; what shines besides is brighter by that."""
+    """Textured roughness, tables one behind the other, and a body; one that also emits is brighter by its emission."""
     levels = np.linspace(0.05, 1.0, 64, dtype=np.float32).reshape(8, 8, 1) * np.ones(3, np.float32)
     varying, white = wrt.ImageTexture(levels), {"f0": 1.0, "multiple_bounces": True}
     sheets = [

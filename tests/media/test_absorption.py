@@ -1,4 +1,4 @@
-"""Media that absorb and emit: Beer's law per channel, on the way to the camera and on the way to a light.
+"""Media that absorb and emit: Beer's law per channel, towards the camera and towards a light.
 
 Where nothing scatters and nothing reflects a path has one way to go, and pictures have no noise at all.
 """
@@ -132,7 +132,7 @@ def test_bodies_that_touch(turn: float, device: str) -> None:
 
 
 def test_light_through_bodies_and_panes(device: str) -> None:
-    """A point light shines on a plate at 45 degrees: through 0.5 m / cos 45° of a block, which is not in the camera's
+    """A point light lights a plate at 45 degrees: through 0.5 m / cos 45° of a block, which is not in the camera's
     way, or through thin glass, which leaves 1 − 2 F / (1 + F), times its colour."""
     color = np.array([0.9, 0.5, 0.1])
     glass = wrt.ThinDielectric(1.5, specular_transmittance=tuple(color))
@@ -166,15 +166,13 @@ def test_a_lamp_behind_coloured_panes(strategy: str, device: str, report: Report
     scene.add(wrt.quad((0.15, -6, -0.95), (0, 12, 0), (0, 0, 9)), material=wrt.ThinDielectric(1.5))
     options = {"size": (32, 32), "spp": 256, "max_depth": 2}
     mean, error = mean_and_error(render(scene, device, strategy=strategy, **options))
-    known, known_error = mean_and_error(render(scene, device, strategy="light", seed=5, **options))
+    by_light, by_light_error = mean_and_error(render(scene, device, strategy="light", seed=5, **options))
     report(f"{strategy}: red green blue", str(mean.round(6)), f"± {error.round(6)}")
-    assert known.min() > 0.0
-    assert (np.abs(mean - known) < 3.5 * np.hypot(error, known_error)).all()
+    assert by_light.min() > 0.0
+    assert (np.abs(mean - by_light) < 3.5 * np.hypot(error, by_light_error)).all()
 
 
 def test_media_that_cannot_be_are_refused() -> None:
-    with pytest.raises(wrt.InputError, match="an interior needs a transmission"):
-        wrt.Principled(interior=MEDIUM)
     scene = stage(sky=1.0)
     two = wrt.Mix(wrt.Dielectric(interior=MEDIUM), wrt.Dielectric())
     scene.add(wrt.box((-1, -1, -1), (1, 1, 1)), material=two, name="odd")

@@ -44,9 +44,8 @@ OVERLAPS = [0.0, 1e-5, 1e-3]
 def test_refraction_through_layers(overlap: float, device: str, report: Report) -> None:
     """Air, glass, water, ice, and a glowing floor: by Snell's law, the formula of layers, and Beer's law in each.
 
-    Most of the light that is seen came straight up. Its radiance is that of the floor times n² of air over n² of ice,
-    times what each boundary lets through and each layer leaves; light that was reflected twice is held back by a tint
-    of what boundaries reflect, 0.
+    Boundaries reflect nothing (specular_reflectance 0), so all light came straight up: the floor's radiance times n²
+    of air over n² of ice, times the transmittance of each boundary and each layer.
     """
     a = math.radians(70.0)
     scene = tinted_stage(origin=(3.0 * math.sin(a), 0.0, 3.0 * math.cos(a)), fov_degrees=1e-4)
@@ -84,8 +83,7 @@ def test_refraction_through_layers(overlap: float, device: str, report: Report) 
 def test_no_seam_between_water_and_glass(overlap: float, device: str, report: Report) -> None:
     """Along a row of pixels across a ball of water in a hollow of glass no line is darker or brighter.
 
-    All have one index and one medium here, so the picture must be that of a plain block, but for overlooked or doubled
-    boundaries.
+    All have one index and one medium here, so the picture equals a plain block unless boundaries are missed or doubled.
     """
     medium = wrt.Medium((0.5, 1.0, 2.0))
     outer = wrt.Dielectric(1.5, interior=medium, priority=2)
@@ -147,8 +145,8 @@ def test_more_bodies_than_there_is_room_for(device: str) -> None:
     for i in range(12):
         material = wrt.Null(interior=wrt.Medium(0.1 * (i + 1)), priority=1)
         scene.add(layer(1.2 - 0.1 * i, -1.2 + 0.1 * i, 5.0), material=material)
-    within = [0.1 * min(i + 1, 8) for i in range(12)]
-    length = sum(2.0 * 0.1 * a for a in within)
+    absorptions = [0.1 * min(i + 1, 8) for i in range(12)]
+    length = sum(2.0 * 0.1 * a for a in absorptions)
     assert_allclose(render(scene, device).image(), math.exp(-length), rtol=1e-4)
 
 

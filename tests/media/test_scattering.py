@@ -38,8 +38,8 @@ def test_directions_follow_the_phase_function(g: float, device: str, report: Rep
     report(f"g = {g:g}", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
     # With another mean cosine they do not.
-    other = expected(g + 0.05 * (1.0 if g < 0.0 else -1.0))
-    assert not chi_square_test(counts, other, tests=5, total_tolerance=1.0).passed
+    of_another_mean = expected(g + 0.05 * (1.0 if g < 0.0 else -1.0))
+    assert not chi_square_test(counts, of_another_mean, tests=5, total_tolerance=1.0).passed
     cosine = np.linspace(-1.0, 1.0, 1001)
     value = map_function(phase, cosine, np.full(1001, g), device=device)
     formula = henyey_greenstein(np.float32(cosine).astype(np.float64), float(np.float32(g)))
@@ -49,8 +49,8 @@ def test_directions_follow_the_phase_function(g: float, device: str, report: Rep
 
 def test_directions_turn_with_the_way(device: str) -> None:
     forward = np.array([0.48, -0.6, 0.64])
-    given = (np.broadcast_to(forward, (N, 3)), np.full(N, 0.8), uniforms(N, 2, seed=4))
-    directions = map_function(sample_phase, *given, device=device).astype(np.float64)
+    inputs = (np.broadcast_to(forward, (N, 3)), np.full(N, 0.8), uniforms(N, 2, seed=4))
+    directions = map_function(sample_phase, *inputs, device=device).astype(np.float64)
     assert abs((directions @ forward).mean() - 0.8) < 4.0 * 0.4 / np.sqrt(N)
     assert abs((directions @ np.cross(forward, [0.0, 0.0, 1.0])).mean()) < 4.0 * 0.4 / np.sqrt(N)
 
@@ -106,12 +106,12 @@ def test_single_scattering_in_a_thin_slab(g: float, strategy: str, device: str, 
     points = corner + x[:, None, None] * along + x[None, :, None] * up
 
     def arriving(z: float, channel: int) -> float:
-        way = points - [0.0, 0.0, -z]
-        r2 = (way**2).sum(axis=2)
+        offset = points - [0.0, 0.0, -z]
+        r2 = (offset**2).sum(axis=2)
         r = np.sqrt(r2)
-        p = henyey_greenstein(-way[..., 2] / r, g)  # between the camera's way, −z, and the way to the light
-        through = np.exp(-t[channel] * z * r / way[..., 2])
-        light = 100.0 * np.maximum(-(way @ normal), 0.0) / (r2 * r)
+        p = henyey_greenstein(-offset[..., 2] / r, g)  # between the camera's way, −z, and the way to the light
+        through = np.exp(-t[channel] * z * r / offset[..., 2])
+        light = 100.0 * np.maximum(-(offset @ normal), 0.0) / (r2 * r)
         return float(np.einsum("i,j,ij", w, w, p * through * light)) * s[channel] * math.exp(-t[channel] * z)
 
     expected = np.array([quad(arriving, 0.0, d, args=(c,))[0] for c in range(3)])
@@ -135,8 +135,8 @@ def test_emission_while_it_scatters(device: str, report: Report) -> None:
 def test_color_of_a_deep_medium(g: float, device: str, report: Report) -> None:
     """Under even light, seen from all sides alike, `from_subsurface` shows the colour that it was given.
 
-    A large slab, 400 mean free paths deep; the camera sees it at angles of which cosθ is spread as light from a matt
-    surface is: that mean is the albedo under light from all sides, for the way can be reversed.
+    A large slab, 400 mean free paths deep. The camera sees it at cosine-distributed angles; by reversibility the mean
+    over them is the albedo under light from all sides.
     """
     color = np.array([0.2, 0.5, 0.8])
     scene = stage(sky=1.0)

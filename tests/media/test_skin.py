@@ -39,16 +39,16 @@ def make_enter(geometry: str) -> wp.Kernel:
         ray = Ray()
         ray.origin = origins[i]
         ray.direction = directions[i]
-        behind = closest_hit(scene, ray)
+        entry = closest_hit(scene, ray)
         met_out[i] = -2
-        if behind.triangle >= 0:
-            surface = surface_at(scene, ray, behind)
+        if entry.triangle >= 0:
+            surface = surface_at(scene, ray, entry)
             into = wp.normalize(turns[i] - surface.normal * (wp.dot(turns[i], surface.normal) + 0.5))
             ray.origin = leave(surface, -1.0)
             ray.direction = into
             ahead = closest_hit(scene, ray)
             distance = wp.where(ahead.triangle >= 0, ahead.t * share, 0.0)
-            skin = skin_near(scene, ray, distance, ahead, behind)
+            skin = skin_near(scene, ray, distance, ahead, entry)
             met_out[i] = skin.hit.triangle
             found_out[i, 0] = surface.position
             found_out[i, 1] = surface.normal
@@ -92,10 +92,10 @@ def test_the_skin_behind_is_where_the_path_came_in(name: str, device: str) -> No
         wp.launch(kernel, n, [built.data, *rays, share], made, device=device)
         return made[0].numpy(), made[1].numpy()
 
-    met, found = skins(0.0)
-    entered = met != -2
+    triangles, found = skins(0.0)
+    entered = triangles != -2
     assert entered.sum() > 1000
-    assert (met[entered] >= 0).all()
+    assert (triangles[entered] >= 0).all()
     # The path begins a little behind the surface, from where it is looked back at.
     assert np.abs(found[entered, 2] - found[entered, 0]).max() < 3e-5
     assert np.abs(found[entered, 3] - found[entered, 1]).max() < 1e-4  # the side from which the path came

@@ -141,9 +141,9 @@ def test_uniform_blocks_of_nanovdb(tmp_path: Path) -> None:
     data[lower + 544] &= 0xFE
     struct.pack_into("<f", data, lower + 1088, 3.0)
     (tmp_path / "tile.nvdb").write_bytes(data)
-    whole, tiled = (wrt.load_density(tmp_path / name) for name in ("smoke.nvdb", "tile.nvdb"))
-    np.testing.assert_array_equal(whole.values, tiled.values)
-    assert whole.to_world.tolist() == tiled.to_world.tolist()
+    with_leaf, tiled = (wrt.load_density(tmp_path / name) for name in ("smoke.nvdb", "tile.nvdb"))
+    np.testing.assert_array_equal(with_leaf.values, tiled.values)
+    assert with_leaf.to_world.tolist() == tiled.to_world.tolist()
 
 
 def test_what_is_wrong_is_told(tmp_path: Path) -> None:

@@ -47,9 +47,9 @@ def test_frames_are_the_pictures_of_their_scenes_and_missing_ones_are_rendered_o
     assert main(command) == 0
     paths = [mesh.parent / f"box_{number:02d}.exr" for number in range(3)]
     paths[1].unlink()
-    kept = [paths[k].stat().st_mtime_ns for k in (0, 2)]
+    times = [paths[k].stat().st_mtime_ns for k in (0, 2)]
     assert main([*command, "--resume"]) == 0
-    assert [paths[k].stat().st_mtime_ns for k in (0, 2)] == kept
+    assert [paths[k].stat().st_mtime_ns for k in (0, 2)] == times
     for path, scene in zip(paths, wrt.turntable(wrt.load(mesh, aspect=24 / 18), 3), strict=True):
         np.testing.assert_array_equal(wrt.load_image(path), wrt.render(scene, width=24, height=18, spp=1))
     capsys.readouterr()
@@ -92,9 +92,9 @@ def test_keyframes_move_from_frame_to_frame():
 def test_mistakes_are_named(options, words, mesh, capsys):
     (mesh.parent / "mine.gif").write_bytes(b"GIF89a of somebody else")
     assert main(["render", "box.npz", *options]) in (1, 2)
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    printed = capsys.readouterr().err
+    assert words in printed
+    assert "Traceback" not in printed
     assert sorted(os.listdir()) == ["box.npz", "mine.gif"]
     assert (mesh.parent / "mine.gif").read_bytes() == b"GIF89a of somebody else"
 

@@ -70,9 +70,9 @@ def test_what_cannot_be_done_is_one_line_and_writes_nothing(arguments, message, 
     Path("damaged.exr").write_bytes(b"v/1\x01damaged")
     before = sorted(os.listdir())
     assert run("develop", *arguments) == 2
-    said = capsys.readouterr().err
-    assert message in said
-    assert said.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert printed.count("\n") == 1
     assert sorted(os.listdir()) == before
 
 

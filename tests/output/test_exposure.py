@@ -1,4 +1,4 @@
-"""Automatic exposure shows what is there, and the default keeps radiance exact where it can be shown."""
+"""Automatic exposure makes a scene visible, and the default keeps radiance exact where a display can show it."""
 
 import math
 

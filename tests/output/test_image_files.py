@@ -69,11 +69,11 @@ def test_jpeg_shows_what_png_does(tmp_path):
     developed = save_image(path, image, tone="aces", exposure=0.5, metadata={"spp": 12, "scène": "boîte"})
     with Image.open(path) as picture:
         assert [component[1:3] for component in picture.layer] == [(1, 1)] * 3
-        said = dict(line.split(": ", 1) for line in picture.info["comment"].decode().splitlines())
+        printed = dict(line.split(": ", 1) for line in picture.info["comment"].decode().splitlines())
     Image.fromarray(developed.codes).save(tmp_path / "expected.jpg", quality=95, subsampling=0)
     np.testing.assert_array_equal(codes_of(path), codes_of(tmp_path / "expected.jpg"))
     developed_by = {"Tone": "aces", "Exposure": "0.5 stops"}
-    assert said == {"Software": f"wrt {wrt.__version__}", "spp": "12", "scène": "boîte", **developed_by}
+    assert printed == {"Software": f"wrt {wrt.__version__}", "spp": "12", "scène": "boîte", **developed_by}
     other = tmp_path / "b.jpg"
     refused(r"b\.jpg: a JPEG has no alpha; .* \.png or \.exr", save_image, other, np.ones((4, 4, 4)))
     refused(r"b\.jpg: the metadata of a JPEG", save_image, other, NOISE, metadata={"long": "x" * 70_000})
@@ -212,7 +212,7 @@ def test_png_files_cannot_have_more_pixels_than_their_bytes_stand_for(tmp_path, 
     Image.new(mode, (1500, 1000)).save(path, optimize=True)  # nothing packs better
     assert load_image(path).shape == (1000, 1500, 3)
     whole = path.read_bytes()
-    # Twice the rows, of which Pillow would take half to be black.
+    # Twice the rows: Pillow would read the missing half as black.
     path.write_bytes(whole[:8] + chunk(b"IHDR", whole[16:20] + struct.pack(">I", 2000) + whole[24:29]) + whole[33:])
     refused(r"even\.png: the file is too short for 1500x2000 pixels", load_image, path)
 

@@ -87,14 +87,14 @@ def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) ->
         at = np.stack([place @ u / (u @ u), place @ v / (v @ v)], axis=2)
         hit = (at > 0).all(axis=2) & (at < 1).all(axis=2) & (t < depth)
         depth[hit], number[hit], normal[hit], uv[hit] = t[hit], i + 1, n, at[hit]
-    met = number > 0
+    is_hit = number > 0
     assert set(np.unique(number)) == {0, 1, 2, 3}
-    position = np.where(met[..., None], origin + np.where(met, depth, 0.0)[..., None] * rays, 0.0)
+    position = np.where(is_hit[..., None], origin + np.where(is_hit, depth, 0.0)[..., None] * rays, 0.0)
     albedo = np.array([(0.0, 0.0, 0.0), (0.5, 0.5, 0.5), (0.8, 0.2, 0.1), (0.5, 0.5, 0.5)])[number]
     for name, expected in (
         ("object", number),
         ("material", np.array([0, 1, 2, 1])[number]),
-        ("alpha", met),
+        ("alpha", is_hit),
         ("depth", depth),
         ("position", position),
         ("normal", np.where(number[..., None] == 2, SMOOTH, normal)),
@@ -190,20 +190,20 @@ def test_a_moving_camera_moves_what_it_sees(kind: str, device: str, report: Repo
     scene = two_panes()
     scene.camera = make((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), shutter_close=1.0, motion=motion, **options)
     layers = render(scene, device=device).layers()
-    met = layers["object"] > 0
+    is_hit = layers["object"] > 0
     points = layers["position"].astype(np.float64)
     # As the shutter closes, the camera sees the points as the first one would see them moved back.
     back = (points - moved[:3, 3]) @ moved[:3, :3]
     expected = project(kind, begin, back, 32, 24) - project(kind, begin, points, 32, 24)
-    error = np.abs(layers["motion"] - expected)[met].max()
-    report(f"{kind}: largest error of up to {np.abs(expected[met]).max():.1f} pixels", float(error), 0.0)
+    error = np.abs(layers["motion"] - expected)[is_hit].max()
+    report(f"{kind}: largest error of up to {np.abs(expected[is_hit]).max():.1f} pixels", float(error), 0.0)
     assert error < 2e-4
     if kind != "orthographic":
-        # Where nothing is met, directions turn: about the vertical axis, by all of a panorama's longitude.
-        assert (layers["motion"][~met] != 0.0).any()
+        # Where nothing is hit, directions turn: about the vertical axis, by all of a panorama's longitude.
+        assert (layers["motion"][~is_hit] != 0.0).any()
     if kind == "panorama":
         # A left turn of 3 degrees, of 60 over 32 pixels.
-        np.testing.assert_allclose(layers["motion"][~met][:, 0], 3.0 / 60.0 * 32.0, rtol=1e-4)
+        np.testing.assert_allclose(layers["motion"][~is_hit][:, 0], 3.0 / 60.0 * 32.0, rtol=1e-4)
 
 
 @pytest.mark.slow
@@ -213,11 +213,11 @@ def test_a_moving_shape_moves_on_the_film(device: str) -> None:
     scene.camera = wrt.OrthographicCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), view_height=3.0, shutter_close=1.0)
     scene.shapes[1] = wrt.Shape(scene.shapes[1].mesh, transform=wrt.Motion.translation((0.3, 0.1, 0.0)))
     layers = render(scene, device=device).layers()
-    met = layers["object"] == 2
-    assert 0.05 < met.mean() < 0.5
-    np.testing.assert_array_equal(layers["motion"][~met], 0.0)
-    expected = np.tile(np.array([0.3, -0.1]) * 24.0 / 3.0, (int(met.sum()), 1))
-    np.testing.assert_allclose(layers["motion"][met], expected, rtol=1e-5)
+    is_hit = layers["object"] == 2
+    assert 0.05 < is_hit.mean() < 0.5
+    np.testing.assert_array_equal(layers["motion"][~is_hit], 0.0)
+    expected = np.tile(np.array([0.3, -0.1]) * 24.0 / 3.0, (int(is_hit.sum()), 1))
+    np.testing.assert_allclose(layers["motion"][is_hit], expected, rtol=1e-5)
 
 
 # --- The picture is the same -----------------------------------------------------------------------

@@ -30,11 +30,18 @@ def after_passes(monkeypatch):
     return set_event
 
 
-def test_a_file_that_appears_during_the_render_is_kept_and_so_is_the_picture(folder, after_passes):
-    after_passes(lambda: (folder / "a.png").write_bytes(b"notes"))
-    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 0
-    assert sorted(contents(folder)) == ["a-render.png", "a.png"]
-    assert (folder / "a.png").read_bytes() == b"notes"
+def fail_with(error):
+    def fail(*_, **__):
+        raise error
+
+    return fail
+
+
+def assert_one_error(capsys, beginning):
+    err = capsys.readouterr().err
+    assert err.startswith(f"wrt: error: {beginning}")
+    assert err.count("\n") == 1
+    return err
 
 
 def test_a_checkpoint_that_cannot_be_written_does_not_keep_the_picture(folder, after_passes, capsys):
@@ -65,57 +72,47 @@ FAILURES = {
 
 @pytest.mark.parametrize("failure", FAILURES)
 def test_an_error_in_a_pass_loses_nothing_that_was_rendered(failure, after_passes, capsys):
-    error, said = FAILURES[failure]
-
-    def fail():
-        raise error
-
-    after_passes(fail)
+    error, message = FAILURES[failure]
+    after_passes(fail_with(error))
     assert run("render", "cornell-box", "-o", "a.png", "--checkpoint", "a.ckpt", *SMALL) == 1
-    err = capsys.readouterr().err
-    assert err.startswith(f"wrt: error: {said}")
+    err = assert_one_error(capsys, message)
     assert err.endswith("; stopped at 1 samples per pixel; a.png and a.ckpt saved\n")
-    assert err.count("\n") == 1
     assert wrt.load_image("a.png").shape == (8, 8, 3)
     assert wrt.Renderer.resume("a.ckpt", wrt.load("cornell-box")).spp == 1
 
 
 def test_an_error_in_a_pass_and_another_in_saving_are_one_line(after_passes, monkeypatch, capsys):
     """As when a GPU is lost, which has the film."""
-
-    def fail(*_, **__):
-        raise RuntimeError("CUDA error 700")
-
+    fail = fail_with(RuntimeError("CUDA error 700"))
     after_passes(fail)
     monkeypatch.setattr(wrt.Renderer, "image", fail)
     assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
-    err = capsys.readouterr().err
+    err = assert_one_error(capsys, "RuntimeError: CUDA error 700")
     assert err.count("CUDA error 700") == 2
-    assert "; saving what there is failed: " in err
-    assert err.count("\n") == 1
+    assert "; saving the samples so far failed: " in err
 
 
-def test_an_error_before_the_first_sample_is_one_line(folder, monkeypatch, capsys):
-    def fail(*_, **__):
-        raise RuntimeError("CUDA error 700")
-
-    monkeypatch.setattr("wrt.rendering.render_kernel.RenderKernel.launch", fail)
-    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
-    err = capsys.readouterr().err
-    assert err.startswith("wrt: error: RuntimeError: CUDA error 700 (test_saving.py, line ")
-    assert err.count("\n") == 1
+@pytest.mark.parametrize(
+    ("function", "options"),
+    [
+        ("wrt.rendering.render_kernel.RenderKernel.launch", ("-o", "a.png")),
+        ("wrt.parts.render.render_windows", ("--part", "1/2", "-o", "a.wrt")),
+    ],
+    ids=["before the first sample", "in a part"],
+)
+def test_an_error_with_nothing_to_save_is_one_line(function, options, folder, monkeypatch, capsys):
+    monkeypatch.setattr(function, fail_with(AttributeError("no ncores")))
+    assert run("render", "cornell-box", *options, *SMALL) == 1
+    assert_one_error(capsys, "AttributeError: no ncores (test_saving.py, line ")
     assert not contents(folder)
 
 
 def test_a_picture_that_cannot_be_denoised_is_saved_with_its_noise(monkeypatch, capsys):
-    def fail(*_, **__):
-        raise RuntimeError("out of threads")
-
     monkeypatch.setattr("wrt.develop.denoise.require_denoiser", lambda: None)
-    monkeypatch.setattr(wrt.Renderer, "denoised", fail)
+    monkeypatch.setattr(wrt.Renderer, "denoised", fail_with(RuntimeError("out of threads")))
     assert run("render", "cornell-box", "-o", "a.png", "--denoise", *SMALL) == 1
-    said = capsys.readouterr().err
-    assert "wrt: error: a.png: saved with its noise, denoising failed: RuntimeError: out of threads" in said
+    message = "wrt: error: a.png: saved with its noise, denoising failed: RuntimeError: out of threads"
+    assert message in capsys.readouterr().err
     assert wrt.load_image("a.png").shape == (8, 8, 3)
 
 
@@ -130,22 +127,8 @@ def test_an_error_in_a_frame_is_one_line_and_complete_frames_stay(folder, monkey
 
     monkeypatch.setattr(wrt.Renderer, "passes", fail_at_third)
     assert run("render", "cornell-box", "--turntable", "3", "-o", "a_%d.png", *SMALL) == 1
-    err = capsys.readouterr().err
-    assert err.startswith("wrt: error: AttributeError: no ncores (test_saving.py, line ")
-    assert err.count("\n") == 1
+    assert_one_error(capsys, "AttributeError: no ncores (test_saving.py, line ")
     assert [name for name in contents(folder) if name.endswith(".png")] == ["a_0.png"]
-
-
-def test_an_error_in_a_part_is_one_line(folder, monkeypatch, capsys):
-    def fail(*_, **__):
-        raise AttributeError("no ncores")
-
-    monkeypatch.setattr("wrt.parts.render.render_windows", fail)
-    assert run("render", "cornell-box", "--part", "1/2", "-o", "a.wrt", *SMALL) == 1
-    err = capsys.readouterr().err
-    assert err.startswith("wrt: error: AttributeError: no ncores (test_saving.py, line ")
-    assert err.count("\n") == 1
-    assert not contents(folder)
 
 
 def test_a_save_that_fails_meanwhile_is_a_warning(folder, monkeypatch, capsys):
@@ -213,10 +196,7 @@ def test_a_conversion_that_fails_leaves_nothing(folder):
 
 
 def test_an_error_of_the_progress_display_loses_nothing_that_was_rendered(monkeypatch, capsys):
-    def fail(*_):
-        raise OSError(5, "Input/output error")
-
-    monkeypatch.setattr("wrt.progress.bar.ProgressBar.update", fail)
+    monkeypatch.setattr("wrt.progress.bar.ProgressBar.update", fail_with(OSError(5, "Input/output error")))
     assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
     assert capsys.readouterr().err == "wrt: error: Input/output error; stopped at 1 samples per pixel; a.png saved\n"
     assert wrt.load_image("a.png").shape == (8, 8, 3)

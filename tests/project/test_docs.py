@@ -60,7 +60,7 @@ def test_python_examples_run_and_write_what_they_say(tmp_path: Path, monkeypatch
     start, passes = wrt.Renderer.__init__, wrt.Renderer.passes
 
     def small_start(self: wrt.Renderer, scene: wrt.Scene, **options: Any) -> None:
-        if not options.get("width") or options["width"] > 64:
+        if (options.get("width") or scene.settings.width) > 64:
             options = {**options, "width": 16, "height": 12}
         start(self, scene, **options)
 
@@ -226,6 +226,13 @@ def test_architecture_names_every_folder() -> None:
     folders = {folder for folder in folders if not folder.startswith(("wrt/kernels", "wrt/meshes"))}
     named = re.findall(r"^\| `([\w/]+)` \|", PAGES["docs/architecture.md"], re.MULTILINE)
     assert sorted(named) == sorted(folders)
+
+
+def test_the_drawing_of_a_render_names_what_the_code_has() -> None:
+    drawn = re.findall(r"^ *((?:wrt|kernels)/\S+\.py) +(\w+)", PAGES["docs/architecture.md"], re.MULTILINE)
+    assert len(drawn) >= 20
+    for path, name in drawn:
+        assert name in names_in(ROOT / path), f"{path}: {name}"
 
 
 def names_in(path: Path) -> set[str]:

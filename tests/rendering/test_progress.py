@@ -95,18 +95,18 @@ def test_render_shows_a_bar_to_whoever_watches(monkeypatch):
     assert errors.getvalue() == ""
 
 
-@pytest.mark.parametrize("wanted", [True, False])
-def test_off_a_terminal_there_are_lines_ever_more_seldom(wanted, monkeypatch):
+@pytest.mark.parametrize("is_shown", [True, False])
+def test_off_a_terminal_there_are_lines_ever_more_seldom(is_shown, monkeypatch):
     monkeypatch.setattr(sys, "stderr", written := io.StringIO())
     monkeypatch.setattr(progress_lines, "FIRST_SECONDS", 0.05)
     monkeypatch.setattr(progress_lines, "MOST_SECONDS", 0.1)
-    with bar.ProgressBar("room", wanted=wanted) as shown:
+    with bar.ProgressBar("room", is_shown=is_shown) as shown:
         time.sleep(0.2)
         ready = written.getvalue()
         shown.update(progress())
         time.sleep(0.5)
     after = written.getvalue()
-    if not wanted:
+    if not is_shown:
         assert after == ""
         return
     waiting = "wrt: room: getting ready; kernels are compiled the first time\n"

@@ -51,8 +51,8 @@ def file_of(folder: Path, material: dict[str, Any], sampler: dict[str, int] | No
     Texture 0 is CODES, texture 1 an orange.
     """
     tree = gltf_box(POINTS, FACES)
-    named = {key: add(tree, v, v.dtype.str, normalized=v.dtype.kind == "u") for key, v in attributes.items()}
-    near, far = {"POSITION": 0, **named}, {"POSITION": 0, "TEXCOORD_0": named["TEXCOORD_0"]}
+    accessors = {key: add(tree, v, v.dtype.str, normalized=v.dtype.kind == "u") for key, v in attributes.items()}
+    near, far = {"POSITION": 0, **accessors}, {"POSITION": 0, "TEXCOORD_0": accessors["TEXCOORD_0"]}
     unlit = {"extensions": {"KHR_materials_unlit": {}}}
     tree |= {
         "scenes": [{"nodes": [0, 1, 2]}],
@@ -74,8 +74,8 @@ def file_of(folder: Path, material: dict[str, Any], sampler: dict[str, int] | No
     return saved(folder, tree)
 
 
-def textured(texture: dict[str, Any], **more: Any) -> dict[str, Any]:
-    return {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}, **more}}
+def textured(texture: dict[str, Any], **factors: Any) -> dict[str, Any]:
+    return {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, **texture}, **factors}}
 
 
 CASES: dict[str, tuple[dict[str, Any], dict[str, Array]]] = {
@@ -84,7 +84,7 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Array]]] = {
         {"alphaMode": "BLEND", **textured({}, baseColorFactor=[1.0, 0.5, 0.7, 0.8])},
         {"COLOR_0": (COLORS / 255.0).astype("<f4")},
     ),
-    # The first set is that of the normal texture, which shows nowhere without light.
+    # The first set places the normal texture, which shows nowhere without light.
     "by the second set": (
         {"alphaMode": "BLEND", **textured({"texCoord": 1}), "normalTexture": {"index": 1}},
         {"TEXCOORD_1": SECOND},
@@ -140,7 +140,7 @@ def test_squares_have_the_colors_that_the_specification_gives(name: str, tmp_pat
     def around(reach: float) -> Array:
         return np.stack([expected(material, attributes, s) for s in itertools.product((-reach, 0.0, reach), repeat=2)])
 
-    # Masks have edges, of which one must not be in a pixel; all else changes evenly.
+    # Pixels across the edge of a mask are left out; all else changes evenly.
     flat = np.ptp(around(0.6), axis=0).max(axis=-1) < (3.0 if material["alphaMode"] == "MASK" else 30.0)
     off = np.abs(found - around(1.0 / 3.0).mean(axis=0)).max(axis=-1)[flat]
     report(f"{name}: pixels; mean and largest difference in steps", f"{flat.sum()}; {off.mean():.3g}, {off.max():.3g}")
@@ -149,7 +149,7 @@ def test_squares_have_the_colors_that_the_specification_gives(name: str, tmp_pat
 
 
 def test_textures_by_two_sets(tmp_path: Path) -> None:
-    """Each by its own, with its own transform, in scene files too; the first is that of the normal texture."""
+    """Each has its set and its transform, in scene files too; the first set places the normal texture."""
     transform = {"KHR_texture_transform": {"offset": [0.25, 0.0], "scale": [2.0, 1.0]}}
     material = textured({"texCoord": 1, "extensions": transform}, metallicRoughnessTexture={"index": 1})
     material |= {"normalTexture": {"index": 0}, "extensions": {}, "alphaMode": "BLEND"}
@@ -190,11 +190,3 @@ def test_meshes_without_alpha_and_opaque_materials_are_opaque(tmp_path: Path) ->
     opaque = load_file(file_of(tmp_path, textured({}), TEXCOORD_0=UVS, COLOR_0=COLORS)).shapes[0].material
     assert opaque.opacity == 1.0
     assert opaque.radiance.vertex_colors
-
-
-def test_mistakes_are_told() -> None:
-    pixels = np.zeros((1, 1, 3), np.float32)
-    with pytest.raises(wrt.InputError, match=r"uv_set must be .*1"):
-        wrt.ImageTexture(pixels, uv_set=2)
-    with pytest.raises(wrt.InputError, match="either vertex_colors or vertex_alpha"):
-        wrt.ImageTexture(pixels, vertex_colors=True, vertex_alpha=True)

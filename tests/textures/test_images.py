@@ -12,7 +12,6 @@ import pytest
 import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
-from PIL import Image
 from scipy.ndimage import map_coordinates
 from support.composites import WITH_OPACITY
 from support.covering_kernels import render_with
@@ -56,7 +55,7 @@ def look_up(
 
 
 def looked_up(texture: wrt.ImageTexture, uvs: Pixels, device: str, footprints: Pixels | None = None) -> Pixels:
-    """Return (N, 3) what a material reads of a texture; within footprints, where there are levels.
+    """Return (N, 3) values that a material reads from a texture; averaged over footprints if it has levels.
 
     Another image and a constant lie before it in the tables.
     """
@@ -129,21 +128,6 @@ def test_factors_vertex_colors_channels_and_cutoffs(device: str) -> None:
     assert 0.2 < mask.mean() < 0.8
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"wrap": "mirrored"}, "wrap must be one of repeat, mirror, clamp, not 'mirrored' (did you mean"),
-        ({"scale": (1.0, 2.0, 3.0)}, "scale must be two numbers, not (1.0, 2.0, 3.0)"),
-        ({"pixels": Image.new("RGB", (2, 2), (200,) * 3)}, "pixels must be linear numbers, not codes up to 200; for"),
-        ({"pixels": "a.png"}, "pixels must be an array, such as wrt.load_image('a.png')"),
-    ],
-)
-def test_mistakes_are_named(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(wrt.InputError) as caught:
-        wrt.ImageTexture(**{"pixels": PIXELS, "name": "wood", **options})
-    assert str(caught.value).startswith(f"texture wood: {message}")
-
-
 # --- Texels on the device: those of 8 bits take four bytes, and not one bit of their colours changes ---
 
 CODES = np.random.default_rng(5).integers(0, 256, (40, 33, 3), dtype=np.uint8)
@@ -163,7 +147,7 @@ def test_many_values_stay_as_they_are() -> None:
 
 
 def test_how_many_texels_and_images_there_are_on_the_device() -> None:
-    """Codes take a word a texel, and equal palettes and pixels are there once; small and float images are not coded."""
+    """Codes take a word a texel; equal palettes and pixels are stored once; small and float images are not coded."""
     matt = [wrt.Diffuse(wrt.ImageTexture(pixels)) for pixels in (COLORS, COLORS[::-1], COLORS[:5, :7], FLOATS)]
     coded = uploaded(*matt[:2], wrt.Principled(roughness=wrt.ImageTexture(LINEAR, channel="g")))
     assert (len(coded.texels), len(coded.texel_codes), len(coded.palettes)) == (0, 3 * 40 * 33, 2 * 3 * 256)
@@ -177,12 +161,12 @@ def test_how_many_texels_and_images_there_are_on_the_device() -> None:
 def test_what_materials_read_is_the_same_to_the_bit(filter: str, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     changed = CODES.copy()
     changed[20, 20, 2] ^= 1
-    texture, other = (
+    texture, altered = (
         wrt.ImageTexture(of_codes(linear=False)[codes], **LAID, filter=filter) for codes in (CODES, changed)
     )
     uvs = coordinates(7)
     coded = looked_up(texture, uvs, device)
-    assert (coded != looked_up(other, uvs, device)).any()
+    assert (coded != looked_up(altered, uvs, device)).any()
     monkeypatch.setattr(texels, "FEWEST_TEXELS", 10**9)
     np.testing.assert_array_equal(coded, looked_up(texture, uvs, device))
 
@@ -266,7 +250,7 @@ def one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("one_kernel")
 def test_one_sample_sees_the_mean_of_what_is_far_smaller_than_a_pixel(device: str) -> None:
-    """The mean of light, of which a checkerboard is a closed form; that of the codes would be a quarter darker."""
+    """The mean of linear light, in closed form for a checkerboard; the mean of codes would be a quarter darker."""
     found = picture(floor(checker(), above(6.0), filter="trilinear"), device, 1)
     np.testing.assert_allclose(found, MEAN, rtol=1e-5)
 
@@ -284,10 +268,10 @@ def test_few_samples_have_less_noise_and_many_see_the_same(device: str, report: 
     # The first sample alone, were it repeated, would leave the texture blurred.
     blurred = np.mean([seen("trilinear", 1, seed) for seed in range(64)], axis=0)
     pictures = (seen("bilinear", 1), seen("trilinear", 1), seen("trilinear", 1024), blurred)
-    plain, first, many, blur = (float(np.sqrt(((found - true) ** 2).mean()) / true.mean()) for found in pictures)
+    plain, first, converged, blur = (float(np.sqrt(((found - true) ** 2).mean()) / true.mean()) for found in pictures)
     report("one sample: error with levels, without", first, plain)
     assert first < 0.9 * plain
-    assert many < min(0.005, blur / 3.0)
+    assert converged < min(0.005, blur / 3.0)
 
 
 @pytest.mark.usefixtures("one_kernel")
@@ -303,19 +287,19 @@ def test_passes_leave_no_trace_and_layers_see_the_same(device: str) -> None:
     several = rendered(scene, device, 1, 2, 8)
     np.testing.assert_array_equal(several.image(), rendered(scene, device, 8).image())
     layers = several.layers()
-    seen = layers["alpha"] == 1.0
-    assert seen.sum() > 100
+    is_covered = layers["alpha"] == 1.0
+    assert is_covered.sum() > 100
     # The way to the sky is free everywhere.
-    np.testing.assert_allclose(layers["albedo"][seen], several.image()[seen], rtol=1e-5)
+    np.testing.assert_allclose(layers["albedo"][is_covered], several.image()[is_covered], rtol=1e-5)
 
 
 def test_levels_are_made_where_they_are_wanted_and_are_there_once() -> None:
-    for options, wanted in (
+    for options, has_levels in (
         ({"filter": "trilinear"}, True),
         ({"filter": "trilinear", "cutoff": 0.5}, False),  # the mean of a mask is no mask
     ):
         built = build_scene(floor(checker(), ALONG, **options), Device("cpu"))
-        assert built.features.mipmapped == wanted
+        assert built.features.mipmapped == has_levels
     # Levels take a third of the texels; without them another record reads the same ones.
     several = [wrt.ImageTexture(clouds(), filter="trilinear", scale=scale) for scale in (1.0, 2.0)]
     data = uploaded(*map(wrt.Diffuse, (*several, wrt.ImageTexture(clouds()))))

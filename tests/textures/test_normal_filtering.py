@@ -44,8 +44,8 @@ REPEATS = 16
 def gaussian_slopes() -> NDArray[np.float64]:
     """Return (SIZE, SIZE, 2) slopes that are smooth between texels and follow the normal distribution closely.
 
-    Blurred noise, of which a small map would have its own distribution by chance, moved onto the normal distribution
-    by that of its projections, one direction after the other.
+    Blurred noise, whose distribution in a small map is off by chance, is moved onto the normal distribution by its
+    projections, one direction after the other.
     """
     rng = np.random.default_rng(3)
     frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(SIZE), np.fft.fftfreq(SIZE)))
@@ -75,7 +75,7 @@ def even(slope: float) -> tuple[float, float, float]:
 
 
 def far(texels: float, resolution: int, slant: float = 0.0) -> wrt.PerspectiveCamera:
-    """Return a camera whose pixels see so many texels at the origin, from an angle to the normal."""
+    """Return a camera whose pixels cover this number of texels at the origin, seen at an angle to the normal."""
     extent, distance = texels * resolution / (SIZE * REPEATS), 100.0
     place = distance * np.array([np.sin(slant), 0.0, np.cos(slant)])
     fov = 2.0 * np.degrees(np.arctan(0.5 * extent / distance))
@@ -205,16 +205,16 @@ def test_one_filtered_sample_is_the_mean_of_many(
         places += [(0.0, 0.0, -1.0), (width / 3.0, 30.0, -1.0)]
     for place in places:
         light = direction(*place)
-        many, one, smooth = (
+        converged, filtered, smooth = (
             picture(plane(MAKERS[name](alpha, m), light, far(64.0, 8)), device, spp, 8)
             for m, spp in zip(maps, (4096, 1, 1), strict=True)
         )
-        ratio = float(one.mean() / many.mean())
-        report(f"{name} {place}: filtered over many (smooth {smooth.mean() / many.mean():.2f})", ratio, 1.0)
+        ratio = float(filtered.mean() / converged.mean())
+        report(f"{name} {place}: filtered over converged (smooth {smooth.mean() / converged.mean():.2f})", ratio, 1.0)
         assert abs(ratio - 1.0) < tolerance
-        assert one.std() < 0.05 * one.mean()
+        assert filtered.std() < 0.05 * filtered.mean()
         if place[0] == 0.0:
-            assert smooth.mean() > 1.5 * many.mean()
+            assert smooth.mean() > 1.5 * converged.mean()
 
 
 @pytest.mark.slow
@@ -285,5 +285,5 @@ def test_what_has_no_roughness_is_not_filtered() -> None:
         data = build_scene(scene, Device("cpu")).data
         found = data.materials.numpy()["normal_filter"]
         np.testing.assert_array_equal(found, kinds if filtered else [NORMALS_AT_POINT] * 6)
-        # One image of normals for all; with another one for those that filter comes the pyramid, of eight levels.
+        # All share one image of normals; filtered maps add another one and its pyramid of eight levels.
         assert len(data.images) == (1 if not filtered else 1 + 1 + 2 * 8)

@@ -111,7 +111,7 @@ def masked(normal: NDArray) -> float:
 
 @pytest.mark.parametrize("convention", ["gltf", "mitsuba"])
 def test_heights_tilt_the_surface_as_far_as_the_texture_is_stretched(convention: str, device: str) -> None:
-    """Two ramps by one map: the normal is that of the displaced plane."""
+    """Two ramps by one map: the normal of the displaced plane."""
     matrix = np.array([[0.5, 0.2], [-0.1, 0.8]])  # (u, v) of x and y in quarters of the square
     rows, columns = np.mgrid[0:64, 0:64]
     # Heights 0.9 u + 0.4 v between the middles of the first and last texels; v points up.
@@ -198,8 +198,8 @@ def test_normals_are_bent_just_so_far_that_light_comes_from_above(matt: bool, de
         return along(m, wo) if matt else 2.0 * along(m, wo) * along(m, geometric) - along(wo, geometric)
 
     least = np.minimum(0.02, 0.5 * along(wo, geometric))
-    kept = (elevation(normal) > least + 1e-5) & (matt | (along(normal, geometric) > 1e-5))
-    np.testing.assert_array_equal(bent[kept], normal[kept].astype(np.float32))
+    is_high_enough = (elevation(normal) > least + 1e-5) & (matt | (along(normal, geometric) > 1e-5))
+    np.testing.assert_array_equal(bent[is_high_enough], normal[is_high_enough].astype(np.float32))
     changed = elevation(normal) < least - 1e-5
     assert changed.sum() > 5000
     np.testing.assert_allclose(elevation(bent)[changed], least[changed], atol=1e-5)
@@ -229,20 +229,3 @@ def test_scene_files_read_maps_as_data(tmp_path: Path) -> None:
     assert reflectance.pixels.mean() < 0.9 * normal_map.pixels.mean()
     assert (normal_map.scale, normal_map.filter) == (0.5, True)
     np.testing.assert_array_equal(wrt.NormalMap(reflectance).pixels, reflectance.pixels)
-
-
-MISTAKES = {
-    "normal_map must be a wrt.NormalMap, not ImageTexture": lambda: wrt.Diffuse(
-        normal_map=wrt.ImageTexture(np.ones((2, 2, 3)))  # type: ignore[arg-type]
-    ),
-    "a mix has no normals of its own; give normal_map to its": lambda: wrt.Mix(normal_map=constant_map(*TILT)),
-    "pixels must be 0 to 1, not 2": lambda: wrt.NormalMap(np.full((2, 2, 3), 2.0)),
-    "filter is for normals": lambda: constant_map(*TILT, filter=True, heights=True),
-}
-
-
-@pytest.mark.parametrize("message", MISTAKES)
-def test_mistakes_are_named(message: str) -> None:
-    with pytest.raises(wrt.InputError) as caught:
-        MISTAKES[message]()
-    assert message in str(caught.value)

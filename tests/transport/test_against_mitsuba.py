@@ -106,8 +106,8 @@ def media_in_glass() -> wrt.Scene:
 
 
 def clouds() -> wrt.Scene:
-    """Bodies without a surface under a lamp, one even, two of varying density, of which one has an albedo that varies
-    too and is turned."""
+    """Bodies without a surface under a lamp: one homogeneous, one of varying density, one of varying density and albedo
+    that is turned."""
     rng = np.random.default_rng(8)
     scene = lamp(stage())
     density = rng.random((6, 5, 7)).astype(np.float32) ** 2

@@ -92,11 +92,13 @@ def test_every_difference_from_embree_is_explained(name: str, kind: str, benchma
         judge("wrt", mesh, some, (ours.triangle[differ], ours.t[differ]), woop, report)
         judge("Embree", mesh, some, (triangle[differ], t[differ]), moeller, report)
     # Where both name one triangle but not one distance, both are right to their rounding.
-    apart = ~differ & (triangle >= 0)
-    apart[apart] = ulps(ours.t[apart] - t[apart].astype(np.float64), t[apart]) > 4.0
-    some = (rays[0][apart], rays[1][apart])
-    judge_distances(mesh, some, ours.triangle[apart], ours.t[apart], woop)
-    judge_distances(mesh, some, triangle[apart], t[apart], moeller)
+    distances_differ = ~differ & (triangle >= 0)
+    distances_differ[distances_differ] = (
+        ulps(ours.t[distances_differ] - t[distances_differ].astype(np.float64), t[distances_differ]) > 4.0
+    )
+    some = (rays[0][distances_differ], rays[1][distances_differ])
+    judge_distances(mesh, some, ours.triangle[distances_differ], ours.t[distances_differ], woop)
+    judge_distances(mesh, some, triangle[distances_differ], t[distances_differ], moeller)
 
 
 @pytest.mark.parametrize(("model", "kind"), [(woop, "incoherent"), (moeller, "coherent")])
@@ -106,12 +108,12 @@ def test_wrong_answers_are_not_explained(model: Model, kind: str, benchmark: Mod
     corners = mesh.vertices[mesh.faces]
     right = explain(corners, *rays, np.full(900, -1), model).nearest
     hit = right >= 0
-    others = np.delete(np.arange(len(mesh.faces)), np.unique(right[hit]))
-    farther = explain(corners[others], *rays, np.full(900, -1), model).nearest
+    not_hit = np.delete(np.arange(len(mesh.faces)), np.unique(right[hit]))
+    farther = explain(corners[not_hit], *rays, np.full(900, -1), model).nearest
     wrong = {
         "silent": np.where(hit, -1, right),
         "made up": np.where(hit, right, 0),
-        "far side": np.where(farther >= 0, others[farther], right),
+        "far side": np.where(farther >= 0, not_hit[farther], right),
         "neighbour": np.where(hit, (right + 1) % len(mesh.faces), right),
     }
     for name, answers in wrong.items():

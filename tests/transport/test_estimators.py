@@ -85,8 +85,8 @@ def test_estimators_agree(device: str, report: Report) -> None:
 
 def weights(p: Array, q: Array, this: int, device: str, strategy: int = STRATEGY_MIS) -> Array:
     """Return the kernels' weights of samples that were drawn in one of two ways, with the density p."""
-    strategies, ways = (np.full(len(p), int(which), np.int32) for which in (strategy, this))
-    return map_function(mis_weight, strategies, p, q, ways, device=device).astype(np.float64)
+    strategies, techniques = (np.full(len(p), int(which), np.int32) for which in (strategy, this))
+    return map_function(mis_weight, strategies, p, q, techniques, device=device).astype(np.float64)
 
 
 def test_weights_are_those_of_the_power_heuristic(device: str) -> None:

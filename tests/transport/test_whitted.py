@@ -16,7 +16,7 @@ from wrt.upload.integrators import mean_radiance
 
 FAR = 1000.0
 FAINT = 1e-9
-"""A sky that is there, so that all scenes share kernels, and gives no light that counts."""
+"""Radiance of a sky that makes all scenes share kernels and is too faint to count."""
 
 AMBER = wrt.Medium(absorption=(0.08, 0.6, 1.7))
 SIMPLE = (wrt.Glossy(), wrt.Glossy(exponent=1.0), wrt.Mirror(), wrt.Diffuse(0.0), wrt.Dielectric(), wrt.Plastic())
@@ -56,7 +56,7 @@ def seen(scene: wrt.Scene, device: str, **options: Any) -> NDArray[np.float64]:
 
 
 def mirrors() -> wrt.Scene:
-    """Two mirrors of 0.8 face each other and shine with radiance 1; the camera is between them."""
+    """Two mirrors of 0.8 face each other and emit radiance 1; the camera is between them."""
     scene = scene_from((0.0, 0.0, 0.0), (0.0, 0.0, -1.0))
     scene.add(wall(-1.0, facing=1.0), material=wrt.Mirror(0.8), emission=1.0)
     scene.add(wall(1.0, facing=-1.0), material=wrt.Mirror(0.8), emission=1.0)
@@ -67,7 +67,7 @@ def mirrors() -> wrt.Scene:
 def test_two_mirrors_are_a_geometric_series_cut_by_depth_and_attenuation(
     depth: int, limit: float, rays: int, device: str
 ) -> None:
-    """A ray after k reflections counts for 0.8^k and is followed where that is at least the limit."""
+    """A ray after k reflections has the weight 0.8^k and is followed if that reaches the limit."""
     renderer = rendered(mirrors(), device, max_depth=depth, min_attenuation=limit)
     assert renderer.rays == rays
     np.testing.assert_allclose(renderer.image(), (1.0 - 0.8**rays) / 0.2, rtol=2e-6)
@@ -85,7 +85,7 @@ BEHIND, BEFORE = 1.0, 10.0
 
 
 def slab(degrees: float, medium: wrt.Medium | None = None) -> wrt.Scene:
-    """A slab between two walls that shine: seen through it the one behind, reflected the one before, by the camera."""
+    """A slab between two emissive walls: the camera sees one through it, and the one on its own side reflected."""
     angle = np.radians(degrees)
     scene = scene_from(3.0 * np.array([np.sin(angle), 0.0, np.cos(angle)]), bodies=medium is not None)
     scene.add(wrt.box((-50.0, -50.0, -1.0), (50.0, 50.0, 0.0)), material=wrt.Dielectric(ior=1.5, interior=medium))
@@ -97,13 +97,13 @@ def slab(degrees: float, medium: wrt.Medium | None = None) -> wrt.Scene:
 def slab_tree(r: float, depth: int, limit: float = 0.0, crossing: float = 1.0) -> tuple[float, int]:
     """Return the radiance of the slab and the rays of its tree, followed ray by ray in double precision.
 
-    `crossing` is the share of light that the slab's medium lets through on the way from one face to the other.
+    `crossing` is the transmittance of the slab's medium from one face to the other.
     """
 
     def follow(inside: bool, up: bool, weight: float, level: int) -> tuple[float, int]:
         if weight < limit or level > depth:
             return 0.0, 0
-        if not inside and level > 1:  # on the way to a wall
+        if not inside and level > 1:  # towards a wall
             return weight * (BEFORE if up else BEHIND), 1
         weight *= crossing if inside else 1.0
         on = up if inside else False
@@ -129,8 +129,8 @@ def test_the_tree_of_a_slab_is_cut_by_depth_and_attenuation(
     Beer's law, source 002: I(x) = I(0) exp(−b x).
     """
     r = fresnel(np.cos(np.radians(60.0)), 1.5)
-    left = float(np.exp(-absorption / np.sqrt(1.0 - (np.sin(np.radians(60.0)) / 1.5) ** 2)))
-    radiance, rays = slab_tree(r, depth, limit, left)
+    crossing = float(np.exp(-absorption / np.sqrt(1.0 - (np.sin(np.radians(60.0)) / 1.5) ** 2)))
+    radiance, rays = slab_tree(r, depth, limit, crossing)
     medium = wrt.Medium(absorption=absorption) if absorption else None
     renderer = rendered(slab(60.0, medium), device, max_depth=depth, min_attenuation=limit)
     assert renderer.rays == rays
@@ -192,7 +192,7 @@ def test_bodies_that_overlap_go_by_priority(device: str) -> None:
 
 @pytest.mark.slow
 def test_mixtures_and_opacity_are_all_of_their_parts(device: str) -> None:
-    """A sheet of opacity 0.7, a quarter of it mirror and the rest matt, between a sky and a wall that shines."""
+    """A sheet of opacity 0.7, a quarter of it mirror and the rest matt, between a sky and an emissive wall."""
     scene = scene_from((0.0, 0.0, 3.0), sky=2.0, bodies=True)
     material = wrt.Mix(wrt.Diffuse(0.5), wrt.Mirror(0.8), weight=0.25, opacity=0.7)
     scene.add(wrt.quad((-1.0, -1.0, 0.0), (2.0, 0.0, 0.0), (0.0, 2.0, 0.0)), material=material)
@@ -202,7 +202,7 @@ def test_mixtures_and_opacity_are_all_of_their_parts(device: str) -> None:
 
 
 def floor_under(albedo: float = 0.6, height: float = 10.0, sky: float = FAINT) -> wrt.Scene:
-    """A floor from straight above, of which a metre is seen to each side."""
+    """A floor from straight above; the picture is two metres wide."""
     fov = np.degrees(2 * np.arctan(1.0 / height))
     scene = scene_from((0.0, height, 0.0), up=(0.0, 0.0, -1.0), fov_degrees=fov, sky=sky)
     scene.add(wrt.quad((-5.0, 0.0, 5.0), (10.0, 0.0, 0.0), (0.0, 0.0, -10.0)), material=wrt.Diffuse(albedo))
@@ -228,8 +228,8 @@ def test_triangles_shine_from_their_middle(device: str) -> None:
 def test_tubes_shine_from_the_sides_that_are_seen(device: str) -> None:
     """Far below the end of an exact cylinder E = L cosθ sinγ 2 r l / d² of the near wall.
 
-    Of a slender tube that shines inside too the middle of the far wall is hidden, of a short one it is seen and counts
-    like the near one.
+    The inside emits too. A slender tube hides the middle of its far wall; a short one shows it, and it counts like the
+    near one.
     """
     radiance, place = 5.0, np.array([1.5, 3.0, 0.0])
     near_wall = 0.6 / np.pi * radiance * 2.0 * place[0] * place[1] / np.linalg.norm(place) ** 4
@@ -272,9 +272,9 @@ def test_the_picture_is_the_same_for_any_seed(device: str) -> None:
     scene.add(wrt.sphere((0.7, 0.5, 0.0), 0.5, subdivisions=3), material=wrt.Mirror(0.9))
     scene.add(wrt.quad((-1.0, 3.0, -1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0)), emission=5.0)
     scene.add_light(wrt.PointLight((2.0, 2.0, 2.0), intensity=1.0))
-    one, other = (seen(scene, device, size=(48, 32), seed=seed, spp=seed) for seed in (1, 3))
-    np.testing.assert_allclose(one, other, rtol=1e-6)
-    assert one.std() > 0.05
+    first, second = (seen(scene, device, size=(48, 32), seed=seed, spp=seed) for seed in (1, 3))
+    np.testing.assert_allclose(first, second, rtol=1e-6)
+    assert first.std() > 0.05
 
 
 SKY = 0.1

@@ -1,13 +1,14 @@
-"""The files of an animation's frames, and the state from which it is resumed.
+"""Files of an animation's frames, and the state from which it resumes.
 
-A video's frames are kept in the folder NAME.frames beside it until it is complete. Frames that are wanted as files,
-such as cow_%04d.png, stay, and the state is kept in a file beside them.
+The frames of a video are in the folder NAME.frames beside it until the video is complete. If the output is frames, such
+as cow_%04d.png, they stay, and the state is in a file beside them.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -23,6 +24,8 @@ _FIRST = '{"wrt frames": '
 _FORMAT = 1
 _STATE = "frames.json"
 _PLACE = re.compile(r"%(0?)(\d{0,2})d")
+_MOST_CHARACTERS = 24
+"""Messages about differences quote values of up to this length, and not digests."""
 
 
 def _is_state(path: Path) -> bool:
@@ -34,29 +37,30 @@ STATE = Kind("the state of an animation", _is_state, may_force=False)
 
 
 def has_place(path: str) -> bool:
-    """Return whether a name is for many frames, with a place for their numbers such as %04d."""
+    """Return whether a file name has a place for frame numbers, such as %04d."""
     return _PLACE.search(Path(path).name) is not None
 
 
 class FrameFiles:
-    """Where the frames of one animation are, and which of them are complete.
+    """The frames of one animation on disk.
 
     Attributes:
-        numbers: the numbers of the frames.
-        complete: numbers of the frames that are complete; the state file has them too.
+        numbers: the frame numbers.
+        complete: numbers of complete frames, as in the state file.
         folder: the folder of a video's frames, or None.
+        state: the state file.
     """
 
     def __init__(self, output: Path, numbers: Sequence[int], *, force: bool = False) -> None:
-        """Check the names of the frames, before the long work.
+        """Check before a long render that the frames can be written.
 
         Args:
-            output: a video, or a name with one place for the number of the frame.
-            numbers: the numbers of the frames.
+            output: a video, or a name with one place for the frame number.
+            numbers: the frame numbers.
             force: whether frames may replace pictures that wrt did not make.
 
         Raises:
-            InputError: when frames cannot be written there, or would replace files that wrt did not make.
+            InputError: if frames cannot be written, or would replace files that wrt did not make.
         """
         self.numbers = list(numbers)
         self.complete: set[int] = set()
@@ -78,55 +82,47 @@ class FrameFiles:
     def _check_folder(self, output: Path) -> None:
         assert self.folder is not None
         try:
-            found = self.folder.exists() or self.folder.is_symlink()
-            own = self.state.is_file() and _is_state(self.state)
-            empty = found and self.folder.is_dir() and not any(self.folder.iterdir())
+            is_free = not os.path.lexists(self.folder) or (self.state.is_file() and _is_state(self.state))
+            is_free = is_free or (self.folder.is_dir() and not any(self.folder.iterdir()))
         except OSError as error:
             raise InputError(f"{self.folder}: {error.strerror or error}") from None
-        if found and not own and not empty:
+        if not is_free:
             raise NotReplacedError(
                 f"{self.folder}: the frames of {output} would go there, but wrt did not make it; name another video"
             )
 
     def path(self, number: int) -> Path:
         """Return the path of a frame's picture."""
-
-        def digits(found: re.Match[str]) -> str:
-            return f"{number:{found[1]}{found[2]}d}"
-
-        return self._pattern.with_name(_PLACE.sub(digits, self._pattern.name))
+        name = _PLACE.sub(lambda place: f"{number:{place[1]}{place[2]}d}", self._pattern.name)
+        return self._pattern.with_name(name)
 
     @property
-    def done(self) -> int:
-        """How many of the wanted frames are complete."""
+    def count_complete(self) -> int:
+        """Number of frames of this animation that are complete."""
         return len(self.complete.intersection(self.numbers))
 
     @property
-    def missing(self) -> list[int]:
-        """The numbers of the frames that are yet to be rendered."""
-        return [number for number in self.numbers if number not in self.complete]
-
-    @property
-    def place(self) -> Path:
-        """What messages call the place of the frames."""
-        return self._pattern if self.folder is None else self.folder
+    def location(self) -> Path:
+        """The folder or the pattern of the frames, for messages."""
+        return self.folder or self._pattern
 
     def begin(self, identity: Mapping[str, Any], *, resume: bool) -> bool:
-        """Take up an earlier run's frames, or begin anew; return whether there were any.
+        """Resume an earlier run or start over; return whether there was one.
 
         Args:
-            identity: what the pictures depend on, by name; JSON values.
+            identity: everything that the pictures depend on, by name; JSON values.
             resume: whether to keep the frames of an earlier run, which must have the same identity.
 
         Raises:
-            InputError: when the earlier run differs, naming how; or when its state cannot be read.
+            InputError: if the earlier run differs, or its state cannot be read.
         """
         stored = self._stored()
         if stored is not None and resume:
+            before = stored["identity"]
             differences = [
-                f"{name} ({stored['identity'].get(name)} there, {value} here)" if _short(value) else name
+                f"{name} ({before.get(name)} there, {value} here)" if len(str(value)) <= _MOST_CHARACTERS else name
                 for name, value in identity.items()
-                if stored["identity"].get(name) != value
+                if before.get(name) != value
             ]
             if differences:
                 raise InputError(f"{self.state}: cannot resume, these differ: {', '.join(differences)}")
@@ -156,7 +152,7 @@ class FrameFiles:
         return dict(stored)
 
     def add(self, number: int, write: Callable[[Path, bool], object]) -> None:
-        """Have `write` save a frame's picture, given its path and `force`, and note that it is complete."""
+        """Call `write` with a frame's path and `force` to save its picture, and mark the frame complete."""
         write(self.path(number), self._force)
         self.complete.add(number)
         self._save()
@@ -166,10 +162,10 @@ class FrameFiles:
         write_atomically(self.state, lambda path: path.write_text(json.dumps(content)), STATE)
 
     def remove(self) -> None:
-        """Remove a video's frames, now that it is complete."""
+        """Remove a video's frames once the video is complete."""
         if self.folder is not None:
             self._remove_frames(self.complete)
-            with contextlib.suppress(OSError):  # something else was put there
+            with contextlib.suppress(OSError):  # the folder has other files
                 self.state.unlink()
                 self.folder.rmdir()
 
@@ -177,7 +173,3 @@ class FrameFiles:
         for number in numbers:
             with contextlib.suppress(OSError):
                 self.path(number).unlink()
-
-
-def _short(value: Any) -> bool:
-    return len(str(value)) <= 24

@@ -1,13 +1,51 @@
-"""Frames of scenes that move: the camera's shutter is moved to the time of each frame."""
+"""Times of frames: the animation of a glTF file, and the keyframes of a scene, whose shutter moves along."""
 
 from __future__ import annotations
 
 import dataclasses
+import os
+import warnings
+from functools import lru_cache
+
+import numpy as np
 
 from wrt.errors import InputError
-from wrt.scene.camera import Camera
+from wrt.io.gltf.reader import NO_ANIMATION
+from wrt.io.load_mesh import animation_of, load_file
+from wrt.io.safe_read import PathLike
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene
+from wrt.studio.subjects import Reach, reach_of
+
+TIMES = 12
+"""Times between the first keyframe and the last at which shapes are located."""
+
+
+def is_animated(path: PathLike) -> bool:
+    """Return whether a file has an animation that `wrt.load` evaluates at a time."""
+    return os.path.isfile(path) and animation_of(path) is not None
+
+
+def reach_of_file(path: PathLike) -> Reach:
+    """Return the space that a file's first animation covers, so that one studio and one camera serve all frames.
+
+    The result is cached for the latest file, since each frame of an animation needs it.
+
+    Raises:
+        InputError: if the file has no animation, or cannot be read.
+    """
+    if (ends := animation_of(path)) is None:
+        raise InputError(f"{path}: {NO_ANIMATION}")
+    status = os.stat(path)
+    return _reach(os.fspath(path), ends, (status.st_dev, status.st_ino, status.st_mtime_ns, status.st_size))
+
+
+@lru_cache(maxsize=1)
+def _reach(path: str, ends: tuple[float, float], _version: tuple[int, ...]) -> Reach:
+    times = np.unique(np.linspace(*ends, TIMES)).tolist()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # loading the frame itself repeats them
+        return reach_of(load_file(path, time=time) for time in times)
 
 
 def moves(scene: Scene) -> bool:
@@ -22,25 +60,20 @@ def moves(scene: Scene) -> bool:
 
 
 def at_frame(scene: Scene, number: int, fps: float) -> Scene:
-    """Return the scene of a frame, whose shutter opens at `number`/`fps` seconds.
+    """Return the scene of a frame, which begins at `number`/`fps` seconds.
 
-    The shutter of the scene's camera is that of frame 0: it opens `shutter_open` seconds after the frame begins, for as
-    long as there, but is closed when the frame ends.
+    The scene's camera defines the shutter of frame 0. In each frame it opens `shutter_open` seconds after the frame
+    begins and stays open for the same time, but closes when the frame ends.
 
     Raises:
-        InputError: when the scene has no camera.
+        InputError: if the scene has no camera.
     """
-    if scene.camera is None:
+    camera = scene.camera
+    if camera is None:
         raise InputError("frames of a scene that moves need a camera, since every frame would be framed differently")
-    return dataclasses.replace(scene, camera=camera_at(scene.camera, number, fps))
-
-
-def camera_at(camera: Camera, number: int, fps: float) -> Camera:
-    """Return a camera with its shutter in a frame; see `at_frame`."""
     begin, end = number / fps, (number + 1) / fps
-    opens = begin + camera.shutter_open
-    closes = begin + camera.shutter_close
+    opens, closes = begin + camera.shutter_open, begin + camera.shutter_close
     if camera.shutter_close > camera.shutter_open:
         opens = min(opens, end)
         closes = min(closes, max(opens, end))
-    return dataclasses.replace(camera, shutter_open=opens, shutter_close=closes)
+    return dataclasses.replace(scene, camera=dataclasses.replace(camera, shutter_open=opens, shutter_close=closes))

@@ -1,4 +1,4 @@
-"""Scenes of a turntable: what is shown turns once in front of the camera."""
+"""Turntables: the scene turns once in front of the camera."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ from wrt.scene.motion import rotation_matrix
 from wrt.scene.scene import Scene, Shape, require_scene
 from wrt.studio.framing import frame_camera
 from wrt.studio.views import VIEWS, view_direction
-from wrt.values import integer
+from wrt.values import Vec3, integer, vec3
 
 Matrix = NDArray[np.float64]
 
 MARGIN = 1.15
-"""Size of the picture over that of everything the subject passes through on its way round."""
+"""Size of the picture over the size of the space that the subject sweeps as it turns."""
 
 MOST_FRAMES = 100_000
 
 _SLICES = 64
 _ANGLES = 64
 _VERTICAL = 0.999
-"""Cosine to the vertical from which on a camera looks straight down or up and is not placed anew."""
+"""A camera with this cosine to the vertical looks straight up or down, and is not moved."""
 
 
 def turntable(scene: Scene, frames: int) -> Iterator[Scene]:
     """Yield the scenes of a turntable, one per frame; the last is one step before the first.
 
-    A scene in wrt's studio, as `wrt.load` makes it of a mesh, keeps camera, light and backdrop: its shapes turn about
-    the vertical axis through their middle, and the camera moves back, in its own direction, until nothing is cut off
-    in any frame. In all other scenes the camera travels once around, at its own height and distance, about the
-    vertical axis through its target; if camera and target are 1 m apart, as in files that give only a direction, the
-    axis is at the depth of the scene's middle. A scene without a camera is framed for the whole turn. Such scenes
-    share all their shapes, so a Renderer can go from one to the next by `set_camera`.
+    In wrt's studio, where `wrt.load` puts a mesh, camera, light and backdrop stay: the shapes turn about the vertical
+    axis through their middle, and the camera moves back along its direction until no frame cuts anything off. In other
+    scenes the camera travels once around the vertical axis through its target, at constant height and distance; if
+    camera and target are 1 m apart, as in files that give only a direction, the axis is at the depth of the scene's
+    middle. A scene without a camera is framed for the whole turn. Such scenes share all their shapes, so a Renderer can
+    go from one to the next by `set_camera`.
 
-    The camera goes to the right, or the shapes turn clockwise seen from above, which looks the same.
+    The camera moves to the right; shapes turn clockwise seen from above, which looks the same.
 
     Args:
-        scene: the scene; the size in its settings is that of the pictures. Vertical is the axis (x, y or z) nearest to
+        scene: the scene; its settings give the size of the pictures. Vertical is the axis (x, y or z) nearest to
             the camera's `up`.
         frames: number of frames, at least 2.
 
@@ -68,7 +68,7 @@ def _turned_shapes(scene: Scene, count: int) -> Iterator[Scene]:
     points, middle = _points(subjects)
     camera = scene.camera
     if isinstance(camera, PerspectiveCamera):
-        camera = _framed_anew(scene, camera, _swept(points, middle))
+        camera = _with_all_in_view(scene, camera, _swept(points, middle))
     for number in range(count):
         turn = _turn(middle, (0.0, 1.0, 0.0), -360.0 * number / count)
         turned = [shape.moved(turn) for shape in subjects] if number else subjects
@@ -90,14 +90,14 @@ def _turned_camera(scene: Scene, count: int) -> Iterator[Scene]:
 
 
 def _points(shapes: list[Shape]) -> tuple[NDArray[Any], Matrix]:
-    """Return points whose hull holds the shapes, and the middle of their box."""
+    """Return points whose convex hull contains the shapes, and the middle of their bounding box."""
     points = np.concatenate([shape.outline for shape in shapes])
     low, high = box_around(points)
     return points, 0.5 * (np.asarray(low, np.float64) + np.asarray(high, np.float64))
 
 
 def _swept(points: NDArray[Any], middle: Matrix) -> Matrix:
-    """Return points whose hull holds all that points pass through when they turn about the y axis through `middle`."""
+    """Return points whose convex hull contains the space that points sweep about the y axis through `middle`."""
     x, y, z = (np.asarray(points, np.float64) - middle).T
     radius = np.hypot(x, z)
     low, high = float(y.min()), float(y.max())
@@ -115,40 +115,35 @@ def _swept(points: NDArray[Any], middle: Matrix) -> Matrix:
     return np.asarray(middle + rim.reshape(-1, 3))
 
 
-def _framed_anew(scene: Scene, camera: PerspectiveCamera, points: Matrix) -> Camera:
-    """Return a camera that looks in the same direction and has all points in its picture."""
+def _with_all_in_view(scene: Scene, camera: PerspectiveCamera, points: Matrix) -> Camera:
+    """Move a camera, keeping its direction, so that all points are in the picture."""
     forward = camera.frame()[2]
     if abs(float(forward[1])) > _VERTICAL:
         return camera
     aspect = scene.settings.width / scene.settings.height
-    view = (
-        (float(-forward[0]), float(-forward[1]), float(-forward[2]))
-        if forward.any()
-        else view_direction(VIEWS["three-quarter"])[0]
-    )
+    view = vec3(-forward) if forward.any() else view_direction(VIEWS["three-quarter"])[0]
     framed = frame_camera(points, aspect, view=view, fov_degrees=camera.fov_degrees, margin=MARGIN)
     return dataclasses.replace(camera, origin=framed.origin, target=framed.target, up=framed.up)
 
 
-def _nearest_axis(up: tuple[float, float, float]) -> tuple[float, float, float]:
+def _nearest_axis(up: Vec3) -> Vec3:
     axis = np.zeros(3)
     largest = int(np.argmax(np.abs(up)))
     axis[largest] = math.copysign(1.0, up[largest])
-    return float(axis[0]), float(axis[1]), float(axis[2])
+    return vec3(axis)
 
 
 def _pivot(camera: Camera, scene: Scene) -> Matrix:
-    """Return a point of the vertical axis about which a scene's own camera turns."""
+    """Return a point on the vertical axis around which a scene's own camera travels."""
     origin, target = np.array(camera.origin), np.array(camera.target)
     if abs(norm(target - origin) - 1.0) > 1e-6:
         return target
-    shown = [shape for shape in scene.shapes if not shape.emits] or scene.shapes
-    _, middle = _points(shown)
+    _, middle = _points([shape for shape in scene.shapes if not shape.emits] or scene.shapes)
     depth = float(product(middle - origin, target - origin))
     return np.asarray(origin + depth * (target - origin)) if depth > 0.0 else middle
 
 
-def _turn(pivot: Matrix, axis: tuple[float, float, float], degrees: float) -> Matrix:
+def _turn(pivot: Matrix, axis: Vec3, degrees: float) -> Matrix:
     turn = np.eye(4)
     turn[:3, :3] = rotation_matrix(axis, degrees)
     turn[:3, 3] = pivot - product(turn[:3, :3], pivot)
@@ -156,9 +151,6 @@ def _turn(pivot: Matrix, axis: tuple[float, float, float], degrees: float) -> Ma
 
 
 def _moved(camera: Camera, turn: Matrix) -> Camera:
-    def at(point: tuple[float, float, float], one: float) -> tuple[float, float, float]:
-        x, y, z = product(turn, np.array([*point, one]))[:3]
-        return float(x), float(y), float(z)
-
-    up = at(camera.up, 0.0)
-    return dataclasses.replace(camera, origin=at(camera.origin, 1.0), target=at(camera.target, 1.0), up=up)
+    homogeneous = (*camera.origin, 1.0), (*camera.target, 1.0), (*camera.up, 0.0)
+    origin, target, up = (vec3(product(turn, np.array(point))[:3]) for point in homogeneous)
+    return dataclasses.replace(camera, origin=origin, target=target, up=up)

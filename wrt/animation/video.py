@@ -5,10 +5,11 @@ from __future__ import annotations
 import functools
 import itertools
 import os
+import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,16 +29,16 @@ VIDEO_SUFFIXES = (".mp4", ".webp", ".gif")
 """File types of videos."""
 
 _MARK = f"wrt {__version__} video"
-_MARK_START = b"wrt "
-_MARK_END = b" video"
+_MARK_PATTERN = re.compile(rb"wrt .{0,30} video", re.DOTALL)
 _SEARCHED = 1 << 20
+"""Bytes at the start and at the end of a file that are searched for the mark, which shows that wrt made a video."""
 
 _ENCODERS = {
     "libx264": ("-crf", "17", "-preset", "slow"),
     "libopenh264": ("-b:v", "12M"),
     "h264_videotoolbox": ("-q:v", "70"),
 }
-"""H.264 encoders of ffmpeg, the preferred first, and their settings for quality."""
+"""H.264 encoders of ffmpeg in order of preference, with their quality settings."""
 
 _WEBP_QUALITY = 90
 _GIF_COLORS = 256
@@ -45,25 +46,19 @@ _PALETTE_FRAMES = 16
 _PALETTE_WIDTH = 320
 
 
-def _is_own(path: Path) -> bool:
+def _has_mark(path: Path) -> bool:
     size = path.stat().st_size
     with path.open("rb") as file:
         beginning = file.read(_SEARCHED)
         file.seek(max(0, size - _SEARCHED))
-        data = beginning + file.read()
-    start = data.find(_MARK_START)
-    while start >= 0:
-        if data.find(_MARK_END, start, start + 40) >= 0:
-            return True
-        start = data.find(_MARK_START, start + 1)
-    return False
+        return _MARK_PATTERN.search(beginning + file.read()) is not None
 
 
-VIDEO = Kind("a video that wrt has made", _is_own)
+VIDEO = Kind("a video that wrt has made", _has_mark)
 
 
 def is_video(path: PathLike) -> bool:
-    """Return whether a path's suffix is that of a video."""
+    """Return whether a path ends like a video."""
     return Path(path).suffix.lower() in VIDEO_SUFFIXES
 
 
@@ -71,8 +66,8 @@ def check_video(path: PathLike, *, fps: float, force: bool = False) -> Path:
     """Check before a long render that a video can be written to a path, and return the path.
 
     Raises:
-        InputError: on another suffix than VIDEO_SUFFIXES, on a path that cannot be written, when ffmpeg is missing for
-            an MP4, or for a rate of frames that the file type cannot hold.
+        InputError: if the suffix is not in VIDEO_SUFFIXES, the path cannot be written, an MP4 needs ffmpeg and there is
+            none, or the file type does not support the frame rate.
     """
     file = output_path(path, "a video")
     if not is_video(file):
@@ -91,12 +86,12 @@ def check_video(path: PathLike, *, fps: float, force: bool = False) -> Path:
 def save_video(path: PathLike, frames: Iterable[Any], fps: float = 24.0, *, force: bool = False) -> None:
     """Write frames as an MP4 (H.264), an animated WebP or an animated GIF, by the suffix.
 
-    WebP and GIF repeat without end. The colours of an MP4 are Rec. 709 video, 4:2:0; of an odd width or height the last
-    column or row is left off. A GIF has one palette of 256 colours for all its frames, with error diffusion, and times
-    in hundredths of a second, rounded so that they add up.
+    WebP and GIF loop forever. An MP4 is Rec. 709 video, 4:2:0; an odd width or height loses its last column or row. A
+    GIF has one palette of 256 colors for all frames, with error diffusion, and times in hundredths of a second, rounded
+    so that they add up.
 
     Args:
-        path: ends in .mp4, .webp or .gif. An MP4 needs ffmpeg with an H.264 encoder: that of the system, or of the
+        path: ends in .mp4, .webp or .gif. An MP4 needs ffmpeg with an H.264 encoder, from the system or from the
             package imageio-ffmpeg (`pip install 'wrt[video]'`).
         frames: (H, W, 3) arrays of equal size: linear radiance in floating point, converted as `save_image` does, or
             uint8 sRGB.
@@ -104,23 +99,18 @@ def save_video(path: PathLike, frames: Iterable[Any], fps: float = 24.0, *, forc
         force: whether to replace a file that wrt did not write.
 
     Raises:
-        InputError: see `check_video`; when there are no frames, their shapes are wrong or differ, or writing fails.
-        Exception: what `frames` raises; nothing is written then.
+        InputError: see `check_video`; also if there are no frames, their shapes are wrong or differ, or writing fails.
+        Exception: any exception of `frames`; nothing is written then.
     """
     file = check_video(path, fps=fps, force=force)
+    write = {".mp4": _write_mp4, ".webp": _write_webp, ".gif": _write_gif}[file.suffix.lower()]
     failures: list[Exception] = []
-    checked = _checked(file, _noting(frames, failures))
+    checked = _checked(file, _recording(frames, failures))
     first = next(checked, None)
     if first is None:
         raise InputError(f"{file}: there are no frames")
-    write: dict[str, Callable[[Path, Pixels, Iterator[Pixels], float], None]] = {
-        ".mp4": _write_mp4,
-        ".webp": _write_webp,
-        ".gif": _write_gif,
-    }
-    writer = write[file.suffix.lower()]
     try:
-        write_atomically(file, lambda temporary: writer(temporary, first, checked, float(fps)), VIDEO, force=force)
+        write_atomically(file, lambda temporary: write(temporary, first, checked, float(fps)), VIDEO, force=force)
     except InputError:
         if not failures:
             raise
@@ -128,8 +118,8 @@ def save_video(path: PathLike, frames: Iterable[Any], fps: float = 24.0, *, forc
         raise failures[0]
 
 
-def _noting(frames: Iterable[Any], failures: list[Exception]) -> Iterator[Any]:
-    """Yield frames; note what they raise, which is not a failure to write the file."""
+def _recording(frames: Iterable[Any], failures: list[Exception]) -> Iterator[Any]:
+    """Yield frames; record their exceptions, which are not failures to write the file."""
     try:
         yield from frames
     except Exception as error:
@@ -167,33 +157,29 @@ def _encoder_of(program: str) -> str | None:
 
 
 def _programs() -> Iterator[str]:
-    """Yield the ffmpegs of this machine: the system's, then that of imageio-ffmpeg."""
-    if (found := shutil.which("ffmpeg")) is not None:
-        yield found
+    """Yield the ffmpeg of the system, then the one of imageio-ffmpeg."""
+    if (program := shutil.which("ffmpeg")) is not None:
+        yield program
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
 
         yield get_ffmpeg_exe()
     except (ImportError, RuntimeError):  # not installed, or without a program for this platform
-        return
+        pass
 
 
 def find_encoder(path: str) -> tuple[str, str]:
-    """Return the program and the encoder that write an MP4.
-
-    Raises:
-        InputError: where there is none; the message begins with `path` and says what to install.
-    """
-    lacking = False
+    """Return the program and the encoder that write an MP4, or raise InputError about `path`."""
+    has_ffmpeg = False
     for program in _programs():
         if (encoder := _encoder_of(program)) is not None:
             return program, encoder
-        lacking = True
-    why = "the ffmpeg here has no H.264 encoder" if lacking else "an MP4 needs ffmpeg"
+        has_ffmpeg = True
+    why = "the ffmpeg here has no H.264 encoder" if has_ffmpeg else "an MP4 needs ffmpeg"
     raise InputError(f"{path}: {why}; install ffmpeg, or run: pip install 'wrt[video]'; or choose .webp or .gif")
 
 
-def _write_mp4(path: Path, first: Pixels, rest: Iterator[Pixels], fps: float) -> None:
+def _write_mp4(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) -> None:
     height, width, _ = first.shape
     if width < 2 or height < 2:
         raise InputError(f"an MP4 must be at least 2x2, not {width}x{height}")
@@ -205,13 +191,13 @@ def _write_mp4(path: Path, first: Pixels, rest: Iterator[Pixels], fps: float) ->
     command += ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709", "-color_range", "tv"]
     command += ["-movflags", "+faststart", "-metadata", f"comment={_MARK}", "-f", "mp4", os.fspath(path.absolute())]
     with tempfile.TemporaryFile() as messages:
-        # In a session of its own Ctrl-C does not reach it: whether the video is finished is decided here.
+        # In its own session it does not get Ctrl-C: this process decides whether to finish the video.
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=messages, start_new_session=True
         )
         assert process.stdin is not None
         try:
-            for pixels in itertools.chain([first], rest):
+            for pixels in itertools.chain([first], frames):
                 process.stdin.write(pixels.data)
             process.stdin.close()
         except BrokenPipeError:
@@ -222,14 +208,14 @@ def _write_mp4(path: Path, first: Pixels, rest: Iterator[Pixels], fps: float) ->
             raise
         if process.wait() != 0:
             messages.seek(0)
-            said = one_line(messages.read().decode(errors="replace").strip().rpartition("\n")[2])
-            raise OSError(f"ffmpeg failed: {said or f'status {process.returncode}'}")
+            last_line = one_line(messages.read().decode(errors="replace").strip().rpartition("\n")[2])
+            raise OSError(f"ffmpeg failed: {last_line or f'status {process.returncode}'}")
 
 
-def _write_webp(path: Path, first: Pixels, rest: Iterator[Pixels], fps: float) -> None:
+def _write_webp(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) -> None:
     from PIL import Image
 
-    pictures = [Image.fromarray(pixels) for pixels in rest]
+    pictures = [Image.fromarray(pixels) for pixels in frames]
     durations = _durations(len(pictures) + 1, fps, unit=1)
     Image.fromarray(first).save(
         path,
@@ -244,10 +230,10 @@ def _write_webp(path: Path, first: Pixels, rest: Iterator[Pixels], fps: float) -
     )
 
 
-def _write_gif(path: Path, first: Pixels, rest: Iterator[Pixels], fps: float) -> None:
+def _write_gif(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) -> None:
     from PIL import Image
 
-    pictures = [Image.fromarray(pixels) for pixels in itertools.chain([first], rest)]
+    pictures = [Image.fromarray(pixels) for pixels in itertools.chain([first], frames)]
     palette = _palette(pictures)
     indexed = [each.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for each in pictures]
     indexed[0].save(
@@ -263,21 +249,21 @@ def _write_gif(path: Path, first: Pixels, rest: Iterator[Pixels], fps: float) ->
 
 
 def _palette(pictures: list[Any]) -> Any:
-    """Return an image with the palette of all pictures: one for all, since colours would flicker with one for each."""
+    """Return an image with one palette for all pictures, since colors would flicker if each had its own."""
     from PIL import Image
 
     step = -(-len(pictures) // _PALETTE_FRAMES)
     width, height = pictures[0].size
     share = min(1.0, _PALETTE_WIDTH / width)
     size = max(1, round(width * share)), max(1, round(height * share))
-    chosen = [each.resize(size) for each in pictures[::step]]
-    sheet = Image.new("RGB", (size[0], size[1] * len(chosen)))
-    for row, each in enumerate(chosen):
-        sheet.paste(each, (0, row * size[1]))
+    samples = [picture.resize(size) for picture in pictures[::step]]
+    sheet = Image.new("RGB", (size[0], size[1] * len(samples)))
+    for row, sample in enumerate(samples):
+        sheet.paste(sample, (0, row * size[1]))
     return sheet.quantize(_GIF_COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
 
 
 def _durations(count: int, fps: float, *, unit: int) -> list[int]:
-    """Return whole milliseconds for each frame, multiples of `unit` that add up to count/fps."""
+    """Return the milliseconds of each frame, multiples of `unit` that add up to count/fps."""
     ends = [round(1000.0 * number / fps / unit) * unit for number in range(count + 1)]
     return [max(unit, end - start) for start, end in itertools.pairwise(ends)]

@@ -289,8 +289,8 @@ class Backend:
         if device == "cpu":
             return arrays.from_numpy(data, dtype, copy=copy)
         if isinstance(dtype, Layout):
-            data = np.stack([struct._memory for struct in data]) if isinstance(data, list) else data
-            data = np.frombuffer(data.tobytes(), dtype.warp_struct().numpy_dtype())
+            rows = arrays.from_numpy(data, dtype, copy=False).rows
+            data = np.frombuffer(rows.tobytes(), dtype.warp_struct().numpy_dtype())
         with on_device(device):
             return self._wp.array(data, dtype=self._type(dtype), device=device, copy=copy)
 

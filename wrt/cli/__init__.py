@@ -1,8 +1,8 @@
 """The command line: ``wrt render`` and the commands around it.
 
-Exit status: 0 on success; 1 if a file or standard output could not be written, memory ran out, or a render could not go
-on; 2 if an input or an option cannot be used; 130 and 143 after Ctrl-C and SIGTERM. Every error is one line on standard
-error. Heavy modules are imported only when needed.
+Exit status: 0 on success; 1 if a file or standard output could not be written, memory ran out, or a render failed; 2 if
+an input or an option cannot be used; 130 and 143 after Ctrl-C and SIGTERM. Every error is one line on standard error.
+Heavy modules are imported only when needed.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ def _status(arguments: list[str], *, own_process: bool) -> int:
 
 def _run(arguments: list[str], *, own_process: bool) -> int:
     try:
-        options = parse(arguments)
+        options = vars(parse(arguments))
     except SystemExit as end:  # of --help and --version
         return int(end.code or 0)
-    options.own_process = own_process
     if own_process:
         settle_in()
-    status: int = options.run(options)
+    run = options.pop("run")
+    status: int = run(own_process=own_process, **options)
     return status

@@ -30,19 +30,19 @@ def warn(line: str) -> None:
 
 def give_up(status: int, what: str) -> NoReturn:
     """Print `what` and end the process, from another thread, when the main one is too busy to handle a signal."""
-    end_soon(status)  # first, since standard error may be a pipe that nobody reads
+    end_soon(status)  # first, since standard error may be a pipe without a reader
     complain("stopped", what)
     end(status)
 
 
 class Failed(Exception):
-    """Work that had begun did not end; the message is one line that names the cause, and says what was saved."""
+    """Work failed after it had begun; the message is one line with the cause and the files that were saved."""
 
 
 def outcome(run: Callable[[], int], *, name: str = "") -> int:
     """Return the exit status of `run`; if it raises, report the error and return its status.
 
-    What nobody expects, such as a fault in wrt, is raised.
+    Unexpected exceptions, such as a fault in wrt, are raised.
 
     Args:
         run: the work to do.
@@ -53,7 +53,8 @@ def outcome(run: Callable[[], int], *, name: str = "") -> int:
     except Exception as error:
         if not _is_expected(error):
             raise
-        _complain_of(name, cause_of(error))
+        message = cause_of(error)
+        complain("error", message if one_line(name) in one_line(message) else f"{name}: {message}")
         return UNUSABLE if isinstance(error, InputError) and not isinstance(error, NotEnoughMemory) else FAILED
 
 
@@ -61,17 +62,19 @@ def _is_expected(error: Exception) -> bool:
     """Return whether a person, the machine or the system may have caused an exception."""
     from wrt.threads import is_lack_of_threads  # not at the top: --help must import little
 
-    return isinstance(error, (Failed, InputError, OSError, MemoryError)) or _is_lack(error) or is_lack_of_threads(error)
+    if isinstance(error, (Failed, InputError, OSError, MemoryError)):
+        return True
+    return _is_lack_of_memory(error) or is_lack_of_threads(error)
 
 
-def _is_lack(error: BaseException) -> bool:
-    """Return whether memory, or address space for libraries, ran out, of which Warp says so."""
-    lacks = ("Failed to allocate", "Failed to load the shared library")
-    return isinstance(error, RuntimeError) and str(error).startswith(lacks)
+def _is_lack_of_memory(error: BaseException) -> bool:
+    """Return whether Warp reports a lack of memory, or of address space for libraries."""
+    beginnings = ("Failed to allocate", "Failed to load the shared library")
+    return isinstance(error, RuntimeError) and str(error).startswith(beginnings)
 
 
 def cause_of(error: BaseException) -> str:
-    """Return the text of a message about an exception: for an unexpected one, also its kind and where it was raised."""
+    """Return the message about an exception; for an unexpected one with its type and the line that raised it."""
     import traceback
 
     from wrt.threads import is_lack_of_threads
@@ -86,7 +89,7 @@ def cause_of(error: BaseException) -> str:
         return f"not enough memory{f': {error}' if str(error) else ''}"
     if is_lack_of_threads(error):
         return NO_MORE_THREADS
-    if _is_lack(error):
+    if _is_lack_of_memory(error):
         return f"not enough memory: {error}"
     kind = f"{type(error).__name__}{f': {error}' if str(error) else ''}"
     frames = traceback.extract_tb(error.__traceback__)
@@ -102,7 +105,3 @@ def failing_in_one_line() -> Iterator[None]:
         if _is_expected(error):
             raise
         raise Failed(cause_of(error)) from error
-
-
-def _complain_of(name: str, what: str) -> None:
-    complain("error", what if one_line(name) in one_line(what) else f"{name}: {what}")

@@ -1,85 +1,42 @@
-"""The scene and the renderer that the options of `wrt render` ask for."""
+"""The scene and the renderer for the options of `wrt render`."""
 
 from __future__ import annotations
 
-import argparse
 import functools
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from wrt.cli.options import RenderOptions
     from wrt.rendering.renderer import Renderer
     from wrt.scene.scene import Scene
 
 
-def load_input(options: argparse.Namespace, *, time: float | None = None) -> Scene:
-    """Return the scene of the input as the options show it, at a time of its animation or else at rest."""
-    import dataclasses
+def load_input(source: str, options: RenderOptions, *, time: float | None = None) -> Scene:
+    """Load an input with the options' settings, at a time of its animation or else at rest."""
+    from wrt.api import load_with_settings
 
-    from wrt.api import load
-
-    scene = load(
-        options.input,
-        triangles=options.triangles,
-        up=options.up,
-        parameters=dict(options.define or ()),
-        sensor=options.sensor,
-        strict=options.strict,
-        confined=options.confined,
-        view=options.view,
-        frame=options.frame,
-        material=options.material,
-        environment=options.environment,
-        transparent=options.transparent,
-        aspect=options.size and options.size[0] / options.size[1],
-        time=time,
-    )
-    given = {name: getattr(options, name) for name in ("tone", "exposure") if getattr(options, name) is not None}
-    scene.settings = dataclasses.replace(scene.settings, **given)
-    if options.denoise or scene.settings.denoise:
-        from wrt.develop.denoise import require_denoiser
-
-        scene.settings = dataclasses.replace(scene.settings, denoise=True)
-        require_denoiser()  # before rendering
-    return scene
+    return load_with_settings(source, options.settings, **options.loading, time=time)
 
 
-def make_renderer(options: argparse.Namespace, scene: Scene) -> Renderer:
-    """Return a renderer with the settings of the options."""
-    from wrt.rendering.renderer import Renderer
-    from wrt.scene.layers import layer_names
-
-    make: Any = Renderer
+def make_renderer(scene: Scene, options: RenderOptions) -> Renderer:
+    """Return a renderer on the options' device, on several GPUs, or on the workers of a Dask cluster."""
+    device, cluster = options.device, None
     if options.dask is not None:
-        from wrt.distributed.head import DistributedRenderer
-
-        make = functools.partial(DistributedRenderer, client=_client(options.dask))
-    elif options.device.startswith("cuda:") and not options.device[5:].isdecimal():
+        cluster = _client(options.dask)
+    elif device.startswith("cuda:") and not device[5:].isdecimal():
         from wrt.distributed.processes import devices_of
 
-        devices = devices_of(options.device) or [options.device]
-        if len(devices) == 1:
-            options.device = devices[0]
-        else:
-            from wrt.distributed.head import DistributedRenderer
+        devices = devices_of(device) or [device]
+        device = devices[0]
+        if len(devices) > 1:
+            cluster = _processes(tuple(devices))
+    if cluster is None:
+        from wrt.rendering.renderer import Renderer
 
-            make = functools.partial(DistributedRenderer, client=_processes(tuple(devices)))
-    width, height = options.size or (None, None)
-    renderer: Renderer = make(
-        scene,
-        width=width,
-        height=height,
-        device=options.device,
-        seed=options.seed,
-        threads=options.threads,
-        max_depth=options.max_depth,
-        crop=options.crop,
-        sampler=options.sampler,
-        integrator=options.integrator,
-        clamp_indirect=options.clamp_indirect,
-        regularization=options.regularization,
-        layers=None if options.layers is None else layer_names(options.layers),
-    )
-    return renderer
+        return Renderer(scene, device=device, seed=options.seed, threads=options.threads)
+    from wrt.distributed.head import DistributedRenderer
+
+    return DistributedRenderer(scene, client=cluster, device=options.device, seed=options.seed, threads=options.threads)
 
 
 @functools.cache
@@ -99,6 +56,6 @@ def _client(address: str) -> Any:
     from wrt.distributed.dask_cluster import client_of
 
     client = client_of(address)
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of what Dask logs, wrt's own error names the cause
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # wrt's own error names the cause
     atexit.register(client.close, timeout=5)
     return client

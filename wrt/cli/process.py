@@ -9,17 +9,14 @@ import importlib
 import os
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NoReturn
 
 LARGE = 1 << 22
-"""Bytes from which freed allocations are returned to the system; smaller intermediate arrays stay in the heap."""
+"""Freed allocations of at least this many bytes return to the system; smaller intermediate arrays stay in the heap."""
 
 NOT_NEEDED = ("scipy", "networkx")
 """Optional imports of trimesh that wrt does not use; they take 0.4 s and 40 MB."""
-
-RENDERING = ("wrt.rendering.renderer",)
-"""Modules for rendering a large mesh."""
 
 KERNELS = (
     "wrt.kernels.integrators.aovs",
@@ -27,7 +24,7 @@ KERNELS = (
     "wrt.kernels.accel.build.collapse",
     "wrt.kernels.accel.build.presplit",
 )
-"""Kernel modules for rendering a large mesh."""
+"""Kernel modules for rendering a large mesh; they are imported if they are not compiled yet, which takes long."""
 
 LARGE_FILE = 1 << 20
 """Bytes above which a file is large."""
@@ -52,26 +49,23 @@ def settle_in() -> None:
         mallopt(_TRIM_THRESHOLD, 4 * LARGE)
 
 
-def importing_renderer(path: str) -> contextlib.AbstractContextManager[None]:
-    """Return a context that imports the renderer in another thread if the input is a large file."""
-    try:
-        large = os.path.getsize(path) > LARGE_FILE
-    except (OSError, ValueError):
-        large = False
-    return importing(RENDERING, KERNELS) if large else contextlib.nullcontext()
-
-
 @contextlib.contextmanager
-def importing(names: Sequence[str], kernels: Sequence[str] = ()) -> Iterator[None]:
-    """Within the context, import modules in another thread, in parallel with reading and processing of files."""
+def importing_renderer(path: str) -> Iterator[None]:
+    """Within the context, which reads the input, import the renderer in another thread if the input is a large file."""
+    try:
+        is_large = os.path.getsize(path) > LARGE_FILE
+    except (OSError, ValueError):
+        is_large = False
+    if not is_large:
+        yield
+        return
 
     def run() -> None:
         with contextlib.suppress(Exception):  # raised again where the module is needed
-            for name in names:
-                importlib.import_module(name)
+            importlib.import_module("wrt.rendering.renderer")
             from wrt.backend import current_backend  # not at the top: --help must import little
 
-            for name in kernels:
+            for name in KERNELS:
                 if current_backend().artefacts.get("modules", name) is None:
                     importlib.import_module(name)
 
@@ -108,8 +102,9 @@ def no_collections() -> Iterator[None]:
 def end(status: int) -> NoReturn:
     """End the process without freeing its objects; temporary files are still removed."""
     _flush()
-    if status:
-        _silence()
+    if status:  # close standard error: a compiler that still runs would complain about its missing files
+        with contextlib.suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     atexit._run_exitfuncs()
     _flush()
     os._exit(status)
@@ -119,13 +114,6 @@ def _flush() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):  # closed or missing
             stream.flush()
-
-
-def _silence() -> None:
-    """Let nobody write to standard error: a compiler that still runs would complain about its missing files."""
-    with contextlib.suppress(OSError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, 2)
 
 
 def end_soon(status: int) -> None:

@@ -14,21 +14,21 @@ CHECKPOINT_SECONDS = 60.0
 """Default interval between checkpoints."""
 
 FIRST_SECONDS = 2.0
-"""Least interval between two renewals of the picture, and before the first: shorter renders write it once."""
+"""Shortest interval between renewals of the picture, and before the first: shorter renders write it once."""
 
 UNWATCHED_PASS = 5.0
-"""Seconds of a pass of one machine where only the file of the picture shows progress. The wide kernel is slower in
-short passes: where a busy machine made them short, a one-sided Cornell box took 0.083 s of CPU for a sample in passes
-of one, 0.068 in passes of four, 0.063 in passes of ten, and 0.054 in one of 64."""
+"""Seconds of a pass on one machine without a progress bar. The wide kernel is slower in short passes: on a busy machine
+a one-sided Cornell box took 0.083 s of CPU for a sample in passes of one, 0.068 in passes of four, 0.063 in passes of
+ten, and 0.054 in one of 64."""
 
 SHARE_OF_RENDER = 0.1
-"""Least interval, as a share of the time since the start: later, a picture changes more slowly."""
+"""Shortest interval as a share of the time since the start: a picture changes ever more slowly."""
 
 MOST_SECONDS = 60.0
 """Longest interval, unless writing is slow."""
 
 MOST_TIME = 0.02
-"""Most of the time that renewals take. Their duration is measured, so large pictures and slow disks are renewed less
+"""Largest share of the time that renewals take. They are timed, so large pictures and slow disks are renewed less
 often."""
 
 NEARLY_DONE = 1.0
@@ -46,7 +46,7 @@ class Renewal:
         self,
         save_every: float | None,
         *,
-        watched: bool = True,
+        is_watched: bool = True,
         longest: float | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -54,26 +54,26 @@ class Renewal:
 
         Args:
             save_every: seconds between saves, infinite for none before the end, or None for the default.
-            watched: whether there is a progress bar.
-            longest: most seconds of a pass, `wrt.Renderer.longest_pass`; by default that of one machine.
+            is_watched: whether there is a progress bar.
+            longest: most seconds of a pass, `wrt.Renderer.longest_pass`; by default for one machine.
             clock: returns seconds.
         """
-        self._save_every, self._watched, self._longest = save_every, watched, longest
+        self._save_every, self._is_watched, self._longest = save_every, is_watched, longest
         self._clock = clock
         self._started = self._picture_at = self._checkpoint_at = clock()
         self._cost = 0.0
 
     @property
     def pass_seconds(self) -> float | None:
-        """Seconds of a pass: short ones at first for a bar, else as long as renewals of the picture allow."""
+        """Seconds of a pass, or None for short passes at first, which a progress bar needs."""
         from wrt.rendering.passes import LONGEST_PASS
 
-        given, longest = self._save_every, self._longest or LONGEST_PASS
-        if given is not None and given < longest:
-            return given
-        if self._watched:
+        save_every, longest = self._save_every, self._longest or LONGEST_PASS
+        if save_every is not None and save_every < longest:
+            return save_every
+        if self._is_watched:
             return None
-        return UNWATCHED_PASS * longest / LONGEST_PASS if given is None else longest
+        return UNWATCHED_PASS * longest / LONGEST_PASS if save_every is None else longest
 
     def due(self, progress: Progress) -> tuple[bool, bool]:
         """Return whether to write the picture and whether to write the checkpoint."""
@@ -81,10 +81,10 @@ class Renewal:
         if self._save_every is not None:
             return (now - self._picture_at >= self._save_every,) * 2
         checkpoint = now - self._checkpoint_at >= CHECKPOINT_SECONDS
-        left = math.inf if progress.seconds_left is None else progress.seconds_left
+        seconds_left = math.inf if progress.seconds_left is None else progress.seconds_left
         interval = min(max(FIRST_SECONDS, SHARE_OF_RENDER * (now - self._started)), MOST_SECONDS)
         interval = max(interval, self._cost / MOST_TIME)
-        return now - self._picture_at >= interval and left >= NEARLY_DONE, checkpoint
+        return now - self._picture_at >= interval and seconds_left >= NEARLY_DONE, checkpoint
 
     def run(self, write: Callable[[], object], *, picture: bool, checkpoint: bool) -> None:
         """Call `write`, which writes picture or checkpoint or both, and measure its duration."""

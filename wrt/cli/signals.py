@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C, and of the signals by which systems and clusters end a process, during a render."""
+"""Ctrl-C, and the signals by which systems and clusters end a process, during a command."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+from wrt.cli.exit_status import complain, give_up, outcome
 from wrt.threads import start_if_possible
 
 SIGNALS = (
@@ -20,7 +21,7 @@ SIGNALS = (
 )
 
 GRACE_SECONDS = 3.0
-"""Time after a signal until the process is ended, unless the main thread has reacted or has samples to save."""
+"""Time from a signal to the end of the process, unless the main thread has reacted or has samples to save."""
 
 _POLL_SECONDS = 0.1
 
@@ -38,15 +39,15 @@ class Interrupts:
         worth_saving: whether there are samples to save after a signal.
     """
 
-    def __init__(self, give_up: Callable[[int], object] | None = None) -> None:
+    def __init__(self, unfinished: str, *, own_process: bool) -> None:
         """Start armed; signals are handled from when the context is entered.
 
         Args:
-            give_up: ends the process with an exit status if the main thread does not react; None if the process does
-                not belong to the command line.
+            unfinished: the message after a signal, while there is nothing to save.
+            own_process: whether the process belongs to the command line and may be ended.
         """
         self.worth_saving = False
-        self._give_up = give_up
+        self._unfinished, self._own_process = unfinished, own_process
         self._signal_number = 0
         self._armed = True
         self._writing = False
@@ -55,13 +56,27 @@ class Interrupts:
         self._previous_wakeup = -1
         self._pipe: tuple[int, int] | None = None
 
+    def run(self, work: Callable[[], int], *, name: str = "") -> int:
+        """Do the work of a command with signals handled, report its error or interrupt, and return the exit status.
+
+        Args:
+            work: the work, which returns the exit status.
+            name: the input, for messages if there are several; otherwise empty.
+        """
+        with self:
+            try:
+                return outcome(work, name=name)
+            except KeyboardInterrupt:
+                complain("stopped", self._unfinished)
+                return self.exit_status
+
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is threading.main_thread():
             for number in SIGNALS:
                 # A signal ignored from the start, as by nohup, stays ignored.
                 if signal.getsignal(number) is not signal.SIG_IGN:
                     self._previous[number] = signal.signal(number, self._handle)
-            if self._give_up is not None:
+            if self._own_process:
                 self._pipe = os.pipe()
                 os.set_blocking(self._pipe[1], False)
                 self._previous_wakeup = signal.set_wakeup_fd(self._pipe[1], warn_on_full_buffer=False)
@@ -87,21 +102,19 @@ class Interrupts:
             raise KeyboardInterrupt
 
     def _watch(self, pipe: int) -> None:
-        """Wait for signals; end the process if the main thread does not react in time and has nothing to save."""
+        """Wait for signals; after one, end the process GRACE_SECONDS later if the main thread does not react.
+
+        A main thread that has something to save is left alone.
+        """
         with contextlib.closing(os.fdopen(pipe, "rb", buffering=0)) as file:
             while numbers := file.read(1):
-                if numbers[0] in self._previous:
-                    self._wait(numbers[0])
-
-    def _wait(self, number: int) -> None:
-        """End the process GRACE_SECONDS after a signal, unless the main thread reacts or has something to save."""
-        waited_since = time.monotonic()
-        while not self._done and not self.worth_saving:
-            if self._writing:
                 waited_since = time.monotonic()
-            if time.monotonic() - waited_since > GRACE_SECONDS and self._give_up is not None:
-                self._give_up(128 + number)
-            time.sleep(_POLL_SECONDS)
+                while numbers[0] in self._previous and not self._done and not self.worth_saving:
+                    if self._writing:
+                        waited_since = time.monotonic()
+                    if time.monotonic() - waited_since > GRACE_SECONDS:
+                        give_up(128 + numbers[0], self._unfinished)
+                    time.sleep(_POLL_SECONDS)
 
     def check(self) -> None:
         """Raise KeyboardInterrupt again after a signal, since some libraries swallow it."""
@@ -121,6 +134,11 @@ class Interrupts:
         finally:
             self._armed, self._writing = True, False
         self._raise_if_armed()
+
+    @property
+    def is_signalled(self) -> bool:
+        """Whether a signal has arrived."""
+        return self._signal_number > 0
 
     @property
     def exit_status(self) -> int:

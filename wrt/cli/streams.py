@@ -74,10 +74,10 @@ def _open_closed() -> None:
             os.open(os.devnull, os.O_RDONLY)
 
 
-def _stream(given: TextIO | None, number: int) -> Stream:
-    """Return a Stream for a file descriptor with the settings of `given`, which is None if the stream was closed."""
-    if given is None:
+def _stream(stream: TextIO | None, number: int) -> Stream:
+    """Return a Stream for a file descriptor with the settings of `stream`, which is None if it was closed."""
+    if stream is None:
         return Stream(open(number, "wb", closefd=False), "utf-8", "backslashreplace")
-    text = cast("io.TextIOWrapper", given)
+    text = cast("io.TextIOWrapper", stream)
     terminal = text.line_buffering or number == 2
     return Stream(text.buffer, text.encoding, "backslashreplace", line_buffering=terminal)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 from wrt.errors import one_line
 
 if TYPE_CHECKING:
+    from wrt.cli.options import RenderOptions
     from wrt.develop.picture import Developed
     from wrt.rendering.renderer import Renderer
 
@@ -26,7 +26,8 @@ def samples_text(renderer: Renderer) -> str:
 
 
 def report(
-    options: argparse.Namespace,
+    source: str,
+    options: RenderOptions,
     renderer: Renderer,
     output: Path,
     developed: Developed | None,
@@ -53,7 +54,7 @@ def report(
 
         mean = renderer.image().mean(axis=(0, 1), dtype="float64")
         summary = {
-            "input": options.input,
+            "input": source,
             "output": str(output),
             "device": renderer.device.name,
             "threads": renderer.threads,
@@ -73,7 +74,7 @@ def report(
 
 
 class Clock:
-    """Measures the time of each render; that of the first includes the start of the process."""
+    """Measures the time of each render; the first includes the start of the process."""
 
     def __init__(self, *, own_process: bool) -> None:
         """Start with the process if it belongs to the command line, otherwise now."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import os
 import secrets
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,81 +20,89 @@ from wrt.threads import start_if_possible
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
-
-WATCH_SECONDS = 0.3
-"""Time between two looks at the scene file with --watch."""
-
-
-def view(options: argparse.Namespace) -> int:
-    """Serve the page of a scene until Ctrl-C."""
-    from wrt.progress.bar import once, short_warnings
-    from wrt.view.server import bound_socket, run_server
     from wrt.view.session import Session
 
-    if not options.watch:
-        _require_readable(options)
-    bound = bound_socket(options.port)
-    said: set[str] = set()
-    with contextlib.closing(bound), short_warnings(once(warn, said)):
-        session = Session(lambda: _open(options), name=Path(options.source).stem, spp=options.spp)
+WATCH_SECONDS = 0.3
+"""Interval at which --watch looks at the scene file."""
 
-        def ready(address: str) -> None:
-            print(f"{options.source}: {address}\nCtrl-C ends it.", flush=True)
-            if not options.no_browser:
-                start_if_possible(threading.Thread(target=_browse, args=(address,), daemon=True))
 
-        signals: list[int] = []
+def view(
+    *,
+    source: str,
+    watch: bool,
+    no_browser: bool,
+    port: int | None,
+    spp: int | None,
+    size: tuple[int, int] | None,
+    device: str,
+    threads: int | None,
+    seed: int,
+    up: str | None,
+    confined: bool,
+    own_process: bool,
+) -> int:
+    """Serve the page of a scene until Ctrl-C."""
+    from wrt.api import is_builtin, load, load_with_settings
+    from wrt.progress.bar import once, short_warnings
+    from wrt.view.server import bound_socket
+    from wrt.view.session import Session
 
-        async def serve() -> None:
-            serving = asyncio.current_task()
-            assert serving is not None
+    if not watch and not is_builtin(source) and not os.path.lexists(source):
+        load(source)  # raises InputError at once: without --watch a missing file stays missing
+    bound = bound_socket(port)
 
-            def end(number: int) -> None:
-                signals.append(number)
-                serving.cancel()
+    def open_scene() -> Renderer:
+        from wrt.rendering.renderer import Renderer
 
-            if options.own_process:  # elsewhere asyncio.run turns Ctrl-C into KeyboardInterrupt
-                for number in SIGNALS:
-                    if signal.getsignal(number) is not signal.SIG_IGN:
-                        asyncio.get_running_loop().add_signal_handler(number, end, number)
-            with contextlib.suppress(asyncio.CancelledError):
-                await run_server(session, bound, secrets.token_urlsafe(16), ready)
+        width, height = size or (None, None)
+        scene = load_with_settings(source, {"width": width, "height": height}, up=up, confined=confined)
+        return Renderer(scene, device=device, seed=seed, threads=threads)
 
+    def ready(address: str) -> None:
+        print(f"{source}: {address}\nCtrl-C ends it.", flush=True)
+        if not no_browser:
+            start_if_possible(threading.Thread(target=_browse, args=(address,), daemon=True))
+
+    with contextlib.closing(bound), short_warnings(once(warn)):
+        session = Session(open_scene, name=Path(source).stem, spp=spp)
         try:
-            with _watching(options, session.reload):
-                asyncio.run(serve())
+            with _watching(source, session.reload) if watch else contextlib.nullcontext():
+                number = asyncio.run(_serve(session, bound, ready, own_process=own_process))
         except KeyboardInterrupt:
-            signals.append(signal.SIGINT)
+            number = signal.SIGINT
         finally:
             session.close()
             current_backend().finish()
         complain("stopped", "the view has ended")
-    return 128 + signals[0]
+    return 128 + number
 
 
-def _require_readable(options: argparse.Namespace) -> None:
-    """Raise InputError at once if the scene cannot be found, as nobody would mend it."""
-    from wrt.api import _is_builtin
+async def _serve(session: Session, bound: socket.socket, ready: Callable[[str], None], *, own_process: bool) -> int:
+    """Serve the page until a signal; return its number."""
+    from wrt.view.server import run_server
 
-    if not _is_builtin(options.source) and not os.path.lexists(options.source):
-        from wrt.api import load
+    serving = asyncio.current_task()
+    assert serving is not None
+    signals: list[int] = []
 
-        load(options.source)
+    def end(number: int) -> None:
+        signals.append(number)
+        serving.cancel()
 
-
-def _open(options: argparse.Namespace) -> Renderer:
-    from wrt.api import load
-    from wrt.rendering.renderer import Renderer
-
-    width, height = options.size or (None, None)
-    scene = load(options.source, up=options.up, confined=options.confined)
-    return Renderer(
-        scene, width=width, height=height, device=options.device, seed=options.seed, threads=options.threads
-    )
+    if own_process:  # elsewhere asyncio.run turns Ctrl-C into KeyboardInterrupt
+        for number in SIGNALS:
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                asyncio.get_running_loop().add_signal_handler(number, end, number)
+    try:
+        await run_server(session, bound, secrets.token_urlsafe(16), ready)
+    except asyncio.CancelledError:
+        if not signals:
+            raise
+    return signals[0]
 
 
 def _browse(address: str) -> None:
-    """Open the browser on a private file that leads to the address: other users read command lines, and the token."""
+    """Open the browser on a private file that leads to the address: other users can read command lines."""
     import webbrowser
 
     from wrt.backend.cache_folders import work_folder
@@ -106,19 +114,16 @@ def _browse(address: str) -> None:
 
 
 @contextlib.contextmanager
-def _watching(options: argparse.Namespace, changed: Callable[[], None]) -> Iterator[None]:
-    """Within the context, call `changed` whenever the scene file has changed and is written no more."""
-    if not options.watch:
-        yield
-        return
+def _watching(source: str, changed: Callable[[], None]) -> Iterator[None]:
+    """Within the context, call `changed` whenever the scene file has changed and is completely written."""
     end = threading.Event()
 
     def watch() -> None:
-        before = _stamp(options.source)
+        before = _stamp(source)
         while not end.wait(WATCH_SECONDS):
-            now = _stamp(options.source)
+            now = _stamp(source)
             if now != before and now is not None:
-                while not end.wait(0.05) and (later := _stamp(options.source)) != now:  # it is still being written
+                while not end.wait(0.05) and (later := _stamp(source)) != now:  # it is still being written
                     now = later
                 before = now
                 changed()
@@ -133,9 +138,9 @@ def _watching(options: argparse.Namespace, changed: Callable[[], None]) -> Itera
 
 
 def _stamp(path: str) -> tuple[int, int, int] | None:
-    """Return what changes when a file is written or replaced; None if there is none."""
+    """Return numbers that change when a file is written or replaced, or None if there is no file."""
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except (OSError, ValueError):
         return None
-    return found.st_mtime_ns, found.st_size, found.st_ino
+    return status.st_mtime_ns, status.st_size, status.st_ino

@@ -179,12 +179,11 @@ def render(
         InputError: if an argument cannot be used, or no worker can render the scene.
         ClusterError: if the scheduler or the workers are lost; its `renderer` has the picture so far.
     """
-    from wrt.api import load
+    from wrt.api import finished_image, load
 
     width, height = options.get("width"), options.get("height")
     scene = load(source, aspect=width / height if width and height else None)
     renderer = DistributedRenderer(scene, client=client, **options)
     for _ in renderer.passes(spp=spp, time=time, noise=noise, adaptive=adaptive, pass_seconds=renderer.longest_pass):
         pass
-    image, alpha = renderer.denoised() if renderer.settings.denoise else renderer.image(), renderer.alpha()
-    return image if alpha is None else np.dstack([image, alpha])
+    return finished_image(renderer)

@@ -229,9 +229,9 @@ def read_float(path: Path, *, alpha: bool = False) -> NDArray[np.float32]:
             raise InputError(f"{path}: cannot be read as an image: {_complaint(path, source.geterror())}")
     finally:
         source.close()
-    for wanted in ([("A", "A", "A")] * alpha) + [("R", "G", "B"), ("r", "g", "b"), ("Y", "Y", "Y")]:
-        if all(name in names for name in wanted):
-            return np.ascontiguousarray(pixels[:, :, [names.index(name) for name in wanted]], np.float32)
+    for channels in ["AAA"] * alpha + ["RGB", "rgb", "YYY"]:
+        if set(channels) <= set(names):
+            return np.ascontiguousarray(pixels[:, :, [names.index(name) for name in channels]], np.float32)
     raise InputError(f"{path}: no channels R, G, B or Y in it, only {', '.join(names)}")
 
 
@@ -265,8 +265,7 @@ def picture_path(path: PathLike) -> Path:
     """Return the path of a picture that will be written, or raise InputError."""
     file = output_path(path, "a picture", "; Pillow writes the codes of wrt.develop_image into open files")
     if file.suffix.lower() not in OUTPUT_SUFFIXES:
-        known = ", ".join(OUTPUT_SUFFIXES)
-        raise InputError(f"{file}: the name of a picture must end in one of {known}")
+        raise InputError(f"{file}: the name of a picture must end in one of {', '.join(OUTPUT_SUFFIXES)}")
     return file
 
 

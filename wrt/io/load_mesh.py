@@ -112,9 +112,9 @@ def load_file(
             scene.environment = environment
             return scene
     if suffix not in MESH_SUFFIXES:
-        kind = hint(file)
-        known = f"the name must end in {', '.join(MESH_SUFFIXES)}"
-        raise InputError(f"{file}: not a known mesh format; {known}" + (f"; {kind}" if kind else ""))
+        advice = f"; {kind}" if (kind := hint(file)) else ""
+        suffixes = ", ".join(MESH_SUFFIXES)
+        raise InputError(f"{file}: not a known mesh format; the name must end in {suffixes}{advice}")
     with naming_file(file), hinting(file):
         return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, alone=alone)
 
@@ -135,9 +135,9 @@ def _contents(file: Path, data: bytes, time: float | None) -> Contents:
 
         return read_step(file, data)
     if suffix == ".dae":
-        from wrt.io.by_trimesh import read_by_trimesh
+        from wrt.io.mesh.collada import read_collada
 
-        return read_by_trimesh(file, data)
+        return read_collada(file, data)
     if suffix == ".obj":
         from wrt.io.mesh.obj import read_obj as read
     elif suffix == ".ply":

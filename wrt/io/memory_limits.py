@@ -55,6 +55,10 @@ TEXT = Limit("XML elements and texts", 2**26, 128)
 COMPOSED = Limit("USD layers and prims", 2**27, 512)
 """130,000 prims, plus one for each two bytes of the files: Pixar's library takes 1 kB for a prim, and 20 us."""
 
+VOLUMES = Limit("volumes", 2**28, 128)
+"""67 million numbers, such as 400 x 400 x 400, plus 32 for each byte of the files: sparse files are small for their
+box."""
+
 BYTES_PER_PIXEL = 16
 """Memory of a decoded pixel: the decoder's own copy, and three float32 numbers."""
 
@@ -73,7 +77,7 @@ PATIENCE_PER_BYTE = 64
 
 @dataclass
 class _Load:
-    """What a load has read so far.
+    """The files and the memory of a load so far.
 
     Attributes:
         sizes: bytes of each file; a file counts once, even under different paths.

@@ -50,14 +50,14 @@ def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str,
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
-            wanted = {name: entry for name, entry in entries.items() if names is None or name in names}
-            total, most = sum(entry.file_size for entry in wanted.values()), max(_SMALL, _GAIN * len(data))
+            entries = {name: entry for name, entry in entries.items() if names is None or name in names}
+            total, most = sum(entry.file_size for entry in entries.values()), max(_SMALL, _GAIN * len(data))
             if total > most:
                 raise InputError(
                     f"its content, {total} bytes, is many times larger than the file; the limit is {most} bytes, "
                     f"the larger of {_SMALL} and {_GAIN} times the file size"
                 )
-            return {name: read_array(archive.read(entry)) for name, entry in wanted.items()}
+            return {name: read_array(archive.read(entry)) for name, entry in entries.items()}
     except (*_DAMAGE, zipfile.BadZipFile) as error:
         raise InputError(first_line(error)) from None
 

@@ -98,7 +98,7 @@ def write_atomically(path: Path, write: Callable[[Path], object], kind: Kind, *,
         with _temporary(target) as (temporary, handle):
             write(temporary)
             os.fsync(handle)  # otherwise a crash could leave an empty file under the new name
-            target = _target(path, kind, force)  # check again: a file may have appeared there meanwhile
+            target = _target(path, kind, force)  # check again: a file may have appeared there
             with contextlib.suppress(OSError):  # there is no old file, or the file system has no modes
                 os.fchmod(handle, stat.S_IMODE(target.stat().st_mode))
             temporary.replace(target)

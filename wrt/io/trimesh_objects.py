@@ -21,9 +21,10 @@ from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import GltfMaterials
 from wrt.io.gltf.scene import cameras_of, lights_of
 from wrt.io.mesh.mtl import MtlMaterials
-from wrt.io.mesh.parts import Contents, Part, placed
+from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed
 from wrt.io.mesh.ply import strips_of
-from wrt.io.mesh.trimesh_loaders import COLOR_MAP, Beside, decoded, is_stand_in, matching
+from wrt.io.mesh.sidecars import COLOR_MAP, Sidecars
+from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
 from wrt.scene.normals import corner_weighted_normals
 
@@ -31,7 +32,7 @@ _LINEAR_FILES = ("glb", "gltf")
 """File types whose vertex colours are linear."""
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
-"""Normals count as computed by trimesh if at least a share of _MOSTLY is within _COMPUTED of those that wrt computes.
+"""Normals count as computed by trimesh if a share of at least _MOSTLY is within _COMPUTED of the normals of faces.
 Normals from files differ by 1e-8 or more, as they are rounded to single precision or to decimal digits."""
 
 _IN_PBR = ("baseColorTexture", "metallicRoughnessTexture", "metallicFactor", "roughnessFactor")
@@ -115,7 +116,7 @@ class _Reader:
         self._linear = file_type(source) in _LINEAR_FILES
         self._path = Path(source.source.file_path or OF_TRIMESH)
         self._resolver = source.source.resolver
-        self._beside = Beside(self._path) if source.source.file_path else None
+        self._sidecars = Sidecars(self._path) if source.source.file_path else None
         self._images = _HeldImages(Path(name))
         self._descriptions: list[Tree] = []
         self._physical = GltfMaterials(Path(name), self._descriptions, self._images)
@@ -161,10 +162,10 @@ class _Reader:
             for number in np.unique(numbers).tolist()
         ]
 
-    def _colors(self, given: Any) -> NDArray[Any]:
+    def _colors(self, colors: Any) -> NDArray[Any]:
         """Return decoded colours; without alpha if they come from glTF, where only a material can enable it."""
-        colors = decoded(np.asarray(given), linear=self._linear)
-        return colors[:, :3] if self._linear else colors
+        values = decoded(np.asarray(colors), linear=self._linear)
+        return values[:, :3] if self._linear else values
 
     def _with_material(self, part: Part, material: Any) -> Part:
         """Return a part with its material, and with the texture coordinates and colours that the material needs."""
@@ -241,8 +242,8 @@ class _Reader:
         if name in self._maps:
             image: Source = self._maps[name]
             return image
-        if self._beside is not None:
-            return self._beside.find(name)
+        if self._sidecars is not None:
+            return self._sidecars.find(name)
         try:
             data: bytes = self._resolver.get(name)
         except Exception:  # noqa: BLE001 - resolvers of archives and of the network fail in ways of their own
@@ -261,20 +262,20 @@ def _rounds_to(value: Any, rounded: NDArray[np.uint8]) -> bool:
 
 
 def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
-    """Return the vertex normals, or None if they are those that trimesh computes from the faces.
+    """Return the vertex normals, or None if trimesh has computed them from the faces.
 
     trimesh keeps both in its cache and has no public way to ask whether a mesh has any: asking for
     them computes them, which without scipy takes a time that is quadratic in the vertices.
     """
     if "vertex_normals" not in mesh._cache.cache:
         return None
-    given, vertices = np.asarray(mesh.vertex_normals), np.asarray(mesh.vertices, np.float64)
-    if given.shape != vertices.shape or not len(mesh.faces):
+    normals, vertices = np.asarray(mesh.vertex_normals), np.asarray(mesh.vertices, np.float64)
+    if normals.shape != vertices.shape or not len(mesh.faces):
         return None
     with np.errstate(all="ignore"):
         computed = corner_weighted_normals(vertices, np.asarray(mesh.faces))
-        near = (np.abs(given - computed) < _COMPUTED).all(axis=1)
-    return None if near.mean() >= _MOSTLY else given
+        near = (np.abs(normals - computed) < _COMPUTED).all(axis=1)
+    return None if near.mean() >= _MOSTLY else normals
 
 
 def _camera(scene: Any) -> Tree:
@@ -297,7 +298,7 @@ def _camera(scene: Any) -> Tree:
 
 
 def _lights(scene: Any, name: str) -> Tree:
-    """Return a scene's lights as glTF describes them: those given to it, and those that trimesh keeps from a glTF file.
+    """Return the lights that a scene was given, or that trimesh keeps from a glTF file, as glTF describes them.
 
     trimesh adds two lights to a scene without any when it shows it; these are left out. Messages name the scene.
     """
@@ -311,8 +312,8 @@ def _lights(scene: Any, name: str) -> Tree:
             nodes.append({"matrix": matrix.T.reshape(-1).tolist(), "extensions": extensions})
             lights.append(light)
 
-    given = getattr(scene, "_lights", None) or []
-    for light in given if any(not _is_automatic(light) for light in given) else []:
+    own_lights = getattr(scene, "_lights", None) or []
+    for light in [] if all(_is_automatic(light) for light in own_lights) else own_lights:
         kind = type(light).__name__.removesuffix("Light").lower()
         color = (np.asarray(light.color)[:3] / 255.0).tolist()
         cone = {key: getattr(light, key) for key in ("innerConeAngle", "outerConeAngle") if hasattr(light, key)}

@@ -21,8 +21,9 @@ REDRAW_SECONDS = 0.1
 """Interval between updates of the bar: smooth to the eye, at negligible cost."""
 
 
-def once(show: Callable[[str], None], shown: set[str]) -> Callable[[str], None]:
-    """Return a function that shows each line once and adds it to `shown`."""
+def once(show: Callable[[str], None]) -> Callable[[str], None]:
+    """Return a function that shows each line once."""
+    shown: set[str] = set()
 
     def show_new(line: str) -> None:
         if line not in shown:
@@ -62,9 +63,9 @@ def noise_text(noise: float | None, target: float | None = None) -> str:
 
 def duration_text(seconds: float) -> str:
     """Return a duration as m:ss or h:mm:ss."""
-    minutes, rest = divmod(round(seconds), 60)
+    minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
 
 
 def fraction_done(progress: Progress, *, time_limit: float | None) -> float:
@@ -106,26 +107,27 @@ class ProgressBar:
     Use it as a context manager: the bar is removed at the end.
     """
 
-    def __init__(self, label: str, *, time_limit: float | None = None, wanted: bool = True) -> None:
+    def __init__(self, label: str, *, time_limit: float | None = None, is_shown: bool = True) -> None:
         """Show that work has begun.
 
         Args:
             label: name of the picture.
             time_limit: time limit of the render in seconds, if any.
-            wanted: whether to show anything.
+            is_shown: whether to show anything.
         """
         self._label = one_line(label)
         self._time_limit = time_limit
         self._bar: Any = None
         self._lines: ProgressLines | None = None
         self._drawn = 0.0
-        if wanted and (stream := bar_stream()) is not None:
+        self._messages: set[str] = set()
+        if is_shown and (stream := bar_stream()) is not None:
             from tqdm import tqdm
 
             # The numbers are part of the format, since tqdm's own fields count items.
             waiting = literal(fitted(self._label, [(1, GETTING_READY)], columns := terminal_columns()))
             self._bar = tqdm(total=1.0, file=stream, leave=False, ncols=columns, bar_format=waiting)
-        elif wanted:
+        elif is_shown:
             self._lines = ProgressLines(self._label)
 
     def __enter__(self) -> ProgressBar:
@@ -143,7 +145,7 @@ class ProgressBar:
             self._bar = None
 
     def relabel(self, label: str) -> None:
-        """Show another name, such as that of the next frame."""
+        """Show another name, such as the name of the next frame."""
         self._label = one_line(label)
 
     def update(self, progress: Progress) -> None:
@@ -163,7 +165,10 @@ class ProgressBar:
         self._bar.refresh()
 
     def message(self, text: str) -> None:
-        """Write a line to standard error, above the bar if there is one."""
+        """Write a line to standard error, above the bar if there is one, unless it was written before."""
+        if text in self._messages:
+            return
+        self._messages.add(text)
         if self._bar is None:
             print(text, file=sys.stderr, flush=True)
         else:

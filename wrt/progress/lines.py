@@ -39,12 +39,12 @@ class ProgressLines:
         """Stop the thread; nothing is printed after this."""
         self._ended.set()
         if self._thread.is_alive():
-            self._thread.join(timeout=1.0)  # it may be writing to a pipe that nobody reads
+            self._thread.join(timeout=1.0)  # it may be blocked on a pipe without a reader
 
     def _run(self) -> None:
-        started, due, said = time.monotonic(), FIRST_SECONDS, ""
+        started, due, printed = time.monotonic(), FIRST_SECONDS, ""
         while not self._ended.wait(max(0.0, started + due - time.monotonic())):
-            if self.text != said:
-                said = self.text
-                print(f"wrt: {self._label}: {said}", file=sys.stderr, flush=True)
+            if self.text != printed:
+                printed = self.text
+                print(f"wrt: {self._label}: {printed}", file=sys.stderr, flush=True)
             due += min(due, MOST_SECONDS)

@@ -35,8 +35,8 @@ def terminal_columns() -> int:
     with contextlib.suppress(OSError, ValueError):  # no terminal, closed, or not a file
         columns = os.get_terminal_size(sys.stderr.fileno()).columns
     if columns <= 0:
-        given = os.environ.get("COLUMNS", "")
-        columns = int(given) if given.isdecimal() and 0 < int(given) < 10_000 else USUAL_COLUMNS
+        variable = os.environ.get("COLUMNS", "")
+        columns = int(variable) if variable.isdecimal() and 0 < int(variable) < 10_000 else USUAL_COLUMNS
     return max(columns - 1, 1)
 
 
@@ -59,60 +59,60 @@ def shortened(text: str, columns: int) -> str:
 
 def _beginning(text: str, columns: int) -> str:
     """Return the longest prefix of text that fits into a number of columns."""
-    taken = 0
+    width = 0
     for number, character in enumerate(text):
-        taken += columns_of(character)
-        if taken > columns:
+        width += columns_of(character)
+        if width > columns:
             return text[:number]
     return text
 
 
-def fitted(label: str, pieces: Sequence[tuple[int, str]], columns: int) -> str:
-    """Return label and pieces in one line that fits into a number of columns.
-
-    Args:
-        label: start of the line; it is shortened before pieces are left out.
-        pieces: rank and text of each piece; those of the highest rank are left out first.
-        columns: width of the line.
-    """
-    label = shown(label)
-    kept = [*pieces]
-    least = min(columns_of(label), max(columns // LABEL_SHARE, 1))
-    while kept and least + sum(2 + columns_of(text) for _, text in kept) > columns:
-        kept.remove(max(kept))
-    if pieces and not kept and columns_of(alone := min(pieces)[1]) <= columns:
-        return alone
-    rest = "".join(f"  {text}" for _, text in kept)
-    return shortened(label, columns - columns_of(rest)) + rest
+Piece = tuple[int, str]
+"""A part of a status: its rank, of which 1 is the most important, and its text."""
 
 
-def fitted_bar(label: str, share: str, pieces: Sequence[tuple[int, str]], columns: int) -> str:
+def fitted(label: str, pieces: Sequence[Piece], columns: int) -> str:
+    """Return label and pieces in one line of `columns`: the label is shortened, then the highest ranks are left out."""
+    label = printable(label)
+    fitting = _fitting(label, pieces, columns)
+    if pieces and not fitting and columns_of(first := min(pieces)[1]) <= columns:
+        return first
+    status = "".join(f"  {text}" for _, text in fitting)
+    return shortened(label, columns - columns_of(status)) + status
+
+
+def fitted_bar(label: str, share: str, pieces: Sequence[Piece], columns: int) -> str:
     """Return the tqdm format of a line with a bar, or without one if it does not fit.
 
     Args:
         label: start of the line.
         share: finished part of the work as text, such as " 25%".
-        pieces: see `fitted`; those up to rank 3 are more important than the bar.
+        pieces: parts of the status; those up to rank 3 are more important than the bar.
         columns: width of the line.
     """
     room = columns - len(f" {share}||  ") - LEAST_BAR
-    label = shown(label)
-    kept = sorted(pieces)
-    least = min(columns_of(label), max(columns // LABEL_SHARE, 1))
-
-    def width() -> int:
-        return least + sum(2 + columns_of(text) for _, text in kept)
-
-    while kept and kept[-1][0] > 3 and width() > room:
-        kept.pop()
-    if width() > room:
+    name = printable(label)
+    fitting = _fitting(name, pieces, room)
+    if [piece for piece in pieces if piece[0] <= 3 and piece not in fitting] or _width(name, room, fitting) > room:
         return literal(fitted(label, [(0, share), *pieces], columns))
-    rest = "  ".join(text for piece, text in pieces if (piece, text) in kept)
-    name = shortened(label, room - columns_of(rest))
-    return f"{literal(f'{name} {share}')}|{{bar}}| {literal(rest)}"
+    status = "  ".join(text for _, text in fitting)
+    return f"{literal(f'{shortened(name, room - columns_of(status))} {share}')}|{{bar}}| {literal(status)}"
 
 
-def shown(text: str) -> str:
+def _fitting(label: str, pieces: Sequence[Piece], columns: int) -> list[Piece]:
+    """Leave out pieces, those of the highest rank first, until the others fit beside a shortened label."""
+    fitting = [*pieces]
+    while fitting and _width(label, columns, fitting) > columns:
+        fitting.remove(max(fitting))
+    return fitting
+
+
+def _width(label: str, columns: int, pieces: Sequence[Piece]) -> int:
+    """Return the columns that a label and pieces need if the label is shortened as far as possible."""
+    return min(columns_of(label), max(columns // LABEL_SHARE, 1)) + sum(2 + columns_of(text) for _, text in pieces)
+
+
+def printable(text: str) -> str:
     """Return text as standard error shows it, with characters that its encoding lacks escaped."""
     encoding = getattr(sys.stderr, "encoding", None) or "utf-8"
     return text.encode(encoding, "backslashreplace").decode(encoding)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt import _notebook
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
 from wrt.errors import InputError, did_you_mean, warn
@@ -493,13 +494,13 @@ class Renderer(Picture):
 
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""
-        return import_module("wrt.view.notebook").view_renderer(self, spp=spp)
+        return _notebook.viewer().view_renderer(self, spp=spp)
 
     def __repr__(self) -> str:
         return f"<wrt.Renderer {self.width}x{self.height} {self.integrator} on {self.device.name}, {self.spp} spp>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = import_module("wrt.view.notebook").picture_of_renderer(self)
+        picture: bytes | None = _notebook.viewer().picture_of_renderer(self)
         return picture
 
     def part(self, number: int, of: int, *, spp: int | None = None) -> Part:

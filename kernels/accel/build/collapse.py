@@ -210,7 +210,7 @@ def write_nodes(
     children_out: wp.array(dtype=int),
     leaf_ranges_out: wp.array(dtype=wp.vec2i),
 ):
-    """Write the wide nodes of a level in the layout of `kernels/accel/bvh.py`, and list the boxes of their leaves.
+    """Write the wide nodes of a level in the layout of `kernels/core/ray_tree.py`, and list the boxes of their leaves.
 
     Where leaves are nodes as well, `leaf_nodes` is the number of the first one; otherwise −1.
     """

@@ -36,6 +36,7 @@ class EmulatedBackend(Backend):
         self._lock = threading.RLock()
 
     def library(self, kernel: Any) -> Library:
+        kernel = declared(kernel)
         module = kernel.module
         key = module.name, module.get_module_hash(BLOCK)
         with self._lock:

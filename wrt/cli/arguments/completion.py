@@ -81,8 +81,8 @@ def _layers(prefix: str) -> Iterable[str]:
     """Return the completions of a comma-separated list of layers."""
     from wrt.scene.layers import LAYERS
 
-    given, comma, _ = prefix.rpartition(",")
-    return [f"{given}{comma}{name}" for name in LAYERS if name not in given.split(",")]
+    before, comma, _ = prefix.rpartition(",")
+    return [f"{before}{comma}{name}" for name in LAYERS if name not in before.split(",")]
 
 
 _FINDERS: dict[str | None, Finder] = {

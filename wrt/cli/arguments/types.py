@@ -129,9 +129,9 @@ def definition(text: str) -> tuple[str, str]:
 
 def size(text: str) -> tuple[int, int]:
     """Convert text to width and height, such as 640x480 or 1080p."""
-    named = PICTURES.get(text.strip().lower())
-    if named is not None:
-        return named
+    common = PICTURES.get(text.strip().lower())
+    if common is not None:
+        return common
     sides = re.split(r"\s*[x×*,]\s*", text.strip().lower())
     if len(sides) == 1 and sides[0].isdecimal():
         raise argparse.ArgumentTypeError(f"must have a width and a height, such as {text}x{text}, not {text!r}")

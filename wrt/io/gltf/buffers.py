@@ -9,14 +9,14 @@ import base64
 import binascii
 from pathlib import Path
 from typing import Any, TypeAlias
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.safe_read import read_file, reason_alone
+from wrt.io.mesh.sidecars import Sidecars
+from wrt.io.safe_read import read_file
 
 Tree: TypeAlias = dict[str, Any]
 
@@ -24,137 +24,96 @@ MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 TYPES = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_FLOAT, _UNSIGNED = 5126, 5125
 
 
 class Buffers:
-    """The binary data of one file: its own, those beside it, and those in data URIs."""
+    """The binary data of one file: its own, those of files that it names, and those in data URIs."""
 
     def __init__(self, path: Path, tree: Tree, binary: bytes) -> None:
         """Take the JSON of a file, and the binary chunk if it is a GLB."""
         self.path, self._tree, self._binary = path, tree, binary
-        self._read: dict[int, bytes] = {}
+        self._sidecars = Sidecars(path)
+        self._buffers: dict[int, bytes] = {}
         self._views: dict[int, bytes] = {}
-        self._added = bytearray()
 
-    def located(self, uri: str) -> bytes:
-        """Return the bytes of a data URI, or of a file beside this one.
+    def at_uri(self, uri: str) -> bytes:
+        """Return the bytes of a data URI, or of a file that this one names.
 
         Raises:
             InputError: naming the file, when it cannot be read.
         """
         if uri.startswith("data:"):
             try:
-                return base64.b64decode(uri.partition(",")[2], validate=True)
+                return base64.b64decode(uri.partition(",")[2])
             except binascii.Error as error:
                 raise InputError(f"{self.path}: a data URI in it is damaged: {error}") from None
-        file = self.path.parent / unquote(uri)
-        try:
-            return read_file(file)
-        except InputError as error:
-            raise InputError(f"{self.path}: {str(file)!r}, which it refers to: {reason_alone(file, error)}") from None
+        return read_file(self._sidecars.find(uri))
 
     def view(self, number: int) -> bytes:
         """Return the bytes of a buffer view, decompressed."""
         view = self._tree["bufferViews"][number]
-        packed = compression_of(view)
+        extensions = view.get("extensions", {})
+        packed = next((extensions[name] for name in MESHOPT if name in extensions), None)
         if packed is None:
-            return self._part(view)
+            return self._slice(view)
         if number not in self._views:
             count, stride = packed["count"], packed["byteStride"]
             memory_limits.take(memory_limits.MESHES, count * stride)
             from wrt.io.gltf.meshopt import decoded
 
+            data = self._slice(packed)
             try:
-                self._views[number] = decoded(
-                    self._part(packed), count, stride, packed["mode"], packed.get("filter", "NONE")
-                )
+                self._views[number] = decoded(data, count, stride, packed["mode"], packed.get("filter", "NONE"))
             except InputError as error:
                 raise InputError(f"{self.path}: {error}") from None
         return self._views[number]
 
-    def _part(self, place: Tree) -> bytes:
-        number, start = place["buffer"], place.get("byteOffset", 0)
-        if self._added and number == len(self._tree["buffers"]):  # by `add`
-            return bytes(self._added[start : start + place["byteLength"]])
-        if number not in self._read:
+    def _slice(self, view: Tree) -> bytes:
+        number, start = view["buffer"], view.get("byteOffset", 0)
+        if number not in self._buffers:
             buffer = self._tree["buffers"][number]
-            self._read[number] = self.located(buffer["uri"]) if "uri" in buffer else self._binary
-        return self._read[number][start : start + place["byteLength"]]
+            self._buffers[number] = self.at_uri(buffer["uri"]) if "uri" in buffer else self._binary
+        return self._buffers[number][start : start + view["byteLength"]]
 
-    def numbers(self, index: int) -> NDArray[Any]:
-        """Return an accessor's elements as (N, components) or, of scalars, (N,); normalised integers as float32."""
-        accessor = self._tree["accessors"][index]
-        kind, width, count = (
-            np.dtype(TYPES[accessor["componentType"]]),
-            _COMPONENTS[accessor["type"]],
-            accessor["count"],
-        )
+    def accessor(self, index: int) -> Tree:
+        """Return the JSON of an accessor."""
+        accessor: Tree = self._tree["accessors"][index]
+        return accessor
+
+    def numbers(self, index: int, *, scaled: bool = True) -> NDArray[Any]:
+        """Return an accessor's elements, read-only: (N, components) or, of scalars, (N,).
+
+        Args:
+            index: number of the accessor.
+            scaled: whether normalised integers are converted to float32 from −1 to 1.
+        """
+        accessor = self.accessor(index)
+        kind, width = np.dtype(TYPES[accessor["componentType"]]), _COMPONENTS[accessor["type"]]
+        count = accessor["count"]
         memory_limits.take(memory_limits.MESHES, count * width * kind.itemsize)
-        values = np.zeros((count, width), kind)
-        if "bufferView" in accessor:
-            values[:] = self._rows(accessor, kind, width, count)
+        values = self._rows(accessor, kind, width, count)
         if sparse := accessor.get("sparse"):
-            which = sparse["indices"]
-            rows = self._rows(which, np.dtype(TYPES[which["componentType"]]), 1, sparse["count"])[:, 0]
+            indices = sparse["indices"]
+            rows = self._rows(indices, np.dtype(TYPES[indices["componentType"]]), 1, sparse["count"])[:, 0]
+            values = values.copy()
             values[rows] = self._rows(sparse["values"], kind, width, sparse["count"])
-        if accessor.get("normalized") and kind.kind in "iu":
-            values = np.maximum(values.astype(np.float32) / float(np.iinfo(kind.name).max), -1.0)
+        if scaled and accessor.get("normalized"):
+            values = normalized(values, kind)
         return values[:, 0] if width == 1 else values
 
-    def _rows(self, place: Tree, kind: np.dtype[Any], width: int, count: int) -> NDArray[Any]:
-        data = self.view(place["bufferView"])
-        stride = self._tree["bufferViews"][place["bufferView"]].get("byteStride") or width * kind.itemsize
-        start = place.get("byteOffset", 0)
+    def _rows(self, source: Tree, kind: np.dtype[Any], width: int, count: int) -> NDArray[Any]:
+        if "bufferView" not in source:
+            return np.zeros((count, width), kind)
+        data = self.view(source["bufferView"])
+        stride = self._tree["bufferViews"][source["bufferView"]].get("byteStride") or width * kind.itemsize
+        start = source.get("byteOffset", 0)
         if start < 0 or count < 0 or (count and start + (count - 1) * stride + width * kind.itemsize > len(data)):
             raise InputError(f"{self.path}: an accessor reaches beyond its data")
         return np.ndarray((count, width), kind, data, start, (stride, kind.itemsize))
 
-    def add(self, values: NDArray[Any]) -> int:
-        """Add an array, (N, components) or (N,), to the file as float32 or uint32, and return its accessor's number."""
-        whole = values.dtype.kind in "iu"
-        data = np.ascontiguousarray(values, np.uint32 if whole else np.float32).tobytes()
-        tree = self._tree
-        start = len(self._added)
-        self._added += data
-        tree.setdefault("bufferViews", []).append(
-            {"buffer": len(tree["buffers"]), "byteOffset": start, "byteLength": len(data)}
-        )
-        names = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
-        tree["accessors"].append(
-            {
-                "bufferView": len(tree["bufferViews"]) - 1,
-                "componentType": _UNSIGNED if whole else _FLOAT,
-                "count": len(values),
-                "type": names[1 if values.ndim == 1 else values.shape[1]],
-            }
-        )
-        return len(tree["accessors"]) - 1
 
-    def finish(self) -> None:
-        """Put what was added into the tree as one more buffer, and leave no view to be decompressed."""
-        tree = self._tree
-        for number, view in enumerate(tree.get("bufferViews", [])):
-            if compression_of(view) is not None:
-                data = self.view(number)
-                stride = {"byteStride": view["byteStride"]} if "byteStride" in view else {}
-                place = {"buffer": len(tree["buffers"]), "byteOffset": len(self._added), "byteLength": len(data)}
-                tree["bufferViews"][number] = {**place, **stride}
-                self._added += data
-        for buffer in tree.get("buffers", [])[1 if self._binary else 0 :]:
-            buffer.setdefault("uri", "data:application/octet-stream;base64,")  # stood in for by compressed views
-        for accessor in tree.get("accessors", []):
-            if "bufferView" not in accessor:  # trimesh makes zeros of it, even where Draco's data have taken its place
-                size = np.dtype(TYPES[accessor["componentType"]]).itemsize
-                memory_limits.take(memory_limits.MESHES, accessor["count"] * _COMPONENTS[accessor["type"]] * size)
-        if self._added:
-            text = base64.b64encode(bytes(self._added)).decode("ascii")
-            tree["buffers"].append(
-                {"uri": f"data:application/octet-stream;base64,{text}", "byteLength": len(self._added)}
-            )
-
-
-def compression_of(view: Tree) -> Tree | None:
-    """Return how a buffer view is compressed, or None."""
-    extensions = view.get("extensions", {})
-    return next((extensions[name] for name in MESHOPT if name in extensions), None)
+def normalized(values: NDArray[Any], kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return integers of an accessor's type as float32 from −1 to 1 (section 3.6.2.2), and other numbers unchanged."""
+    if kind.kind not in "iu" or values.dtype.kind not in "iu":
+        return values
+    return np.asarray(np.maximum(values.astype(np.float32) / float(np.iinfo(kind.name).max), -1.0))

@@ -120,7 +120,7 @@ class GltfImages:
 
     def _bytes(self, number: int) -> Source:
         image = self._tree["images"][number]
-        return self._buffers.view(image["bufferView"]) if "bufferView" in image else self._buffers.located(image["uri"])
+        return self._buffers.view(image["bufferView"]) if "bufferView" in image else self._buffers.at_uri(image["uri"])
 
 
 def placement_of(info: Tree) -> Tree:

@@ -96,6 +96,10 @@ class GltfMaterials:
         two_sided = self.shines_on_both_sides(number, material)
         return replace(part, material=material, two_sided=two_sided, colors=colors, uvs=uvs)
 
+    def coordinate_sets(self, number: int) -> list[int]:
+        """Return the numbers of the texture coordinates of a material; 0 if it has no textures."""
+        return coordinate_sets(self._described[number]) or [0]
+
     def has_alpha(self, number: int) -> bool:
         """Return whether alpha counts in a material (section 3.9.4)."""
         return self._described[number].get("alphaMode", "OPAQUE") in ("MASK", "BLEND")

@@ -1,4 +1,4 @@
-"""glTF 2.0 and GLB: triangles in world space, loaded by trimesh, with their materials, cameras and lights.
+"""glTF 2.0 and GLB: triangles in world space with their materials, cameras and lights.
 
 Format: Khronos Group 2021, "glTF 2.0 Specification"; section numbers below are its. Skins and morph targets are as at
 rest, or as the first animation has them at a time.
@@ -8,24 +8,22 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.gltf.animation import ends_of, pose
 from wrt.io.gltf.buffers import MESHOPT, Buffers, Tree
-from wrt.io.gltf.geometry import prepare_nodes, prepare_primitive, share_out
 from wrt.io.gltf.images import GltfImages
-from wrt.io.gltf.materials import GltfMaterials, coordinate_sets
-from wrt.io.gltf.scene import cameras_of, lights_of
+from wrt.io.gltf.materials import GltfMaterials
+from wrt.io.gltf.primitives import FAN, STRIP, TRIANGLES, Deformation, Primitive, joint_matrices
+from wrt.io.gltf.scene import Matrix, cameras_of, lights_of, local_matrix, nodes_of
 from wrt.io.mesh.parts import Contents, Part, placed
-from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.safe_read import first_line
 from wrt.linalg import product
 
@@ -51,14 +49,10 @@ _KNOWN_EXTENSIONS = frozenset(
 """Extensions that a file may require: supported, without effect on what is read, or left out with a warning."""
 
 NO_ANIMATION = "it has no animation, so there is no time to choose"
-"""What is said of a file without animations if a time is given."""
+"""Reason to refuse a file without animations if a time is given."""
 
 _VERSION = re.compile(r"([0-9]+)\.([0-9]+)")
-
-_SECOND = "_SECOND_COORDINATES"
-"""trimesh passes on attributes of unknown names."""
-_ATTRIBUTES = ("POSITION", "TEXCOORD_0", _SECOND, "NORMAL", "COLOR_0")
-_POINTS_AND_LINES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
+_OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
 
 
 def read_gltf(path: Path, data: bytes, seconds: float | None = None) -> Contents:
@@ -73,39 +67,20 @@ def read_gltf(path: Path, data: bytes, seconds: float | None = None) -> Contents
         InputError: on a damaged file, a file of glTF 1.0, and on extensions that are required and not supported; if a
             time is given, also on a file without animations.
     """
-    binary = data[:4] == b"glTF"
-    text, rest = _chunks(data)
     with _as_specified(path):
-        tree = _tree(path, text)
-        _add_scene(tree)
-        buffers = Buffers(path, tree, _binary_chunk(rest))
+        tree, buffers = _opened(path, data)
+        for name in tree.get("extensionsRequired", []):
+            if str(name) not in _KNOWN_EXTENSIONS:
+                raise InputError(
+                    f"{path}: requires the glTF extension {name}, which is not supported; export without it"
+                )
         if seconds is not None:
             if ends_of(tree, buffers) is None:
                 raise InputError(f"{path}: {NO_ANIMATION}")
             pose(tree, buffers, seconds)
-        _name_variants(path, tree)
+        _warn_of_variants(path, tree)
         lights, cameras = lights_of(tree), cameras_of(tree)
-        images = GltfImages(path, tree, buffers)
-        materials = GltfMaterials(path, _prepare(path, tree, buffers), images)
-        buffers.finish()
-        text = json.dumps(tree).encode()
-        if binary:
-            text += b" " * (-len(text) % 4)
-            head = data[:8] + (20 + len(text) + len(rest)).to_bytes(4, "little")
-            text = head + len(text).to_bytes(4, "little") + data[16:20] + text + rest
-        modes = {p.get("mode") for mesh in tree.get("meshes", []) for p in mesh["primitives"]}
-        if left_out := " and ".join(sorted({_POINTS_AND_LINES[mode] for mode in modes if mode in _POINTS_AND_LINES})):
-            warn(f"{path}: {left_out} are left out: only triangles are rendered")
-        parts = _parts(path, load(path, text, "glb" if binary else "gltf"), materials)
-        return Contents(parts, lights, cameras)
-
-
-def _name_variants(path: Path, tree: Tree) -> None:
-    """Warn of the variants of materials that are not shown."""
-    variants = tree.get("extensions", {}).get("KHR_materials_variants", {}).get("variants", [])
-    if variants:
-        names = ", ".join(repr(str(variant.get("name", number))) for number, variant in enumerate(variants))
-        warn(f"{path}: material variants are left out ({names}); the default materials are shown")
+        return Contents(_parts(tree, buffers), lights, cameras)
 
 
 def animation_ends(path: Path, data: bytes) -> tuple[float, float] | None:
@@ -114,39 +89,8 @@ def animation_ends(path: Path, data: bytes) -> tuple[float, float] | None:
     Raises:
         InputError: on a damaged file.
     """
-    text, rest = _chunks(data)
     with _as_specified(path):
-        tree = _tree(path, text)
-        return ends_of(tree, Buffers(path, tree, _binary_chunk(rest)))
-
-
-def _chunks(data: bytes) -> tuple[bytes, bytes]:
-    """Return the JSON of a file, and what follows it in a GLB."""
-    size = int.from_bytes(data[12:16], "little")
-    return (data[20 : 20 + size], data[20 + size :]) if data[:4] == b"glTF" else (data, b"")
-
-
-def _tree(path: Path, text: bytes) -> Tree:
-    """Return the parsed JSON of a file whose nodes form trees."""
-    tree = json.loads(text)
-    if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
-        raise InputError(f"{path}: not a glTF file: it names no asset")
-    version = "1.0" if isinstance(tree.get("meshes"), dict) else _newest_needed(tree["asset"])
-    if version is not None:
-        raise InputError(f"{path}: a file of glTF {version}, which is not supported; convert it to glTF 2.0")
-    if len(children := _children(tree)) != len(set(children)):  # paths to a node may be exponentially many
-        raise InputError("nodes share a child; each may have one parent at most")
-    return tree
-
-
-def _newest_needed(asset: Tree) -> str | None:
-    """Return the version that a file needs (section 3.2), or None if that is one which is read, or is not said."""
-    least, version = (str(asset[name]) if name in asset else None for name in ("minVersion", "version"))
-    needed = least or version or "2.0"
-    found = _VERSION.fullmatch(needed)
-    if found is None or (found[1] == "2" and (least is None or found[2] == "0")):
-        return None
-    return needed
+        return ends_of(*_opened(path, data))
 
 
 @contextmanager
@@ -161,91 +105,170 @@ def _as_specified(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: the glTF file is damaged or not as specified ({reason})") from None
 
 
-def _add_scene(tree: Tree) -> None:
-    """Add a scene of all nodes to a file without scenes, of which trimesh would load nothing."""
+def _opened(path: Path, data: bytes) -> tuple[Tree, Buffers]:
+    """Return the JSON of a file, whose nodes form trees and which has a scene, and its binary data."""
+    text, binary = data, b""
+    if data[:4] == b"glTF":
+        (_, text), *others = _chunks(data)
+        binary = next((content for kind, content in others if kind == b"BIN\0"), b"")
+    tree = json.loads(text)
+    if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
+        raise InputError(f"{path}: not a glTF file: it names no asset")
+    version = "1.0" if isinstance(tree.get("meshes"), dict) else _unsupported_version(tree["asset"])
+    if version is not None:
+        raise InputError(f"{path}: a file of glTF {version}, which is not supported; convert it to glTF 2.0")
+    children = Counter(child for node in tree.get("nodes", []) for child in node.get("children", []))
+    if children and max(children.values()) > 1:  # paths to a node may be exponentially many
+        raise InputError("nodes share a child; each may have one parent at most")
     if not tree.get("scenes"):
-        nodes = tree.get("nodes", [])
-        children = set(_children(tree))
-        tree["scenes"] = [{"nodes": [k for k in range(len(nodes)) if k not in children]}]
-        tree.pop("scene", None)
+        roots = [number for number in range(len(tree.get("nodes", []))) if number not in children]
+        tree |= {"scenes": [{"nodes": roots}], "scene": 0}
+    return tree, Buffers(path, tree, binary)
 
 
-def _children(tree: Tree) -> list[int]:
-    """Return the children of all nodes."""
-    return [child for node in tree.get("nodes", []) for child in node.get("children", [])]
+def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield the type and the content of each chunk of a GLB (section 4.4.3)."""
+    start = 12
+    while start + 8 <= len(data):
+        size = int.from_bytes(data[start : start + 4], "little")
+        yield data[start + 4 : start + 8], data[start + 8 : start + 8 + size]
+        start += 8 + size
 
 
-def _prepare(path: Path, tree: Tree, buffers: Buffers) -> list[Tree]:
-    """Adapt what trimesh 5.2 misreads, and return the materials."""
-    for name in tree.get("extensionsRequired", []):
-        if str(name) not in _KNOWN_EXTENSIONS:
-            raise InputError(f"{path}: requires the glTF extension {name}, which is not supported; export without it")
-    materials = tree.get("materials", [])
-    for view in tree.get("bufferViews", []):  # some are longer than their data, which hurts no accessor
-        room = tree["buffers"][view["buffer"]]["byteLength"] - view.get("byteOffset", 0)
-        view["byteLength"] = min(view["byteLength"], max(room, 0))
-    for node in tree.get("nodes", []):
-        node.pop("camera", None)  # trimesh drops nodes with a camera
-    prepare_nodes(tree, buffers)
-    described = [dict(material) for material in materials]
-    # trimesh carries only the number of each material; images are decoded later, for their kind of use.
-    tree["materials"] = [{"name": str(number)} for number in range(len(materials))]
-    for unused in ("images", "textures", "samplers"):
-        tree.pop(unused, None)
-    meshes = tree.get("meshes", [])
-    placed_primitives = sum(len(meshes[node["mesh"]]["primitives"]) for node in tree.get("nodes", []) if "mesh" in node)
-    memory_limits.take(memory_limits.SHAPES, placed_primitives * memory_limits.BYTES_PER_SHAPE)
-    primitives = [primitive for mesh in meshes for primitive in mesh["primitives"]]
-    for primitive in primitives:
-        _lay(path, primitive, described)
-        prepare_primitive(tree, primitive, _ATTRIBUTES, buffers)
-    share_out(tree, primitives, _ATTRIBUTES)
-    return described
-
-
-def _lay(path: Path, primitive: Tree, described: list[Tree]) -> None:
-    """Put the coordinates by which a primitive's textures lie where trimesh takes them: it reads the first set only."""
-    attributes = primitive["attributes"]
-    sets = coordinate_sets(described[primitive["material"]]) if "material" in primitive else []
-    if len(sets) > 2:
-        warn(
-            f"{path}: textures of material {primitive['material']} lie by more than two sets of coordinates; all "
-            f"but those of set {sets[1]} are laid by set {sets[0]}"
-        )
-    laid = [attributes.get(f"TEXCOORD_{number}") for number in (sets or [0])[:2]]
-    if len(laid) > 1 and laid[1] is None:
-        warn(f"{path}: there is no TEXCOORD_{sets[1]}, by which textures of material {primitive['material']} lie")
-    attributes.pop("TEXCOORD_0", None)
-    attributes |= {name: n for name, n in zip(("TEXCOORD_0", _SECOND), laid, strict=False) if n is not None}
-
-
-def _binary_chunk(rest: bytes) -> bytes:
-    """Return the data of a GLB's second chunk; empty if there is none."""
-    return rest[8 : 8 + int.from_bytes(rest[:4], "little")]
-
-
-def _parts(path: Path, loaded: Tree, materials: GltfMaterials) -> list[Part]:
-    world = {loaded["base_frame"]: np.eye(4)}
-    places: dict[str, list[NDArray[np.float64]]] = {}
-    for edge in loaded["graph"]:  # parents come before children
-        if edge["frame_to"] in world:
-            raise InputError(f"{path}: the nodes form a circle, or share a child")
-        with np.errstate(all="ignore"):  # infinite scales are reported by their vertices
-            world[edge["frame_to"]] = matrix = product(world[edge["frame_from"]], edge["matrix"])
-        if edge.get("geometry") is not None:
-            places.setdefault(edge["geometry"], []).append(matrix)
-    made = {name: _part(path, str(name), loaded["geometry"][name], materials) for name in places}
-    # trimesh takes the last child first.
-    return [placed(part, places[name][::-1]) for name, part in reversed(made.items()) if part is not None]
-
-
-def _part(path: Path, name: str, fields: Any, materials: GltfMaterials) -> Part | None:
-    part = part_of(path, name, fields, linear=True)
-    material = getattr(fields.get("visual"), "material", None)
-    if part is None:
+def _unsupported_version(asset: Tree) -> str | None:
+    """Return the version that a file needs (section 3.2), or None if it is supported or unspecified."""
+    least, version = (str(asset[name]) if name in asset else None for name in ("minVersion", "version"))
+    needed = least or version or "2.0"
+    found = _VERSION.fullmatch(needed)
+    if found is None or (found[1] == "2" and (least is None or found[2] == "0")):
         return None
-    if material is None:
-        part.colors = None if part.colors is None else part.colors[:, :3]
-        return part
-    second = fields.get("vertex_attributes", {}).get(_SECOND)
-    return materials.dressed(part, int(material.name), second)
+    return needed
+
+
+def _warn_of_variants(path: Path, tree: Tree) -> None:
+    variants = tree.get("extensions", {}).get("KHR_materials_variants", {}).get("variants", [])
+    if variants:
+        names = ", ".join(repr(str(variant.get("name", number))) for number, variant in enumerate(variants))
+        warn(f"{path}: material variants are left out ({names}); the default materials are shown")
+
+
+# --- Meshes ----------------------------------------------------------------------------------------
+
+
+def _parts(tree: Tree, buffers: Buffers) -> list[Part]:
+    """Return a part for each primitive of each mesh that is shown; places of one mesh share its parts."""
+    materials = GltfMaterials(buffers.path, tree.get("materials", []), GltfImages(buffers.path, tree, buffers))
+    meshes = _triangle_primitives(buffers.path, tree.get("meshes", []))
+    world: dict[int, Matrix] = {}
+    places: dict[tuple[int, int | None], list[Matrix]] = {}
+    deformations: dict[tuple[int, int | None], Deformation | None] = {}
+    for number, matrix in _mesh_places(tree, buffers):
+        node = tree["nodes"][number]
+        memory_limits.take(memory_limits.SHAPES, len(meshes[node["mesh"]]) * memory_limits.BYTES_PER_SHAPE)
+        if "skin" in node and not world:
+            world = _world_of_all(tree)
+        deformation = _deformation(tree, node, world, buffers)
+        key = node["mesh"], None if deformation is None else number
+        deformations[key] = deformation
+        places.setdefault(key, []).append(matrix)
+    parts = []
+    for key, matrices in reversed(places.items()):
+        for name, primitive in reversed(meshes[key[0]]):
+            part = _part(name, primitive, deformations[key], materials, buffers)
+            if len(part.faces):
+                parts.append(placed(part, matrices[::-1]))
+    return parts
+
+
+def _triangle_primitives(path: Path, meshes: list[Tree]) -> list[list[tuple[str, Tree]]]:
+    """Return the names and the JSON of the primitives of each mesh that are triangles, and warn of others."""
+    found: list[list[tuple[str, Tree]]] = []
+    names: Counter[str] = Counter()
+    others: set[str] = set()
+    without_positions = 0
+    for mesh in meshes:
+        found.append([])
+        name = str(mesh.get("name") or "GLTF")
+        for primitive in mesh["primitives"]:
+            mode = primitive.get("mode", TRIANGLES)
+            if "POSITION" not in primitive["attributes"]:  # which need not be rendered (section 3.7.2.1)
+                without_positions += 1
+            elif mode not in (TRIANGLES, STRIP, FAN):
+                others.add(_OTHER_MODES.get(mode, "primitives of unknown modes"))
+            else:
+                found[-1].append((f"{name}_{names[name]}" if names[name] else name, primitive))
+                names[name] += 1
+    if without_positions:
+        warn(f"{path}: primitives without positions are left out ({without_positions})")
+    if others:
+        warn(f"{path}: {' and '.join(sorted(others))} are left out: only triangles are rendered")
+    return found
+
+
+def _mesh_places(tree: Tree, buffers: Buffers) -> Iterator[tuple[int, Matrix]]:
+    """Yield the number of each node with a visible mesh and a transform of that mesh to the world.
+
+    Pictures depend on the order of shapes: `_parts` turns this one round, in which children come last first.
+    """
+    nodes = list(nodes_of(tree, last_child_first=True))
+    hidden: set[int] = set()
+    for number, node, _ in nodes:
+        if number in hidden or not node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True):
+            hidden |= {number, *node.get("children", [])}
+    visible = [(number, node, world) for number, node, world in nodes if "mesh" in node and number not in hidden]
+    # A skin moves its mesh into the world, so that the place of the node does not count.
+    for number in sorted((number for number, node, _ in visible if "skin" in node), reverse=True):
+        yield number, np.eye(4)
+    for number, node, world in visible:
+        if "skin" in node:
+            continue
+        instances = node.get("extensions", {}).get("EXT_mesh_gpu_instancing")
+        if instances is None:
+            yield number, world
+        else:
+            for place in reversed(_instances(instances["attributes"], buffers)):
+                yield number, product(world, local_matrix(place))
+
+
+def _instances(attributes: Tree, buffers: Buffers) -> list[Tree]:
+    """Return the translation, rotation and scale of each instance of a mesh (EXT_mesh_gpu_instancing)."""
+    keys = [name for name in ("TRANSLATION", "ROTATION", "SCALE") if name in attributes]
+    columns = [buffers.numbers(attributes[name]).tolist() for name in keys]
+    if len({len(column) for column in columns}) > 1:
+        raise InputError(f"{buffers.path}: a node's instances have unlike numbers of places")
+    return [dict(zip(map(str.lower, keys), place, strict=True)) for place in zip(*columns, strict=True)]
+
+
+def _world_of_all(tree: Tree) -> dict[int, Matrix]:
+    """Return the transforms of all nodes, as joints may lie outside of the scene."""
+    children = {child for node in tree["nodes"] for child in node.get("children", [])}
+    roots = [number for number in range(len(tree["nodes"])) if number not in children]
+    return {number: matrix for number, _, matrix in nodes_of({"nodes": tree["nodes"], "scenes": [{"nodes": roots}]})}
+
+
+def _deformation(tree: Tree, node: Tree, world: dict[int, Matrix], buffers: Buffers) -> Deformation | None:
+    """Return how a node moves the vertices of its mesh, or None if it does not."""
+    weights = np.asarray(node.get("weights", tree["meshes"][node["mesh"]].get("weights", ())), np.float64)
+    if "skin" in node:
+        return Deformation(weights, joint_matrices(tree["skins"][node["skin"]], world, buffers))
+    return Deformation(weights, None) if weights.any() else None
+
+
+def _part(
+    name: str, primitive: Tree, deformation: Deformation | None, materials: GltfMaterials, buffers: Buffers
+) -> Part:
+    """Return a primitive with its material."""
+    number = primitive.get("material")
+    uv_sets = [] if number is None else materials.coordinate_sets(number)
+    if len(uv_sets) > 2:
+        warn(
+            f"{buffers.path}: textures of material {number} lie by more than two sets of coordinates; all but those of "
+            f"set {uv_sets[1]} are laid by set {uv_sets[0]}"
+        )
+    if len(uv_sets) > 1 and f"TEXCOORD_{uv_sets[1]}" not in primitive["attributes"]:
+        warn(f"{buffers.path}: there is no TEXCOORD_{uv_sets[1]}, by which textures of material {number} lie")
+    part, second_uvs = Primitive(primitive, buffers).part(name, uv_sets[:2], deformation)
+    if number is not None:
+        return materials.dressed(part, number, second_uvs)
+    part.colors = None if part.colors is None else part.colors[:, :3]
+    return part

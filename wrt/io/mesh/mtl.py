@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
-from wrt.io.mesh.trimesh_loaders import COLOR_MAP
+from wrt.io.mesh.sidecars import COLOR_MAP
 from wrt.io.texture_images import Source, TextureImages
 from wrt.scene.materials import Diffuse, Material, Principled
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor

@@ -12,7 +12,8 @@ from wrt.errors import InputError, warn
 from wrt.io.encodings import as_text
 from wrt.io.mesh.mtl import MtlMaterials
 from wrt.io.mesh.parts import Part, only_points
-from wrt.io.mesh.trimesh_loaders import COLOR_MAP, Beside, load, part_of
+from wrt.io.mesh.sidecars import COLOR_MAP, Sidecars
+from wrt.io.mesh.trimesh_loaders import load, part_of
 
 _INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
 
@@ -46,17 +47,17 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         InputError: on what trimesh cannot read and on indices that name nothing.
     """
     text = _plain(path, as_text(data))
-    beside = Beside(path)
+    sidecars = Sidecars(path)
     if "usemtl" in text and "mtllib" not in text:
         names = dict.fromkeys(re.findall(r"^usemtl (.+)$", text, re.MULTILINE))
-        named = f"{next(iter(names), '')!r}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
-        own = beside.own_materials()
-        instead = "they are left out" if own is None else f"{str(own)!r} is taken"
-        warn(f"{path}: it names no file (mtllib) that describes its materials, {named}; {instead}")
-        text = text if own is None else f"mtllib {own.name}\n{text}"
-    beside.name_materials(re.findall(r"^mtllib (.+)$", text, re.MULTILINE))
-    loaded = load(path, text, "obj", beside=beside, split_groups=True)
-    materials = MtlMaterials(path, beside.find)
+        first = f"{next(iter(names), '')!r}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
+        guess = sidecars.own_material_file()
+        instead = "they are left out" if guess is None else f"{str(guess)!r} is taken"
+        warn(f"{path}: it names no file (mtllib) that describes its materials, {first}; {instead}")
+        text = text if guess is None else f"mtllib {guess.name}\n{text}"
+    sidecars.set_material_statements(re.findall(r"^mtllib (.+)$", text, re.MULTILINE))
+    loaded = load(path, text, "obj", sidecars=sidecars, split_groups=True)
+    materials = MtlMaterials(path, sidecars.find)
     parts = []
     for fields in reversed(list(loaded.get("geometry", {}).values())):  # trimesh takes the last one first
         described = getattr(fields.get("visual"), "material", None)
@@ -64,7 +65,7 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         part = part_of(path, name, fields)
         if part is None:
             continue
-        part.counted = "a vertex"  # trimesh has renumbered them
+        part.vertex_format = "a vertex"  # trimesh has renumbered them
         statements = getattr(described, "kwargs", {})
         if COLOR_MAP in statements and part.uvs is None and "\nvt " in text:
             # trimesh drops all coordinates where one is not there.
@@ -75,7 +76,7 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
             part.material = materials.material(name, statements, laid=laid, colored=colored)
         parts.append(part)
     if not parts and (count := text.count("\nv ") + text.startswith("v ")):
-        raise InputError(f"{path}: {only_points(count)}")
+        raise only_points(path, count)
     return parts
 
 

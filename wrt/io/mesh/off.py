@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.io import memory_limits
 from wrt.io.encodings import as_text
-from wrt.io.mesh.parts import Part, checked_faces, only_points
+from wrt.io.mesh.parts import Part, decoded, only_points
 from wrt.io.mesh.polygons import triangulate
-from wrt.io.mesh.trimesh_loaders import decoded
 
 _HEADER = re.compile(r"\s*(?P<st>ST)?(?P<c>C)?(?P<n>N)?(?P<beyond>4?n?)OFF\b")
 _BINARY = re.compile(rb"\s*((?:ST)?C?N?4?n?OFF)[ \t]+BINARY[ \t\r]*\n")
 
 _Int = NDArray[np.int64]
+_Polygons = tuple[_Int, _Int]
+"""The corners of all polygons, one after the other, and their number in each polygon."""
 
 
 def read_off(path: Path, data: bytes) -> list[Part]:
@@ -42,47 +42,37 @@ def read_off(path: Path, data: bytes) -> list[Part]:
     if header["beyond"]:
         raise InputError(f"{path}: an OFF file of points with more than three coordinates; write it with three")
     try:
-        # A number that is none ends the array with a warning only.
         with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("error", DeprecationWarning)
-            rows, corners, counts = (
-                _of_bytes(data[binary.end() :], header) if binary else _of_text(text[header.end() :])
-            )
+            warnings.simplefilter("error", DeprecationWarning)  # NumPy only warns about a malformed number
+            if binary:
+                rows, (corners, counts) = _from_bytes(data[binary.end() :], header)
+            else:
+                rows, (corners, counts) = _from_text(text[header.end() :])
     except (ValueError, OverflowError, DeprecationWarning) as error:
         raise InputError(f"{path}: not a whole OFF file that can be read: {error}") from None
-    part = _part(path, rows, corners, counts, header)
-    if part is None and len(rows) and not len(counts):
-        raise InputError(f"{path}: {only_points(len(rows))}")
-    return [] if part is None else [part]
+    if len(rows) and not len(counts):
+        raise only_points(path, len(rows))
+    triangles, _ = triangulate(path, rows[:, :3], corners, counts)
+    return [_part(path, rows, corners[triangles], header)] if len(triangles) else []
 
 
-def _part(path: Path, rows: NDArray[Any], corners: _Int, counts: _Int, header: re.Match[str]) -> Part | None:
-    """Return the polygons as triangles; `rows` are the numbers of the vertices."""
-    if not len(corners):
-        return None
-    checked_faces(path, corners, len(rows))
-    vertices = rows[:, :3]
-    triangles, _ = triangulate(vertices, corners, counts)
-    if memory_limits.patience() <= 0:
-        warn(f"{path}: its concave polygons take too long to cut into triangles; some of them come out as fans")
-    if not len(triangles):
-        return None
-    part = Part(path.stem, vertices, corners[triangles])
-    more = rows[:, 3:]
-    if header["n"] and more.shape[1] >= 3:
-        part.normals, more = more[:, :3], more[:, 3:]
-    if header["st"] and more.shape[1] >= 2:
-        part.uvs, more = more[:, -2:], more[:, :-2]
+def _part(path: Path, rows: NDArray[Any], faces: _Int, header: re.Match[str]) -> Part:
+    """Return triangles; rows of vertices are positions, normals, colours and texture coordinates in this order."""
+    part, columns = Part(path.stem, rows[:, :3], faces), rows[:, 3:]
+    if header["n"] and columns.shape[1] >= 3:
+        part.normals, columns = columns[:, :3], columns[:, 3:]
+    if header["st"] and columns.shape[1] >= 2:
+        part.uvs, columns = columns[:, -2:], columns[:, :-2]
     if header["c"]:
-        if more.shape[1] in (3, 4):
-            part.colors = decoded(more)
+        if columns.shape[1] in (3, 4):
+            part.colors = decoded(columns)
         else:
             warn(f"{path}: the vertex colours of the OFF file are left out: they are not three or four numbers each")
     return part
 
 
-def _of_text(text: str) -> tuple[NDArray[np.float64], _Int, _Int]:
-    """Return (N, columns) numbers of vertices, the corners of all polygons and their count for each polygon."""
+def _from_text(text: str) -> tuple[NDArray[np.float64], _Polygons]:
+    """Return (N, columns) numbers of vertices, and the polygons."""
     lines = [line for line in text.splitlines() if line and not line.isspace()]
     sizes = [int(word) for word in lines[0].split()] if lines else []
     if len(sizes) < 2 or min(sizes) < 0:
@@ -97,30 +87,16 @@ def _of_text(text: str) -> tuple[NDArray[np.float64], _Int, _Int]:
         if values.size != 3 * vertices:
             raise ValueError("a vertex has fewer than three numbers")
     rows = values.reshape(vertices, -1) if vertices else np.zeros((0, 3))
-    behind = lines[1 + vertices :]
-    found = None if len(behind) == faces else _stream(behind, faces)
-    return (rows, *(found or _polygons(behind[:faces])))
+    face_lines = lines[1 + vertices :]
+    if len(face_lines) != faces:  # then they are not a line each, or something follows them
+        words = " ".join(face_lines).split()
+        polygons = _sequence([int(word) for word in words], faces) if all(map(str.isdecimal, words)) else None
+        if polygons is not None:
+            return rows, polygons
+    return rows, _one_per_line(face_lines[:faces])
 
 
-def _stream(lines: Sequence[str], faces: int) -> tuple[_Int, _Int] | None:
-    """Return the polygons of a file whose faces are not a line each, or None where it is not that."""
-    words = " ".join(lines).split()
-    if not all(word.isdecimal() for word in words):
-        return None
-    values = np.array(words, np.int64)
-    found = list(_walk(values, faces, colored=False))
-    return _taken(values, found) if len(found) == faces and (not found or found[-1][1] == len(values)) else None
-
-
-def _taken(words: NDArray[Any], found: Sequence[tuple[int, int, int]]) -> tuple[_Int, _Int]:
-    """Return the corners of all polygons, which `_walk` found, and their count for each polygon."""
-    pieces = [words[start:stop] for start, _, stop in found]
-    return np.concatenate([np.zeros(0, np.int64), *pieces]).astype(np.int64), np.array(
-        [len(piece) for piece in pieces], np.int64
-    )
-
-
-def _polygons(lines: Sequence[str]) -> tuple[_Int, _Int]:
+def _one_per_line(lines: Sequence[str]) -> _Polygons:
     values = _numbers(lines)
     if lines and values.size % len(lines) == 0:
         table = values.reshape(len(lines), -1)
@@ -139,35 +115,43 @@ def _numbers(lines: Sequence[str]) -> NDArray[np.float64]:
     return np.fromstring(" ".join(lines), np.float64, sep=" ") if lines else np.zeros(0)
 
 
-def _of_bytes(data: bytes, header: re.Match[str]) -> tuple[NDArray[np.float64], _Int, _Int]:
-    """Return the same of a binary file, in the one of the two kinds of which it has the length."""
+def _from_bytes(data: bytes, header: re.Match[str]) -> tuple[NDArray[np.float64], _Polygons]:
+    """Return what `_from_text` does; which of the two kinds a binary file is follows from its length."""
     columns = 3 + (3 if header["n"] else 0) + (4 if header["c"] else 0) + (2 if header["st"] else 0)
     for order, colored in ((">", True), ("<", False), ("<", True), (">", False)):
-        whole = np.frombuffer(data, f"{order}i4", len(data) // 4)
-        if len(whole) < 3:
+        words = np.frombuffer(data, f"{order}i4", len(data) // 4)
+        if len(words) < 3:
             continue
-        vertices, faces = int(whole[0]), int(whole[1])
+        vertices, faces = int(words[0]), int(words[1])
         end = 3 + vertices * columns
-        if vertices < 0 or faces < 0 or end + faces > len(whole):
+        if vertices < 0 or faces < 0 or end + faces > len(words):
             continue
-        found = list(_walk(whole[end:], faces, colored))
-        if len(found) == faces and (not found or found[-1][1] == len(whole) - end):
-            rows = whole[3:end].view(f"{order}f4").reshape(vertices, columns).astype(np.float64)
-            return (rows, *_taken(whole[end:], found))
+        polygons = _sequence(words[end:].tolist(), faces, colored=colored)
+        if polygons is not None:
+            return words[3:end].view(f"{order}f4").reshape(vertices, columns).astype(np.float64), polygons
     raise ValueError("it is not as long as its numbers of vertices and faces say")
 
 
-def _walk(words: NDArray[Any], faces: int, colored: bool) -> Iterator[tuple[int, int, int]]:
-    """Yield for each face where its corners begin, where the face ends, and where its corners end."""
-    values = words.tolist()
+def _sequence(words: list[int], faces: int, *, colored: bool = False) -> _Polygons | None:
+    """Return polygons that follow one another, or None unless the words are as many polygons as there are faces.
+
+    Args:
+        words: for each polygon the number of its corners and the corners; then, if `colored`, the number of components
+            of its colour and these.
+        faces: the number of polygons.
+        colored: whether the polygons have colours.
+    """
+    corners: list[int] = []
+    counts: list[int] = []
     at = 0
     for _ in range(faces):
-        if at >= len(values) or not 0 <= values[at] < len(values) - at:
-            return
-        start, stop = at + 1, at + 1 + values[at]
-        at = stop
+        if at >= len(words) or not 0 <= words[at] < len(words) - at:
+            return None
+        counts.append(words[at])
+        corners += words[at + 1 : at + 1 + words[at]]
+        at += 1 + words[at]
         if colored:
-            if at >= len(values) or not 0 <= values[at] <= 4:
-                return
-            at += 1 + values[at]
-        yield start, at, stop
+            if at >= len(words) or not 0 <= words[at] <= 4:
+                return None
+            at += 1 + words[at]
+    return (np.array(corners, np.int64), np.array(counts, np.int64)) if at == len(words) or not faces else None

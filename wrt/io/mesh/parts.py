@@ -14,6 +14,7 @@ from wrt.linalg import determinant, product
 from wrt.scene.camera import Camera
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
+from wrt.scene.srgb import linear_from_srgb
 from wrt.scene.textures import ColorSource
 from wrt.values import array
 
@@ -39,7 +40,7 @@ class Part:
         reflectance: a constant, or an image laid over `uvs`; None where the file names none.
         material: the full material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
         two_sided: whether emission is two-sided.
-        counted: format of a vertex number in messages; loaders of some formats renumber vertices.
+        vertex_format: names a vertex by its number in messages; loaders of some formats renumber vertices.
         places: (4, 4) transforms of its instances, if there are several; otherwise it lies in world space.
     """
 
@@ -54,7 +55,7 @@ class Part:
     material: Material | None = None
     places: list[NDArray[np.float64]] = field(default_factory=list)
     two_sided: bool = False
-    counted: str = "vertex {} (counted from 0)"
+    vertex_format: str = "vertex {} (counted from 0)"
 
 
 @dataclass
@@ -72,9 +73,10 @@ class Contents:
     cameras: list[Camera] = field(default_factory=list)
 
 
-def only_points(count: int) -> str:
-    """Return what to tell of a file of so many points and no faces."""
-    return f"it has {count} points and no faces; only triangles are rendered: reconstruct a surface of them first"
+def only_points(path: str | Path, count: int) -> InputError:
+    """Return the error of a file that has points and no faces."""
+    hint = "only triangles are rendered: reconstruct a surface of them first"
+    return InputError(f"{path}: it has {count} points and no faces; {hint}")
 
 
 def placed(part: Part, places: list[NDArray[np.float64]]) -> Part:
@@ -87,14 +89,13 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
     linear = matrix[:3, :3]
     mirrored = determinant(linear) < 0.0
     normals = part.normals
-    if normals is not None:
-        # The cofactor matrix: the inverse transpose up to scale, which exists for singular transforms too.
-        a, b, c = linear
-        cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-        with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, too; they are judged later
-            normals = product(np.asarray(normals, np.float64), cofactors.T) * (-1.0 if mirrored else 1.0)
     # Places that overflow are refused with all other vertices that are not finite.
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, too
+        if normals is not None:
+            # The cofactor matrix: the inverse transpose up to scale, which exists for singular transforms too.
+            a, b, c = linear
+            cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+            normals = product(np.asarray(normals, np.float64), cofactors.T) * (-1.0 if mirrored else 1.0)
         vertices = product(np.asarray(part.vertices, np.float64), linear.T) + matrix[:3, 3]
     return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
 
@@ -107,15 +108,43 @@ def rows_of(path: str | Path, value: Any, what: str, width: int) -> NDArray[Any]
     return rows
 
 
+def matching(array: Any, count: int) -> NDArray[Any] | None:
+    """Return an array if it has a row for each vertex or face, which not all files ensure; otherwise None."""
+    try:
+        rows = np.asarray(array)
+    except ValueError:  # rows of different lengths
+        return None
+    return rows if rows.ndim == 2 and len(rows) == count and rows.dtype.kind in "fiu" else None
+
+
+def decoded(colors: NDArray[Any], *, linear: bool = False) -> FloatArray:
+    """Return (N, 3) linear colours, or (N, 4) if any is not opaque. Integers span the range of their type.
+
+    Args:
+        colors: (N, 3) or (N, 4).
+        linear: whether they are linear, as in glTF. Otherwise they are sRGB, except for alpha, and an alpha of 0
+            everywhere counts as none, since some programs leave it unset.
+    """
+    values = colors[:, :4].astype(np.float64)
+    if colors.dtype.kind in "iu":
+        values /= np.iinfo(colors.dtype).max
+    elif (values[np.isfinite(values)] > 1.0).any():
+        values /= 255.0
+    with np.errstate(all="ignore"):  # invalid colours are left out later, with a warning
+        rgb, alpha = values[:, :3], np.clip(values[:, 3:], 0.0, 1.0)
+        rgb = rgb if linear else linear_from_srgb(rgb)
+        return np.column_stack([rgb, alpha]) if (alpha < 1.0).any() and (linear or alpha.any()) else rgb
+
+
 def checked_faces(path: str | Path, faces: IntArray, count: int) -> None:
-    """Raise an InputError where a face names a vertex beyond the `count` that there are."""
-    if faces.min() < 0 or faces.max() >= count:
+    """Raise an InputError where a face names a vertex beyond the `count` vertices of the mesh."""
+    if len(faces) and (faces.min() < 0 or faces.max() >= count):
         bad = faces.min() if faces.min() < 0 else faces.max()
         raise InputError(f"{path}: a face names vertex {bad}, but there are {count} (counted from 0)")
 
 
 def positions_of(
-    path: str | Path, vertices: FloatArray, faces: IntArray, who: str = "vertex {}", per: int = 1
+    path: str | Path, vertices: FloatArray, faces: IntArray, vertex_format: str, *, per: int = 1
 ) -> NDArray[np.float32]:
     """Return positions as float32.
 
@@ -123,7 +152,7 @@ def positions_of(
         path: the file, for messages.
         vertices: (N, 3) positions.
         faces: the faces that use them; unused vertices are not checked.
-        who: format of a vertex in messages, with a place for its number.
+        vertex_format: names a vertex by its number in messages.
         per: vertices per number.
 
     Raises:
@@ -134,9 +163,8 @@ def positions_of(
     if np.isfinite(result).all():
         return result
     bad = np.flatnonzero(~np.isfinite(result).all(axis=1))
-    if len(bad):
-        for index in bad[np.isin(bad, faces)][:1]:
-            values = " ".join(f"{x:g}" for x in np.asarray(vertices)[index])
-            name = who.format(index // per)
-            raise InputError(f"{path}: {name} is at {values}; positions must be finite and at most 3.4e38")
+    for index in bad[np.isin(bad, faces)][:1]:
+        values = " ".join(f"{x:g}" for x in np.asarray(vertices)[index])
+        name = vertex_format.format(index // per)
+        raise InputError(f"{path}: {name} is at {values}; positions must be finite and at most 3.4e38")
     return result

@@ -2,55 +2,66 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.errors import warn
 from wrt.io import memory_limits
+from wrt.io.mesh.parts import IntArray, checked_faces
 
 _Int = NDArray[np.int64]
 
 
-def triangulate(positions: NDArray[np.floating[Any]], corners: _Int, counts: _Int) -> tuple[_Int, _Int]:
+def triangulate(
+    path: str | Path, positions: NDArray[np.floating[Any]], corners: IntArray, counts: _Int
+) -> tuple[_Int, _Int]:
     """Cut polygons into triangles; concave ones too, if they are flat and do not cross themselves.
 
     Args:
+        path: the file, for messages.
         positions: (N, 3) vertices.
-        corners: (C,) vertex indices of all polygons, one after the other, each within N.
+        corners: (C,) vertex indices of all polygons, one after the other.
         counts: (P,) corners of each polygon; those with fewer than three give no triangle. Concave ones of many
-            thousands of corners may come out as fans.
+            thousands of corners may come out as fans, with a warning.
 
     Returns:
         (T, 3) indices into `corners`, and (T,) the polygon of each triangle, in order.
+
+    Raises:
+        InputError: where a corner names a missing vertex.
     """
+    checked_faces(path, corners, len(positions))
     starts = np.cumsum(counts) - counts
     if len(counts) and (counts == 3).all():
         return starts[:, None] + np.arange(3), np.arange(len(counts))
-    pieces = [np.zeros((0, 3), np.int64)]
-    owners = [np.zeros(0, np.int64)]
-    first = patience = memory_limits.patience()  # a polygon that crosses itself may take steps cubic in its corners
-    with np.errstate(all="ignore"):  # positions are judged later, by the caller
+    triangle_groups, owner_groups = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
+    before = patience = memory_limits.patience()  # a polygon that crosses itself may take steps cubic in its corners
+    with np.errstate(all="ignore"):  # positions are checked later, by the caller
         for size in np.unique(counts[counts >= 3]):
             owner = np.flatnonzero(counts == size)
             index = starts[owner][:, None] + np.arange(size)
             middle = np.arange(1, size - 1)
-            local = np.stack([np.zeros_like(middle), middle, middle + 1], axis=1)
-            triangles = np.tile(local, (len(owner), 1, 1))
+            fan = np.stack([np.zeros_like(middle), middle, middle + 1], axis=1)
+            triangles = np.tile(fan, (len(owner), 1, 1))
             if size > 3:
                 points = positions[corners[index]].astype(np.float64)
                 for polygon in np.flatnonzero(~_convex(points)):
                     triangles[polygon], patience = _clip_ears(points[polygon], patience)
-            pieces.append((starts[owner][:, None, None] + triangles).reshape(-1, 3))
-            owners.append(np.repeat(owner, size - 2))
-    memory_limits.spend(first - patience)
-    all_owners = np.concatenate(owners)
-    order = np.argsort(all_owners, kind="stable")
-    return np.concatenate(pieces)[order], all_owners[order]
+            triangle_groups.append((starts[owner][:, None, None] + triangles).reshape(-1, 3))
+            owner_groups.append(np.repeat(owner, size - 2))
+    memory_limits.spend(before - patience)
+    if patience <= 0:
+        warn(f"{path}: its concave polygons take too long to cut into triangles; some of them come out as fans")
+    owners = np.concatenate(owner_groups)
+    order = np.argsort(owners, kind="stable")
+    return np.concatenate(triangle_groups)[order], owners[order]
 
 
 def _convex(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return (P,) whether each of (P, n, 3) polygons turns one way at every corner."""
+    """Return (P,) whether each of (P, n, 3) polygons turns in one direction at every corner."""
     forward = np.roll(points, -1, axis=1) - points
     turns = np.cross(np.roll(forward, 1, axis=1), forward)
     normal = turns[:, :1] + np.cross(points[:, 1:-1] - points[:, :1], points[:, 2:] - points[:, :1]).sum(
@@ -63,30 +74,30 @@ def _convex(points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _clip_ears(points: NDArray[np.float64], patience: int) -> tuple[_Int, int]:
-    """Return (n - 2, 3) triangles of one (n, 3) polygon by ear clipping (Meisters 1975), and what patience is left.
+    """Return (n - 2, 3) triangles of one (n, 3) polygon by ear clipping (Meisters 1975), and the remaining patience.
 
-    Works in the plane of the polygon's area vector (Newell's normal). A corner is cut off where
-    it turns outwards and no other corner lies in its triangle; if none qualifies, as in a polygon
-    that crosses itself, any corner goes. Where patience ends the rest becomes a fan.
+    Works in the plane of the polygon's area vector (Newell's normal). A corner is cut off where it turns outwards and
+    no other corner lies in its triangle; if none qualifies, as in a polygon that crosses itself, any corner goes. Where
+    patience ends, what remains becomes a fan.
     """
     normal = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)
     axis = int(np.argmax(np.abs(normal)))
     flat = np.delete(points, axis, axis=1)
     # Dropping y leaves (x, z), which is left-handed seen from +y.
     turn = (1.0 if normal[axis] >= 0.0 else -1.0) * (-1.0 if axis == 1 else 1.0)
-    left = list(range(len(points)))
+    ring = list(range(len(points)))
     x, y = (np.ascontiguousarray(flat[:, k]) * side for k, side in enumerate((turn, 1.0)))
     triangles = []
     cut = 0
-    while len(left) > 3 and patience > 0:
-        first = cut % len(left)
-        for k in (*range(first, len(left)), *range(first)):
-            patience -= 400  # trying a corner costs about as much as so many numbers
-            corners = [(float(x[n]), float(y[n])) for n in (k - 1, k, (k + 1) % len(left))]
+    while len(ring) > 3 and patience > 0:
+        first = cut % len(ring)
+        for k in (*range(first, len(ring)), *range(first)):
+            patience -= 400  # what trying a corner costs, in numbers compared
+            corners = [(float(x[n]), float(y[n])) for n in (k - 1, k, (k + 1) % len(ring))]
             (ax, ay), (bx, by), (cx, cy) = corners
             if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) <= 0.0:
                 continue
-            patience -= 2000 + len(left)
+            patience -= 2000 + len(ring)
             inside = (bx - ax) * (y - ay) >= (by - ay) * (x - ax)
             inside &= (cx - bx) * (y - by) >= (cy - by) * (x - bx)
             inside &= (ax - cx) * (y - cy) >= (ay - cy) * (x - cx)
@@ -96,18 +107,18 @@ def _clip_ears(points: NDArray[np.float64], patience: int) -> tuple[_Int, int]:
                 break
         else:
             cut = first
-        triangles.append((left[cut - 1], left[cut], left[(cut + 1) % len(left)]))
-        del left[cut]
+        triangles.append((ring[cut - 1], ring[cut], ring[(cut + 1) % len(ring)]))
+        del ring[cut]
         x, y = np.delete(x, cut), np.delete(y, cut)
-    triangles += zip(left[:1] * (len(left) - 2), left[1:], left[2:], strict=False)
+    triangles += zip(ring[:1] * (len(ring) - 2), ring[1:], ring[2:], strict=False)
     return np.array(triangles, np.int64), patience
 
 
 def split_strips(strip: _Int) -> _Int:
     """Return (T, 3) triangles of strips that are separated by negative indices.
 
-    Every second triangle of a strip is turned round, so that all face the way the first does;
-    triangles that name a vertex twice only connect parts of a strip and are left out.
+    Every second triangle of a strip is reversed, so that all face as the first does; triangles that name a vertex twice
+    only connect parts of a strip and are left out.
     """
     strip = np.asarray(strip, np.int64)
     if len(strip) < 3:
@@ -118,5 +129,4 @@ def split_strips(strip: _Int) -> _Int:
     odd = (position - begin)[:-2] % 2 == 1
     triangles[odd] = triangles[odd][:, [1, 0, 2]]
     a, b, c = triangles.T
-    whole: _Int = triangles[(triangles >= 0).all(axis=1) & (a != b) & (b != c) & (c != a)]
-    return whole
+    return np.asarray(triangles[(triangles >= 0).all(axis=1) & (a != b) & (b != c) & (c != a)])

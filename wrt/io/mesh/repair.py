@@ -111,7 +111,7 @@ def _repaired(path: str, part: Part) -> Part:
     given = np.ascontiguousarray(part.faces)  # once, since rows of files are strided
     checked_faces(path, given, count)
     faces = given.astype(np.int32, copy=False)
-    vertices = positions_of(path, part.vertices, faces, part.counted)
+    vertices = positions_of(path, part.vertices, faces, part.vertex_format)
     solid = _solid(vertices, faces)
     face_colors = part.face_colors
     if not solid.all():

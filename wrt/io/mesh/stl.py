@@ -43,7 +43,7 @@ def read_stl(path: Path, data: bytes) -> list[Part]:
         name = fields.get("metadata", {}).get("name") or path.stem
         part = part_of(path, str(name), fields)
         if part is not None:
-            positions = positions_of(path, part.vertices, part.faces, "a corner of triangle {} (counted from 0)", 3)
+            positions = positions_of(path, part.vertices, part.faces, "a corner of triangle {} (counted from 0)", per=3)
             same = same_positions(positions)
             _, first = np.unique(same, return_index=True)
             parts.append(Part(part.name, part.vertices[first], same[part.faces]))

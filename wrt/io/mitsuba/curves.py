@@ -65,8 +65,7 @@ def _control_points(path: Path, least: int) -> list[Array]:
     for number, line in enumerate(read_file(path).decode("utf-8", "replace").splitlines(), 1):
         words = line.split()
         if not words:
-            if curves[-1]:
-                curves.append([])
+            curves.append([])
             continue
         try:
             values = [float(word) for word in words[:4]]
@@ -75,13 +74,11 @@ def _control_points(path: Path, least: int) -> list[Array]:
         if len(values) != 4 or not all(map(math.isfinite, values)) or values[3] < 0.0:
             raise InputError(f"{path}: line {number}: a point of a curve is three coordinates and a radius from 0")
         curves[-1].append(values)
-    found = [np.array(curve) for curve in curves if curve]
-    if not found:
-        raise InputError(f"{path}: it has no points of curves")
-    for curve in found:
-        if len(curve) < least:
-            raise InputError(f"{path}: a curve has {len(curve)} points; it needs {least} at least")
-    return found
+    curves = [curve for curve in curves if curve]
+    fewest = min(map(len, curves), default=0)
+    if fewest < least:
+        raise InputError(f"{path}: a curve has {fewest} points; it needs {least} at least")
+    return [np.array(curve) for curve in curves]
 
 
 def _around(points: Array, detail: Detail) -> tuple[int, float]:
@@ -188,11 +185,10 @@ def _chain(points: Array, first: int, total: int, detail: Detail) -> list[Mesh]:
             matrix = np.diag([radius, radius, radius, 1.0])
             matrix[:3, 3] = x, y, z
             joint = ball(balls).transformed(matrix)
-            v = np.full((len(joint.vertices), 1), (first + i) / total, np.float32)
             assert joint.uvs is not None
-            pieces.append(
-                Mesh(joint.vertices, joint.faces, joint.normals, np.hstack([joint.uvs[:, :1], v]), name="curve")
-            )
+            uvs = joint.uvs.copy()
+            uvs[:, 1] = (first + i) / total
+            pieces.append(Mesh(joint.vertices, joint.faces, joint.normals, uvs, name="curve"))
         if i + 1 < len(points):
             pieces += _cone(points[i], points[i + 1], np.array([first + i, first + i + 1]) / total, sides)
     return pieces

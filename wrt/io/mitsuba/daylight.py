@@ -126,16 +126,9 @@ def sun_position(
 ) -> tuple[float, float]:
     """Return the zenith angle of the sun, and its azimuth from north towards east, in radians.
 
-    Blanco-Muriel et al., "Computing the Solar Vector" (Solar Energy 70(5), 2001): accurate to half an arcminute from
-    1999 to 2015, without refraction.
-
-    Args:
-        year: of the Gregorian calendar.
-        month: 1 to 12.
-        day: of the month.
-        hours: of the day in Universal Time; may be below 0 or above 24.
-        latitude: degrees, north is positive.
-        longitude: degrees, east is positive.
+    Hours are in Universal Time and may be below 0 or above 24; latitude and longitude are in degrees, positive to north
+    and east. Blanco-Muriel et al., "Computing the Solar Vector" (Solar Energy 70(5), 2001): accurate to half an
+    arcminute from 1999 to 2015, without refraction.
     """
     # Days since noon of 1 January 2000, which is Python's ordinal 730120.
     first = (month - 1) % 12

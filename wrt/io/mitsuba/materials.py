@@ -145,8 +145,8 @@ class Materials:
         parts = [self.surface(part) for part in plugin.of_kind("bsdf")]
         counts = {"twosided": (1, 2), "blendbsdf": (2,)}.get(plugin.type, (1,))
         if len(parts) not in counts:
-            wanted = {(1,): "one bsdf", (1, 2): "one bsdf or two", (2,): "two bsdfs"}[counts]
-            raise plugin.error(f"takes {wanted}, not {len(parts)}")
+            number = {(1,): "one bsdf", (1, 2): "one bsdf or two", (2,): "two bsdfs"}[counts]
+            raise plugin.error(f"takes {number}, not {len(parts)}")
         first, second = parts[0], parts[-1]
         if plugin.type == "twosided":
             same = first.material == second.material

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.textures import Textures
-from wrt.io.volume.read import read_volume
-from wrt.io.volume.volume import Volume
+from wrt.io.volume.read import Volume, read_volume
 from wrt.linalg import inverse, product
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres

@@ -25,12 +25,7 @@ MOST_EMITTING = 192
 
 @dataclass(frozen=True)
 class Detail:
-    """The resolution of the picture, which sets the tessellation.
-
-    Attributes:
-        camera: the camera, or None if the scene has none.
-        height: rows of the whole picture.
-    """
+    """The camera and the rows of the whole picture, which set the tessellation."""
 
     camera: Camera | None
     height: int
@@ -66,24 +61,16 @@ def rectangle() -> Mesh:
 def cube() -> Mesh:
     """Return the cube from −1 to 1; each side has the whole unit square of texture coordinates, as in Mitsuba."""
     x, y, z = np.eye(3)
-    corners, uvs = [], []
+    st = np.array([(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
+    corners: list[Matrix] = []
+    triangles: list[NDArray[np.int64]] = []
     # The normal of each side, and the directions of growing u and v.
     for normal, u, v in ((-y, z, x), (y, -x, -z), (x, y, -z), (z, y, x), (-x, y, z), (-z, -y, x)):
-        for s, t in ((-1, 1), (1, 1), (1, -1), (-1, -1)):
-            corners.append(normal + s * u + t * v)
-            uvs.append([0.5 * (s + 1), 0.5 * (t + 1)])
-    first = 4 * np.arange(6)[:, None]
-    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
-    mesh = Mesh(np.array(corners), faces, uvs=np.array(uvs), name="cube")
-    return _outwards(mesh)
-
-
-def _outwards(mesh: Mesh) -> Mesh:
-    """Return a convex mesh around the origin with all faces turned outwards."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(np.float64) for k in range(3))
-    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c) < 0.0
-    faces = np.where(inwards[:, None], mesh.faces[:, ::-1], mesh.faces)
-    return Mesh(mesh.vertices, faces, uvs=mesh.uvs, name=mesh.name)
+        corners.append(normal + st[:, :1] * u + st[:, 1:] * v)
+        pair = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * len(triangles)
+        triangles.append(pair if (np.cross(v, u) == normal).all() else pair[:, ::-1])  # outwards
+    faces = np.swapaxes(triangles, 0, 1).reshape(-1, 3)
+    return Mesh(np.concatenate(corners), faces, uvs=np.tile(0.5 * (st + 1.0), (6, 1)), name="cube")
 
 
 def is_closed(mesh: Mesh) -> bool:

@@ -65,12 +65,8 @@ def _rotate(element: Element) -> Matrix:
     length = norm(axis)
     if length == 0.0:
         raise element.error("the axis of a rotation must not be zero")
-    return rotation(axis / length, math.radians(numbers_of(element, element.get("angle"), 1)[0]))
-
-
-def rotation(axis: NDArray[np.float64], angle: float) -> Matrix:
-    """Return the (4, 4) rotation about a unit vector by an angle in radians."""
-    x, y, z = axis
+    angle = math.radians(numbers_of(element, element.get("angle"), 1)[0])
+    x, y, z = axis / length
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     result = np.eye(4)
     result[:3, :3] += math.sin(angle) * k + (1.0 - math.cos(angle)) * product(k, k)

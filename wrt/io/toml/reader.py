@@ -138,7 +138,7 @@ class _SceneReader(TableReader):
     def build(self, make: Callable[..., Any], table: Any) -> Any:
         """Call a class or function with the keys of a table, whose `type` may only have named it.
 
-        Its type hints say what a value is, such as the name of a medium or the table of a texture.
+        A value that its type hints take for an object names it, such as a medium, or is its table, such as a texture.
         """
         hints = _hints_of(make)
         arguments = dict(table_of(table))

@@ -121,25 +121,19 @@ def _described(schema: Schema, meaning: str) -> Schema:
 
 def _table(keys: Keys, properties: Schema | None = None, description: str = "") -> Schema:
     """Return the schema of a table with keys, and with further properties."""
-    own = {name: _described(key.schema, key.meaning) for name, key in keys.items()}
+    described = {name: _described(key.schema, key.meaning) for name, key in keys.items()}
     required = [name for name, key in keys.items() if key.required]
     return {
         **({"description": description} if description else {}),
         "type": "object",
-        "properties": {**own, **(properties or {})},
+        "properties": {**described, **(properties or {})},
         **({"required": required} if required else {}),
         "additionalProperties": False,
     }
 
 
 def _made(make: Callable[..., Any], keys: Keys | None = None, only: list[str] | None = None) -> Schema:
-    """Return the schema of a table whose keys are arguments.
-
-    Args:
-        make: the class or function that takes the table's keys as arguments.
-        keys: further keys.
-        only: the arguments that are keys; all by default.
-    """
+    """Return the schema of a table whose keys are arguments of a class or function, all or some, and further keys."""
     limits = Limits(make)
     parameters = inspect.signature(make).parameters
     properties: Schema = {}

@@ -77,33 +77,25 @@ class Limits:
         found: dict[str, list[Schema]] = {}
         for arguments in self._given:
             for form, length in FORMS.items():
-                taken = self._taken(arguments, name, length)
-                if taken:
-                    far = [{**arguments, name: self._put(name, x, length)} for x in (-_FAR, _FAR)]
-                    found.setdefault(form, []).append(_limits(name, [self._complaint(each) for each in far], taken))
+                accepted = [x for x in _TRIED if self._complaint_about(arguments, name, x, length) is None]
+                if accepted:
+                    # The first one, and 0 if it is among them.
+                    numbers = accepted[:1] + [0.0] * (0.0 in accepted)
+                    found.setdefault(form, []).append(self._limits(arguments, name, length, numbers))
         return {form: _widest(limits) for form, limits in found.items()}
 
     def of_items(self, name: str, length: int) -> Schema:
         """Return the limits of the items of an array of `length` numbers."""
-        far = [{**self._given[0], name: self._put(name, x, length)} for x in (-_FAR, _FAR)]
-        return _limits(name, [self._complaint(each) for each in far], [])
+        return self._limits(self._given[0], name, length, [])
 
     def _arguments(self) -> list[dict[str, Any]]:
         """Return the required arguments, and, if these do not suffice, with one more that `make` accepts."""
-        given = {name: _example(self.hints[name], i) for i, name in enumerate(self.required)}
+        required = {name: _example(self.hints[name], i) for i, name in enumerate(self.required)}
         for name in (None, *(name for name in self.hints if name not in self.required)):
-            arguments = given if name is None else {**given, name: 0.5}
+            arguments = required if name is None else {**required, name: 0.5}
             if self._complaint(arguments) is None:
-                return [given, arguments]
-        return [given]
-
-    def _taken(self, arguments: dict[str, Any], name: str, length: int) -> list[float]:
-        """Return a number that an argument accepts, and 0 if it accepts 0."""
-        taken: list[float] = []
-        for x in _TRIED:
-            if (not taken or x == 0.0) and self._complaint({**arguments, name: self._put(name, x, length)}) is None:
-                taken.append(x)
-        return taken
+                return [required, arguments]
+        return [required]
 
     def _words(self, name: str) -> list[str]:
         words: list[str] = []
@@ -116,9 +108,10 @@ class Limits:
     def _ends(self, name: str) -> list[float]:
         return [value for limits in self.forms(name).values() for value in limits.values()]
 
-    def _put(self, name: str, value: float, length: int) -> Any:
+    def _complaint_about(self, arguments: dict[str, Any], name: str, value: float, length: int) -> str | None:
+        """Return the message about one argument, of one number or an array of `length`."""
         number = int(value) if "int" in re.findall(r"\w+", str(self.hints[name])) else value
-        return [number] * length if length else number
+        return self._complaint({**arguments, name: [number] * length if length else number})
 
     def _complaint(self, arguments: dict[str, Any]) -> str | None:
         """Return the message of the error that arguments cause; None if they are valid."""
@@ -131,6 +124,23 @@ class Limits:
             return type(error).__name__
         return None
 
+    def _limits(self, arguments: dict[str, Any], name: str, length: int, accepted: list[float]) -> Schema:
+        """Return the limits that messages about an argument state, corrected by numbers that are accepted."""
+        limits: Schema = {}
+        for far in (-_FAR, _FAR):
+            text = self._complaint_about(arguments, name, far, length) or ""
+            if found := re.search(rf"\b{name}(?:\[\d\])? must be (.+)", text):
+                if between := re.match(r"between ([-\d]+) and ([-\d]+)", found[1]):
+                    limits |= {"minimum": int(between[1]), "maximum": int(between[2])}
+                for words, key in _LIMITS.items():
+                    if value := re.match(rf"{words} ([-\d.e+]+?)[,.]?(?:\s|$)", found[1]):
+                        limits[key] = float(value[1])
+        if "minimum" in limits and accepted:
+            limits["minimum"] = min(limits["minimum"], *accepted)
+        if "exclusiveMinimum" in limits and min(accepted, default=np.inf) <= limits["exclusiveMinimum"]:
+            del limits["exclusiveMinimum"]
+        return {key: int(x) if x == int(x) else x for key, x in limits.items() if abs(x) < _UNLIMITED}
+
 
 def _example(hint: Any, index: int) -> Any:
     """Return an example of a type; consecutive vectors are orthogonal."""
@@ -141,23 +151,6 @@ def _example(hint: Any, index: int) -> Any:
     if "numpy" in str(hint):
         return [1.0] if "ArrayLike" in str(hint) or "_SupportsArray" in str(hint) else np.full((1, 1, 3), 0.5)
     return 0.5
-
-
-def _limits(name: str, complaints: list[str | None], taken: list[float]) -> Schema:
-    """Return the limits that messages state, corrected by the values that were accepted."""
-    limits: Schema = {}
-    for text in complaints:
-        if found := re.search(rf"\b{name}(?:\[\d\])? must be (.+)", text or ""):
-            if between := re.match(r"between ([-\d]+) and ([-\d]+)", found[1]):
-                limits |= {"minimum": int(between[1]), "maximum": int(between[2])}
-            for words, key in _LIMITS.items():
-                if value := re.match(rf"{words} ([-\d.e+]+?)[,.]?(?:\s|$)", found[1]):
-                    limits[key] = float(value[1])
-    if "minimum" in limits and taken:
-        limits["minimum"] = min(limits["minimum"], *taken)
-    if "exclusiveMinimum" in limits and min(taken, default=np.inf) <= limits["exclusiveMinimum"]:
-        del limits["exclusiveMinimum"]
-    return {key: int(x) if x == int(x) else x for key, x in limits.items() if abs(x) < _UNLIMITED}
 
 
 def _widest(all_limits: list[Schema]) -> Schema:

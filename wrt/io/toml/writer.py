@@ -33,7 +33,6 @@ from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import DensityGrid, Medium
-from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape, require_scene
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
@@ -169,13 +168,9 @@ class _Writer:
             return self.motion(value)
         if isinstance(value, Material):
             return self.material(value)
-        if isinstance(value, np.ndarray):
-            return value.tolist()
         if isinstance(value, (list, tuple)):
             return [self.value(item) for item in value]
-        if isinstance(value, np.generic):
-            return value.item()
-        return value
+        return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
     def environment(self, environment: Any) -> Table:
         if isinstance(environment, ImageEnvironment):
@@ -216,9 +211,12 @@ class _Writer:
 
     def shapes(self, shapes: list[Shape]) -> Table:
         """Return one table for shapes that differ only in their transform."""
-        shape = shapes[0]
-        kind = _kind(shape.mesh)
-        table: Table = {"type": kind, "name": shape.name, "file": self.mesh(shape.mesh)}
+        shape, mesh = shapes[0], shapes[0].mesh
+        if isinstance(mesh, Analytic):
+            kind, arrays = "quadrics" if isinstance(mesh, Quadrics) else "spheres", arrays_of_exact(mesh)
+        else:
+            kind, arrays = "mesh", _arrays_of(mesh, "vertices", "faces", "normals", "uvs", "colors")
+        table: Table = {"type": kind, "name": shape.name, "file": self.arrays(kind, mesh, arrays)}
         table["material"] = self.material(shape.material)
         if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:
             table["emission"] = self.value(shape.emission)
@@ -233,11 +231,6 @@ class _Writer:
             arrays = _arrays_of(shape.deformation, "times", "vertices", "normals")
             table["deformation"] = {"file": self.arrays("deformation", shape.deformation, arrays)}
         return table
-
-    def mesh(self, mesh: Mesh) -> str:
-        if isinstance(mesh, Analytic):
-            return self.arrays(_kind(mesh), mesh, arrays_of_exact(mesh))
-        return self.arrays("mesh", mesh, _arrays_of(mesh, "vertices", "faces", "normals", "uvs", "colors"))
 
     def image(self, kind: str, pixels: NDArray[np.float32], *, linear: bool) -> Table:
         """Return the keys of a texture, an image of 8 bits if its values are those of one; `linear` is the default."""
@@ -258,9 +251,8 @@ class _Writer:
     def written(self, kind: str, owner: Any, suffix: str, save: Any) -> str:
         if id(owner) not in self.names:
             self.kept.append(owner)
-            name = f"{kind}-{self.counts[kind]}{suffix}"
+            self.names[id(owner)] = name = f"{kind}-{self.counts[kind]}{suffix}"
             self.counts[kind] += 1
-            self.names[id(owner)] = name
 
             def write(temporary: Path) -> None:
                 with temporary.open("wb") as handle:
@@ -291,10 +283,3 @@ def _is_default(value: Any, field: dataclasses.Field[Any]) -> bool:
     if field.default is dataclasses.MISSING or not isinstance(value, (bool, int, float, str, tuple)):
         return False
     return bool(value == field.default or (isinstance(value, tuple) and value == (field.default,) * len(value) != ()))
-
-
-def _kind(mesh: Mesh) -> str:
-    """Return the type of shape that the arrays of a mesh make."""
-    if isinstance(mesh, Analytic):
-        return "quadrics" if isinstance(mesh, Quadrics) else "spheres"
-    return "mesh"

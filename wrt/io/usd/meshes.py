@@ -34,11 +34,9 @@ def mesh_parts(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> li
     memory_limits.take(memory_limits.MESHES, 40 * len(corners))
     if (counts < 0).any() or (counts > len(corners)).any() or counts.sum() != len(corners):
         raise InputError(f"{path}: {name}: its faces have {counts.sum()} corners, but {len(corners)} are given")
-    if len(corners) and (corners.min() < 0 or corners.max() >= len(points)):
-        raise InputError(f"{path}: {name}: a face names a point that is not there")
     if shape["subdivided"]:
         warn(f"{path}: {name}: a subdivision surface is rendered as its cage, smoothed")
-    triangles, owner = triangulate(points, corners, counts)
+    triangles, owner = triangulate(f"{path}: {name}", points, corners, counts)
     if values["orientation"] == "leftHanded":
         triangles = triangles[:, ::-1]
     normals = None

@@ -10,13 +10,13 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.io.volume.volume import Volume, take_memory
+from wrt.io import memory_limits
 
 _MAGIC = (b"NanoVDB0", b"NanoVDB1", b"NanoVDB2")
 _SEGMENT = struct.Struct("<8sIHH")
@@ -41,34 +41,30 @@ _FLOAT = 1
 _LEAF_SIDE, _LOWER_SIDE = 8, 128
 
 
-class _Grid(NamedTuple):
-    """A grid's name and its bytes."""
+def chosen_name(names: list[str], grid: str | None) -> str | None:
+    """Return the name of the grid to read: the one that is given, or "density", or the only one."""
+    if grid is not None:
+        return grid
+    return "density" if "density" in names else names[0] if len(names) == 1 else None
 
-    name: str
-    data: bytes
 
-
-def read_nanovdb(data: bytes, grid: str | None = None) -> Volume:
-    """Return a grid of float32 numbers as a dense grid over its leaves, in the world.
-
-    Args:
-        data: the whole file.
-        grid: its name; None for "density", or the only grid.
+def read_nanovdb(data: bytes, grid: str | None = None) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    """Return a grid of a file as the (nz, ny, nx) values of a box around its leaves, and the box's place in the world.
 
     Raises:
         InputError: when the file is damaged, has no such grid, or the box of the grid is too large.
     """
     grids = list(_grids(data))
-    names = [each.name for each in grids]
-    wanted = grid if grid is not None else "density" if "density" in names else names[0] if len(names) == 1 else None
-    if wanted not in names:
-        asked = "name one" if grid is None else f"there is no {grid!r}"
-        raise InputError(f"its grids are {', '.join(map(repr, names))}; {asked}")
-    return _dense(grids[names.index(wanted)].data)
+    names = [name for name, _ in grids]
+    name = chosen_name(names, grid)
+    if name not in names:
+        advice = "name one" if grid is None else f"there is no {grid!r}"
+        raise InputError(f"its grids are {', '.join(map(repr, names))}; {advice}")
+    return _dense(grids[names.index(name)][1])
 
 
-def _grids(data: bytes) -> Iterator[_Grid]:
-    """Yield the grids of all segments."""
+def _grids(data: bytes) -> Iterator[tuple[str, bytes]]:
+    """Yield the names and the bytes of the grids of all segments."""
     at = 0
     while at < len(data):
         magic, _, count, codec = _SEGMENT.unpack(_part(data, at, _SEGMENT.size))
@@ -91,7 +87,7 @@ def _grids(data: bytes) -> Iterator[_Grid]:
                 grid, at = _part(data, at, size), at + size
             else:
                 grid, at = _unzipped(data, at, size)
-            yield _Grid(name, grid)
+            yield name, grid
 
 
 def _part(data: bytes, first: int, size: int) -> bytes:
@@ -103,7 +99,7 @@ def _part(data: bytes, first: int, size: int) -> bytes:
 
 def _unzipped(data: bytes, first: int, size: int) -> tuple[bytes, int]:
     """Return a compressed grid, and where its chunks end; before each is its length."""
-    take_memory(size // 4)
+    memory_limits.take(memory_limits.VOLUMES, size)
     grid, at = bytearray(), first
     while len(grid) < size:
         (length,) = struct.unpack("<Q", _part(data, at, 8))
@@ -119,7 +115,7 @@ def _unzipped(data: bytes, first: int, size: int) -> tuple[bytes, int]:
     return bytes(grid), at
 
 
-def _dense(data: bytes) -> Volume:
+def _dense(data: bytes) -> tuple[NDArray[np.float32], dict[str, Any]]:
     """Return a grid as an array, with the place of its box."""
     grid = np.frombuffer(_part(data, 0, _GRID.itemsize), _GRID)[0]
     if grid["magic"] not in _MAGIC:
@@ -136,7 +132,7 @@ def _dense(data: bytes) -> Volume:
         raise InputError("the grid is empty")
     low, high = places.min(axis=0), places.max(axis=0) + _LEAF_SIDE
     nx, ny, nz = (high - low).tolist()
-    take_memory(nx * ny * nz)
+    memory_limits.take(memory_limits.VOLUMES, 4 * nx * ny * nz)
     values = np.zeros((nx, ny, nz), np.float32)
 
     def put(corner: NDArray[np.int64], block: Any) -> None:
@@ -151,7 +147,7 @@ def _dense(data: bytes) -> Volume:
     transform[:3, :3], transform[:3, 3] = grid["matrix"], grid["shift"]
     # A value belongs to the point of its index, which is the centre of its cell.
     box = {"lower": tuple((low - 0.5).tolist()), "upper": tuple((high - 0.5).tolist()), "transform": transform}
-    return Volume(np.ascontiguousarray(values.transpose(2, 1, 0)), box)
+    return np.ascontiguousarray(values.transpose(2, 1, 0)), box
 
 
 def _nodes(data: bytes, tree: Any, level: int, kind: np.dtype[Any]) -> NDArray[Any]:

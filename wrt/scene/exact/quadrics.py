@@ -44,7 +44,6 @@ class Quadrics(Analytic):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of shapes of each kind."""
         disks = int(self.are_disks.sum())
         counts = {"disk": disks, "cylinder": len(self.faces) - disks}
         return {noun: count for noun, count in counts.items() if count}
@@ -57,7 +56,6 @@ class Quadrics(Analytic):
 
     @property
     def areas(self) -> FloatArray:
-        """(N,) float64 areas of one side, square metres."""
         x, y, z = np.moveaxis(self.axes, 1, 0)
         of_cylinders = 2.0 * math.pi * np.linalg.norm(x, axis=1) * np.linalg.norm(z, axis=1)
         return np.asarray(np.where(self.are_disks, math.pi * np.linalg.norm(np.cross(x, y), axis=1), of_cylinders))
@@ -95,11 +93,8 @@ class Quadrics(Analytic):
         ]
 
     def keeps(self, matrices: FloatArray) -> bool:
-        """Return whether disks and cylinders remain such under all maps of a motion, (K, 3 or 4, 4).
-
-        Disks do under all that can be inverted, as they become ellipses; cylinders if they stay round and straight. The
-        maps between two of a motion are similar only if these are. None does where float32 does not resolve it.
-        """
+        # Disks become ellipses under every map that can be inverted; cylinders must stay round and straight. The maps
+        # between two of a motion are similarities only if these are. Shapes that float32 does not resolve are not kept.
         if not all(determinant(matrix[:3, :3]) for matrix in matrices):
             return False
         disks, cylinders = self.are_disks, self.axes[~self.are_disks]
@@ -125,14 +120,6 @@ class Quadrics(Analytic):
         return _made(self.are_disks, *self._moved(matrix), self.inside_out, self.colors, self.name)
 
     def tessellated(self, segments: int = 64) -> Mesh:
-        """Return triangles with exact normals in place of the shapes, facing to the same sides.
-
-        Args:
-            segments: the number of vertices around.
-
-        Raises:
-            InputError: if there would be too many.
-        """
         if len(self.faces) * 2 * segments > MOST_TRIANGLES:
             raise InputError(f"{self.name}: {len(self.faces)} shapes as triangles are more than {MOST_TRIANGLES}")
         units = {True: unit_disk(segments), False: unit_cylinder(segments)}

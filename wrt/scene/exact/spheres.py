@@ -34,7 +34,6 @@ class Spheres(Analytic):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of shapes of each kind."""
         return {"sphere": len(self.faces)}
 
     @property
@@ -44,7 +43,6 @@ class Spheres(Analytic):
 
     @property
     def areas(self) -> FloatArray:
-        """(N,) float64 areas, square metres."""
         return np.asarray(4.0 * np.pi * self.radii**2)
 
     def _mistakes(self) -> list[tuple[NDArray[np.bool_], str, str]]:
@@ -63,7 +61,6 @@ class Spheres(Analytic):
         ]
 
     def keeps(self, matrices: FloatArray) -> bool:
-        """Return whether the spheres remain spheres under all maps of a motion, (K, 3 or 4, 4)."""
         return all(keeps_spheres(matrix) for matrix in matrices)
 
     def _mapped(self, matrix: FloatArray) -> Mesh:
@@ -73,14 +70,6 @@ class Spheres(Analytic):
         return _made(centers, scale * self.radii, self.inside_out, axes, self.colors, self.name)
 
     def tessellated(self, segments: int = 64) -> Mesh:
-        """Return triangles with exact normals in place of the spheres, facing to the same sides.
-
-        Args:
-            segments: the number of vertices around.
-
-        Raises:
-            InputError: if there would be too many.
-        """
         one = ball(segments)
         count = len(self.faces)
         if count * len(one.faces) > MOST_TRIANGLES:

@@ -15,19 +15,14 @@ from wrt.scene.description import Checks, word_of
 from wrt.scene.materials.dispersion import SHARES, Dispersive, channel_indices, checked_dispersion
 from wrt.scene.materials.material import Material, color_source
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
-from wrt.scene.materials.presets import dielectric_ior
+from wrt.scene.materials.presets import by_name, dielectric_ior
 from wrt.scene.textures import ColorSource
 from wrt.values import Vec3, boolean, number
 
 
 def refractive_index(value: float | str, name: str) -> float:
     """Return a refractive index, given as a number above 0 or the name of a medium."""
-    if not isinstance(value, str):
-        return number(value, name, above=0.0)
-    try:
-        return dielectric_ior(value)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+    return by_name(dielectric_ior, value, name) if isinstance(value, str) else number(value, name, above=0.0)
 
 
 def mean_transmittance(eta: float) -> float:

@@ -8,9 +8,8 @@ wavelength of its primary.
 
 from __future__ import annotations
 
-from wrt.errors import InputError
 from wrt.scene.materials.body import Body
-from wrt.scene.materials.presets import dielectric_abbe_number
+from wrt.scene.materials.presets import by_name, dielectric_abbe_number
 from wrt.values import Vec3, number
 
 PRIMARIES: Vec3 = (611.5, 549.1, 464.3)
@@ -50,12 +49,9 @@ def channel_indices(ior: float, dispersion: float) -> Vec3:
 
 def checked_dispersion(value: float | str, name: str) -> float:
     """Return a dispersion, given as a number or the name of a medium."""
-    if not isinstance(value, str):
-        return number(value, name, minimum=0.0, maximum=MOST)
-    try:
-        return 20.0 / dielectric_abbe_number(value)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+    if isinstance(value, str):
+        return 20.0 / by_name(dielectric_abbe_number, value, name)
+    return number(value, name, minimum=0.0, maximum=MOST)
 
 
 class Dispersive(Body):

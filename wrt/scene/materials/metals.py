@@ -13,7 +13,15 @@ from wrt.linalg import gauss_legendre
 from wrt.scene.description import Checks
 from wrt.scene.materials.material import Filmed, color_source
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
-from wrt.scene.materials.presets import ALIASES, METAL_F0, SEMICONDUCTOR_F0, metal_f0, metal_ior, reflectance_f0
+from wrt.scene.materials.presets import (
+    ALIASES,
+    METAL_F0,
+    SEMICONDUCTOR_F0,
+    by_name,
+    metal_f0,
+    metal_ior,
+    reflectance_f0,
+)
 from wrt.scene.textures import ColorSource
 from wrt.values import ColorLike, Vec3, boolean, color
 
@@ -34,10 +42,7 @@ def _optics(
     if by_index + (f0 is not None) + (metal is not None) > 1:
         raise InputError("a metal is given by eta and k, by f0 or by metal: choose one of them")
     if isinstance(f0, str):
-        try:
-            return None, None, reflectance_f0(f0)
-        except InputError as error:
-            raise InputError(f"f0: {error}") from None
+        return None, None, by_name(reflectance_f0, f0, "f0")
     if f0 is not None:
         return None, None, color_source(f0, "f0")
     if metal is not None:

@@ -11,7 +11,8 @@ and less for the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 from wrt.errors import InputError, did_you_mean
 from wrt.values import Vec3
@@ -194,6 +195,17 @@ def dielectric_abbe_number(name: str) -> float:
         InputError: for an unknown name.
     """
     return DIELECTRIC_ABBE[_key(name, DIELECTRIC_ABBE, "dielectric with an Abbe number")]
+
+
+T = TypeVar("T")
+
+
+def by_name(look_up: Callable[[str], T], name: str, field: str) -> T:
+    """Return a preset for a field of a material, or raise InputError naming the field."""
+    try:
+        return look_up(name)
+    except InputError as error:
+        raise InputError(f"{field}: {error}") from None
 
 
 def _key(name: object, keys: Iterable[str], what: str) -> str:
