@@ -113,12 +113,12 @@ class DevelopedSheet:
 
     Attributes:
         pictures: by name.
-        tiles: returns pixels and labels of a picture's tiles, for its name and the renderer that has its samples.
+        tiles_of: returns pixels and labels of a picture's tiles, for its name and the renderer that has its samples.
         columns: tiles in a row.
     """
 
     pictures: Mapping[str, Picture]
-    tiles: Callable[[str, wrt.Renderer], Sequence[tuple[Pixels, Sequence[str]]]]
+    tiles_of: Callable[[str, wrt.Renderer], Sequence[tuple[Pixels, Sequence[str]]]]
     columns: int
 
     @property
@@ -130,7 +130,7 @@ class DevelopedSheet:
         """Return a Pillow image; `name` is what progress is reported by."""
         drawn = []
         for label, picture in self.pictures.items():
-            drawn += self.tiles(label, picture.rendered(f"{name}/{label}", how))
+            drawn += self.tiles_of(label, picture.rendered(f"{name}/{label}", how))
         return contact_sheet(drawn, self.columns)
 
 

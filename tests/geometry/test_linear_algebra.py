@@ -131,6 +131,7 @@ ARRAYS = """
 import hashlib
 import numpy as np
 import wrt
+from wrt.backend.arrays import Struct
 from wrt.backend.device import Device
 from wrt.scene.motion import rotation_matrix
 from wrt.upload.scene_data import build_scene
@@ -158,9 +159,9 @@ def show(name, value):
         return
     if hasattr(value, "numpy"):
         print(name, hashlib.sha256(np.ascontiguousarray(value.numpy()).tobytes()).hexdigest())
-    elif hasattr(value, "_cls"):
-        for field in value._cls.vars:
-            show(f"{name}.{field}", getattr(value, field))
+    elif isinstance(value, Struct):
+        for field, each in value.fields().items():
+            show(f"{name}.{field}", each)
 
 show("scene", build_scene(scene, Device("cpu")).data)
 for array in (motion.at(np.linspace(0.0, 8.0, 333)), camera.frame()):

@@ -198,7 +198,7 @@ wide_kernel.COMPILING_SECONDS, wide_kernel.WORTH_SECONDS = 1e9, 0.0
 sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", sys.argv[1], "--quiet"]
 assert main() == 0
 from wrt.backend import current_backend
-loaded = current_backend().artefacts._loaded
+loaded = current_backend().artefacts.loaded
 print(*(name for name in (() if "warp" in sys.modules else loaded) if ".wide" in name))
 """
 

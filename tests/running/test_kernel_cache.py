@@ -38,7 +38,7 @@ device = Device("cpu", threads=2)
 compiled = []
 import warp._src.build as build
 build_cpu, build.build_cpu = build.build_cpu, lambda *a, **k: (compiled.append(a), build_cpu(*a, **k))
-x = wp.ones(100, dtype=float, device="cpu")
+x = device.backend.array([1.0] * 100, float)
 device.launch(double, 100, [x])
 assert (x.numpy() == 2.0).all()
 print(sum("test_cache" in a[1] for a in compiled))

@@ -60,8 +60,9 @@ def render_reference(
 
 
 def reference_of(loaded: Any, *, spp: int, runs: int, seed: int) -> Reference:
-    """Render a scene that Mitsuba has loaded several times, each with its own random numbers."""
-    mi = load_mitsuba()
+    """Render a scene that Mitsuba has loaded, several times, each with its own random numbers and its variant."""
+    import mitsuba as mi
+
     # Mitsuba gives run n of a film the seeds n·(its blocks) and up: far apart, they do not overlap.
     seeds = [1_000_003 * (seed + run) for run in range(runs)]
     images = [np.array(mi.render(loaded, spp=max(1, spp // runs), seed=k), np.float64)[..., :3] for k in seeds]

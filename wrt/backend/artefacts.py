@@ -61,6 +61,7 @@ class Artefacts:
         self._loaded: dict[str, bytes] = {}
         self._damaged: set[Path] = set()
         self._lock = threading.RLock()
+        self._added: Table = {part: {} for part in self.table}
         self._is_saved = True
         if self.can_launch:
             with contextlib.suppress(OSError):
@@ -77,7 +78,7 @@ class Artefacts:
                 checksum, _, text = path.read_bytes().partition(b"\n")
                 if checksum == digest(text):
                     for part, entries in json.loads(text).items():
-                        self.table[part] |= entries
+                        self.table[part] |= entries | self._added[part]
                 elif path not in self._damaged:
                     self._damaged.add(path)
                     warnings.warn(f"{path}: the table of compiled kernels was damaged; it is replaced", stacklevel=2)
@@ -97,7 +98,7 @@ class Artefacts:
     def add(self, part: str, name: str, entry: Any) -> None:
         """Add an entry, which the next `save` keeps for other processes."""
         if self.table[part].get(name) != entry:
-            self.table[part][name] = entry
+            self.table[part][name] = self._added[part][name] = entry
             self._is_saved = False
 
     def has(self, call: str) -> bool:
@@ -129,6 +130,11 @@ class Artefacts:
                 return None
             function = self.load(file, symbol)
         return None if function is None else (function, layout)
+
+    @property
+    def loaded(self) -> set[str]:
+        """The compiled files that this process has loaded."""
+        return set(self._loaded)
 
     def load(self, file: Path, symbol: str) -> Any:
         """Load a compiled file, unless it is loaded, and return the function with a symbol; None if it has none."""
