@@ -16,11 +16,11 @@ from support.films_of_devices import FILMS, OPTIONS, film_cases
 import wrt
 import wrt.kernels
 from wrt.backend.warp_start import initialize_warp
+from wrt.kernels.bsdf import models_with
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.core.features import Features
-from wrt.kernels.integrators.path import has_panes
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
@@ -199,7 +199,7 @@ def test_every_feature_is_compiled(render_kernels_when_launched: None) -> None:
         found = set().union(*map(values_of, loop))
         assert {pair for pair in asked if pair[0] in ("media", "grid_media", "nested", "opacity", "clamped")} <= found
         assert {True, False} == {features.mixed for features in loop} == {bool(each.light_shapes) for each in loop}
-        assert {True, False} == {has_panes(features.models) for features in loop}
+        assert {True, False} == {bool(models_with(features.models, "straight")) for features in loop}
 
 
 def test_no_kernel_is_left_out() -> None:

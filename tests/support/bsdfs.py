@@ -36,8 +36,8 @@ class Kernels(NamedTuple):
 @functools.cache
 def kernels_of(model: str) -> Kernels:
     """Return kernels that hold one model alone, in a module of its own."""
-    functions = make_bsdf((model,))
-    bsdf_evaluate, bsdf_pdf, bsdf_sample, bsdf_is_delta, _ = functions
+    bsdf_evaluate, bsdf_pdf, bsdf_sample = make_bsdf((model,))
+    is_delta = int(model_of(model).delta)
     module = wp.get_module(f"test.bsdf.{identifier((model,))}")
 
     @wp.kernel(module=module, enable_backward=False)
@@ -52,7 +52,7 @@ def kernels_of(model: str) -> Kernels:
         i = wp.tid()
         value_out[i] = bsdf_evaluate(bsdf, wo[i], wi[i])
         pdf_out[i] = bsdf_pdf(bsdf, wo[i], wi[i])
-        delta_out[i] = int(bsdf_is_delta(bsdf))
+        delta_out[i] = wp.static(is_delta)
 
     @wp.kernel(module=module, enable_backward=False)
     def sample_kernel(
