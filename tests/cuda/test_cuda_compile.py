@@ -238,18 +238,13 @@ def test_render_kernels_are_bound_to_the_blocks_that_are_launched() -> None:
 def test_kernels_for_gpus_alone_divide_approximately_whoever_made_them() -> None:
     # No other test makes kernels of these features.
     features = replace(PLAIN, clamped=True, regularized=True)
-    for kernel in (make_regenerating_kernel(features), make_render_kernel(replace(features, tiles=True))):
+    for kernel in (make_regenerating_kernel(features), make_render_kernel(replace(features, gpu=True))):
         assert kernel.module.options["fast_math"]
     assert not make_render_kernel(features).module.options["fast_math"]
 
 
-def test_values_of_all_models_are_read_in_one_loop_and_shadow_rays_may_meet_holes() -> None:
-    assert make_gpu_render_kernel(PLAIN) is make_regenerating_kernel(replace(PLAIN, slot_loop=True))
-    holes = replace(PLAIN, textured=True, opacity=True)
-    assert make_gpu_render_kernel(holes) is make_regenerating_kernel(replace(holes, slot_loop=True, shadows_meet=True))
-    fog = replace(holes, media="absorbing")
-    negative = "media would count a way of negative length"
-    assert make_gpu_render_kernel(fog) is make_regenerating_kernel(replace(fog, slot_loop=True)), negative
+def test_gpus_have_kernels_of_their_own() -> None:
+    assert make_gpu_render_kernel(PLAIN) is make_regenerating_kernel(replace(PLAIN, gpu=True))
 
 
 def test_no_source_asks_for_the_architecture() -> None:
