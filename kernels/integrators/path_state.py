@@ -1,11 +1,13 @@
-"""What a path carries from one vertex to the next, and what all integrators take and return."""
+"""The state of a path between vertices and at one, and the arguments and results of all integrators."""
 
 import warp as wp
 
+from wrt.kernels.core.bsdf import Bsdf
 from wrt.kernels.core.ray_tree import NO_HIT, Hit
 from wrt.kernels.core.rays import Ray, Receiver
 from wrt.kernels.core.scene_data import BodyStack
 from wrt.kernels.core.spmd_marks import inline_stage
+from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.materials.choice import MOST_PASSED
 from wrt.kernels.media.skin import Skin, no_skin
 
@@ -20,11 +22,11 @@ class PathSettings:
     max_depth: int
     max_scatterings: int  # events in media, which max_depth does not count
     strategy: int
-    min_attenuation: float  # of ray trees: what is dimmer is not followed
-    jittered_rays: int  # of ray trees: how many go on where gloss is first met
-    ambient: wp.vec3  # of ray trees: radiance that all that is not smooth receives from everywhere
-    ao_distance: float  # how far ambient occlusion looks
-    clamp_indirect: float  # most radiance per channel that a path brings by more than two segments
+    min_attenuation: float  # of ray trees: dimmer rays are not followed
+    jittered_rays: int  # of ray trees: rays sent on from the first glossy surface
+    ambient: wp.vec3  # of ray trees: radiance that rough surfaces receive from all directions
+    ao_distance: float  # length of the rays of ambient occlusion
+    clamp_indirect: float  # upper bound on indirect radiance, per channel
     widening: float  # variance that slopes of rough surfaces gain once the path was scattered by what is not smooth
     hides_lights: int  # whether camera rays do not see the environment and lights without triangles
 
@@ -75,6 +77,28 @@ class PathState:
     is_done: bool
 
 
+@wp.struct
+class SurfaceVertex:
+    """The surface that a ray meets.
+
+    The next ray starts at `origin_in_front`, or at `origin_behind`, within the bodies of `medium_stack_behind`. A
+    surface that is not `is_solid` is a hole, or a boundary within a body of higher priority: light passes it. The stage
+    `prepare_bsdf` sets `bsdf`, `wo` and the members after them.
+    """
+
+    hit: Hit
+    surface: Surface
+    material: int
+    origin_in_front: wp.vec3
+    origin_behind: wp.vec3
+    medium_stack_behind: BodyStack
+    is_solid: bool
+    bsdf: Bsdf
+    wo: wp.vec3
+    is_pane: bool  # lets light through straight on
+    samples_lights: bool  # false for delta lobes alone, and in scenes without lights
+
+
 @wp.func
 @inline_stage
 def camera_path(camera_ray: Ray, pixel_footprint: wp.vec2) -> PathState:
@@ -93,9 +117,9 @@ def camera_path(camera_ray: Ray, pixel_footprint: wp.vec2) -> PathState:
 @wp.func
 @inline_stage
 def sees_no_lights(path: PathState, settings: PathSettings) -> bool:
-    """Return whether a path's ray is a camera ray that sees neither environment nor lights without triangles.
+    """Return whether a camera ray, which sees neither the environment nor lights without triangles, is still straight.
 
-    It is one still behind surfaces that let it pass, which do not count as vertices.
+    Surfaces that let it pass do not count as vertices.
     """
     return settings.hides_lights != 0 and path.depth == 0 and path.medium_scatterings == 0
 
@@ -116,7 +140,7 @@ def pass_hidden_light(path: PathState, hit: Hit) -> PathState:
 @wp.func
 @inline_stage
 def begin_indirect(path: PathState, has_two_segments: bool) -> PathState:
-    """Set the radiance so far apart as direct light, once a path has two segments: what follows may be clamped."""
+    """Keep the radiance of a path's first two segments as direct light; only what follows is clamped."""
     if has_two_segments and not path.is_indirect:
         path.direct_radiance = path.radiance
         path.radiance = wp.vec3(0.0)
@@ -127,7 +151,7 @@ def begin_indirect(path: PathState, has_two_segments: bool) -> PathState:
 @wp.func
 @inline_stage
 def path_result(path: PathState, clamp_indirect: float) -> PathResult:
-    """Return what a path has brought; no channel of its indirect light is more than `clamp_indirect`."""
+    """Return the radiance of a path, with every channel of its indirect part at most `clamp_indirect`."""
     result = PathResult()
     result.radiance = path.radiance
     result.rays = path.rays

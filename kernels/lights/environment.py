@@ -70,12 +70,6 @@ def radiance_at(environment: EnvironmentData, uv: wp.vec2) -> wp.vec3:
     return bilinear(environment.texels, 0, environment.width, columns, rows, wp.vec2(x - left, y - top))
 
 
-@wp.func
-def image_radiance(environment: EnvironmentData, d: wp.vec3) -> wp.vec3:
-    """Return the radiance from direction d."""
-    return radiance_at(environment, point_towards(environment, d).uv)
-
-
 # As in wrt/upload/lights/environment_sampling.py.
 ROWS = wp.constant(16)
 COLUMNS = wp.constant(32)

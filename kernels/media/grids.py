@@ -17,11 +17,12 @@ carries never grows.
 import warp as wp
 
 from wrt.kernels.core.elementary import logarithm
+from wrt.kernels.core.features import Features
 from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import BodyStack, GridRecord, Lattice, MediumRecord, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.media.medium import make_extinction, medium_of, transmittance
-from wrt.kernels.sampling.sampler import stream_4d
+from wrt.kernels.sampling.sampler import stream_4d, stream_key
 
 _FAINT = wp.constant(0.1)
 """Russian roulette begins where ratio tracking has left less than this share of the light."""
@@ -97,13 +98,13 @@ color_at = make_value_at(wp.vec3)
 
 @wp.struct
 class Walk:
-    """A ray's way through the cells of the majorants, from collision to collision.
+    """A ray's walk through the cells of the majorants, from collision to collision.
 
     `origin` and `direction` are those of the ray in units of cells, so that distances stay those along the ray. The
-    walk is at `t` and ends at `t_end`, or behind the last cell. It goes on for the optical depth `left` before the next
-    tentative collision. `is_collision` tells whether it is at one; otherwise it has entered a cell, or is done. `rate`
-    is the coefficient of collisions in the cell where it was, with what is denser than `control`. `passed` is the
-    integral of the control along the way so far; it is 0 unless the walk is `residual`.
+    walk is at `t` and ends at `t_end`, or behind the last cell. The optical depth to the next tentative collision is
+    `left`. If not `is_collision`, the walk has entered a cell, or is done. `rate` is the coefficient of collisions in
+    the last cell, with density above `control`. `passed` is the integral of the control so far; it is 0 unless
+    `is_residual`.
     """
 
     origin: wp.vec3
@@ -349,29 +350,31 @@ def make_fly_in_grid(media: str) -> wp.Function:
     return fly_in_grid
 
 
-@specialised()
-def make_shadow_in_media(media: str) -> wp.Function:
-    """Return (scene, ray, begin, end, inside, key) -> vec3: the share of light left along a stretch of a shadow ray.
+@specialised("media", "grid_media")
+def make_shadow_in_media(features: Features) -> wp.Function:
+    """Return (scene, ray, begin, end, inside, u, number) -> vec3: the share of light left along part of a shadow ray.
 
-    The stretch is within the bodies `inside`, where some media may be on grids. There it is an estimate, by the random
-    numbers of the stream of `key`. See `Features` for `media`.
+    That part is within the bodies `inside`. In a medium on a grid the share is an estimate, by the random numbers of
+    the stream `number` of `u`.
     """
-    fly_in_grid = make_fly_in_grid(media)
-    extinction_of = make_extinction(media)
+    fly_in_grid, extinction_of = make_fly_in_grid(features.media), make_extinction(features.media)
 
     @wp.func
     def shadow_in_media(
-        scene: SceneData, ray: Ray, begin: float, end: float, inside: BodyStack, key: wp.vec4ui
+        scene: SceneData, ray: Ray, begin: float, end: float, inside: BodyStack, u: wp.vec4, number: int
     ) -> wp.vec3:
-        medium = medium_of(scene, inside)
-        if not is_in_grid(scene, medium):
-            return transmittance(extinction_of(scene, inside), end - begin)
-        u = stream_4d(key, -1)
-        stretch = ray
-        stretch.origin = ray.origin + ray.direction * begin
         length = end - begin
-        white = wp.vec3(1.0)
-        flight = fly_in_grid(scene, scene.media[medium], stretch, length, white, wp.vec2(u[0], u[1]), key, True)
-        return flight.throughput
+        if wp.static(features.grid_media):
+            medium = medium_of(scene, inside)
+            if is_in_grid(scene, medium):
+                key = stream_key(u, number)
+                first = stream_4d(key, -1)
+                stretch = ray
+                stretch.origin = ray.origin + ray.direction * begin
+                white = wp.vec3(1.0)
+                u_first = wp.vec2(first[0], first[1])
+                flight = fly_in_grid(scene, scene.media[medium], stretch, length, white, u_first, key, True)
+                return flight.throughput
+        return transmittance(extinction_of(scene, inside), length)
 
     return shadow_in_media
