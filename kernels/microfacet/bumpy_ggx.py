@@ -18,14 +18,13 @@ import warp as wp
 from wrt.kernels.core.elementary import exponential, logarithm
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import beckmann, ggx
-from wrt.kernels.microfacet.masking import GENERAL, Masking, correlated, sees
+from wrt.kernels.microfacet.masking import GENERAL, SMITH, Masking, sees, smith
 from wrt.kernels.microfacet.widening import widened
+from wrt.kernels.sampling.warps import BELOW_ONE
 
 GGX_OWN = wp.constant(0.190711)  # by which α² of the GGX grows for all the weight that it lacks
 GGX_BUMPS = wp.constant(0.555)  # logarithm of its share of 2σ²; by its weight more
 GGX_BUMPS_BY_WEIGHT = wp.constant(-0.910)
-
-BELOW_ONE = wp.constant(0.99999994)
 
 ENERGY_SHARE = wp.constant(0.2)
 """The share of the bumps' 2σ² that, added to α² of GGX, makes it lose as much energy as the mixture, within 3 %. More
@@ -187,50 +186,35 @@ def sample_normal(wo: wp.vec3, shape: BumpyShape, u: wp.vec2) -> wp.vec3:
     return beckmann.sample_normal(wo, lobe, wp.vec2(x, u[1]))
 
 
-def _masking(masking: str) -> Masking:
-    """Return the functions of a kind of masking: those that know the distribution take Λ of the mixture."""
+@specialised()
+def make_bumpy_masking(masking: str) -> Masking:
+    """Return the functions of a kind of masking: those that know the distribution take Λ of the mixture.
+
+    Raises:
+        ValueError: if it does not go with GGX.
+    """
+    if masking not in (*GENERAL, *SMITH):
+        raise ValueError(f"masking {masking!r} is not known for the distribution 'bumpy-ggx'")
     if masking in GENERAL:
-        g1_of_all, g_of_all = GENERAL[masking].g1, GENERAL[masking].g
+        general = GENERAL[masking]
 
         @wp.func
         def g1_general(w: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
-            return g1_of_all(w, m, shape.ggx)
+            return general.g1(w, m, shape.ggx)
 
         @wp.func
         def g_general(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
-            return g_of_all(wo, wi, m, shape.ggx)
+            return general.g(wo, wi, m, shape.ggx)
 
         return Masking(g_general, g1_general)
-    separable = masking == "smith-separable"
+    correlated = smith(smith_lambda, BumpyShape)
+    if masking == "smith":
+        return correlated
 
     @wp.func
-    def g1(w: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
-        if not sees(w, m):
-            return 0.0
-        return 1.0 / (1.0 + smith_lambda(w, shape))
-
-    @wp.func
-    def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
+    def separable(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
         if not sees(wo, m) or not sees(wi, m):
             return 0.0
-        a = smith_lambda(wo, shape)
-        b = smith_lambda(wi, shape)
-        if wp.static(separable):
-            share = 1.0 / ((1.0 + a) * (1.0 + b))
-        else:
-            share = correlated(a, b, wo[2] * wi[2] > 0.0)
-        return share
+        return 1.0 / ((1.0 + smith_lambda(wo, shape)) * (1.0 + smith_lambda(wi, shape)))
 
-    return Masking(g, g1)
-
-
-@specialised()
-def make_bumpy_masking(masking: str) -> Masking:
-    """Return the functions of a kind of masking that goes with GGX.
-
-    Raises:
-        ValueError: if it does not.
-    """
-    if masking not in (*GENERAL, "smith", "smith-separable"):
-        raise ValueError(f"masking {masking!r} is not known for the distribution 'bumpy-ggx'")
-    return _masking(masking)
+    return Masking(separable, correlated.g1)

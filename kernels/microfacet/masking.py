@@ -69,15 +69,17 @@ def correlated(a: float, b: float, same_side: bool) -> float:
     return beta_from_one(a, b)
 
 
-def _smith(smith_lambda: wp.Function) -> Masking:
+def smith(smith_lambda: wp.Function, shape_type: type = wp.vec3) -> Masking:
+    """Return the height-correlated form for a distribution with this Λ(w, shape)."""
+
     @wp.func
-    def g1(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
+    def g1(w: wp.vec3, m: wp.vec3, shape: shape_type) -> float:
         if not sees(w, m):
             return 0.0
         return 1.0 / (1.0 + smith_lambda(w, shape))
 
     @wp.func
-    def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
+    def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: shape_type) -> float:
         if not sees(wo, m) or not sees(wi, m):
             return 0.0
         return correlated(smith_lambda(wo, shape), smith_lambda(wi, shape), wo[2] * wi[2] > 0.0)
@@ -85,9 +87,9 @@ def _smith(smith_lambda: wp.Function) -> Masking:
     return Masking(g, g1)
 
 
-def _smith_separable(smith_lambda: wp.Function) -> Masking:
+def smith_separable(smith_lambda: wp.Function) -> Masking:
     """Return the separable form, the product of Smith's G1 for both directions (Walter 2007, eq. 23)."""
-    g1 = _smith(smith_lambda).g1
+    g1 = smith(smith_lambda).g1
 
     @wp.func
     def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
@@ -167,7 +169,7 @@ def g_implicit(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 
 # --- By name ----------------------------------------------------------------------------------------
 
-SMITH = {"smith": _smith, "smith-separable": _smith_separable}
+SMITH = {"smith": smith, "smith-separable": smith_separable}
 """For distributions with a closed-form Λ: height-correlated and separable."""
 
 WALTER = {"walter": Masking(g_walter, g1_walter)}
