@@ -75,26 +75,26 @@ class Features:
     exact: str = "none"
     gpu: bool = False
 
-    def covers(self, other: "Features") -> bool:
-        """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""
+    def covers(self, scene: "Features") -> bool:
+        """Return whether the kernel of these features renders scenes with the features `scene`, with the same bits."""
         if self.integrator in _COVER_NOTHING:
-            return self == other
-        return replace(other, **{name: getattr(self, name) for name in _COVERING}) == self and (
-            set(other.models) <= set(self.models)
-            and set(other.light_shapes) <= set(self.light_shapes)
-            and (self.environment == "image" or self.environment == other.environment)
+            return self == scene
+        return replace(scene, **{name: getattr(self, name) for name in _COVERING}) == self and (
+            set(scene.models) <= set(self.models)
+            and set(scene.light_shapes) <= set(self.light_shapes)
+            and (self.environment == "image" or self.environment == scene.environment)
             and (
                 self.composite == "none"
                 if self.opacity
-                else not other.opacity and other.composite in ("none", self.composite)
+                else not scene.opacity and scene.composite in ("none", self.composite)
             )
-            and all(getattr(self, name) or not getattr(other, name) for name in _COVERING_FLAGS)
+            and all(getattr(self, name) or not getattr(scene, name) for name in _COVERING_FLAGS)
         )
 
-    def has_uploads_of(self, other: "Features") -> bool:
-        """Return whether a scene that was uploaded for these features has all arrays that kernels of `other` read."""
-        has_uvs = self.textured or self.tangents or not (other.textured or other.tangents)
-        return has_uvs and (self.uv2_alpha or not other.uv2_alpha)
+    def has_uploads_of(self, kernel: "Features") -> bool:
+        """Return whether a scene that was uploaded for these features has all arrays that a `kernel` of others reads."""
+        has_uvs = self.textured or self.tangents or not (kernel.textured or kernel.tangents)
+        return has_uvs and (self.uv2_alpha or not kernel.uv2_alpha)
 
     @property
     def geometry(self) -> str:

@@ -26,7 +26,7 @@ from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import make_hit_pdf
 from wrt.kernels.materials.choice import MOST_PASSED, PASSED_THROUGH, make_choose_material, material_of_side
 from wrt.kernels.materials.values import disperses, make_bsdf_at, make_with_indices, make_with_throughput
-from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index, relative_indices
+from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_indices
 from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.textures.footprint import sample_footprint
 from wrt.kernels.textures.normal_maps import apply_normal_map, bump_shadow
@@ -42,7 +42,7 @@ def cone_width(footprint: wp.vec2, distance: float) -> float:
 def make_vertex_at(features: Features) -> wp.Function:
     """Return the stage (scene, ray, nearest hit, medium_stack, width, index) -> SurfaceVertex, without its material.
 
-    `width` is that of the pixel's cone at the hit, 0 for none, and `index` the number of the sample.
+    `width` is the width of the pixel's cone at the hit, 0 for none, and `index` the number of the sample.
     """
     bodies, has_coordinates = features.bodies, features.textured or features.tangents
     surface_at = make_surface_at(features.geometry)
@@ -69,9 +69,9 @@ def make_vertex_at(features: Features) -> wp.Function:
             meeting = meet(scene, ray, hit, surface, medium_stack)
             hit = meeting.hit
             surface = meeting.surface
-            vertex.medium_stack_behind = meeting.after
+            vertex.medium_stack_behind = meeting.stack_behind
             if wp.static(features.nested):
-                vertex.is_solid = is_there(scene, surface, medium_stack, meeting.after)
+                vertex.is_solid = is_there(scene, surface, medium_stack, meeting.stack_behind)
 
         # Texture coordinates
         if wp.static(has_coordinates):
@@ -166,13 +166,11 @@ def make_with_body_indices(features: Features, *, by_channel: bool = False) -> w
     ) -> Bsdf:
         if scene.shapes[surface.shape].body < 0:
             return bsdf
-        body_in_front = innermost(scene, stack)
-        body_behind = innermost(scene, stack_behind)
-        index = relative_index(scene, surface, body_in_front, body_behind)
+        found = relative_indices(scene, surface, innermost(scene, stack), innermost(scene, stack_behind))
+        indices = wp.vec3(found[0])
         if wp.static(by_channel):
-            return with_indices(bsdf, index, relative_indices(scene, surface, body_in_front, body_behind))
-        else:
-            return with_indices(bsdf, index, wp.vec3(index))
+            indices = wp.vec3(found[1], found[2], found[3])
+        return with_indices(bsdf, found[0], indices)
 
     return with_body_indices
 

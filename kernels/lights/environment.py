@@ -63,11 +63,11 @@ def radiance_at(environment: EnvironmentData, uv: wp.vec2) -> wp.vec3:
     """Return the bilinearly interpolated radiance; columns wrap around, rows end at the poles."""
     x = uv[0] * float(environment.width) - 0.5
     y = uv[1] * float(environment.height) - 0.5
-    left = wp.floor(x)
-    top = wp.floor(y)
-    columns = neighbors(int(left), environment.width, WRAP_REPEAT)
-    rows = neighbors(int(top), environment.height, WRAP_CLAMP)
-    return bilinear(environment.texels, 0, environment.width, columns, rows, wp.vec2(x - left, y - top))
+    column = wp.floor(x)
+    row = wp.floor(y)
+    columns = neighbors(int(column), environment.width, WRAP_REPEAT)
+    rows = neighbors(int(row), environment.height, WRAP_CLAMP)
+    return bilinear(environment.texels, 0, environment.width, columns, rows, wp.vec2(x - column, y - row))
 
 
 # As in wrt/upload/lights/environment_sampling.py.

@@ -136,9 +136,9 @@ def make_lights(features: Features) -> Lights:
         choice = choose_light(scene, receiver, u)
         if wp.static(features.light_tree):
             if choice.light == NO_LIGHT:
-                nothing = LightSample()
-                nothing.point.triangle = NO_HIT
-                return nothing
+                sample = LightSample()
+                sample.point.triangle = NO_HIT
+                return sample
         return sample_one_light(scene, choice.light, choice.probability, receiver, choice.u)
 
     @wp.func

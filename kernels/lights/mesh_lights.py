@@ -64,8 +64,8 @@ def view_of_cylinder(quadric: Quadric, two_sided: int, position: wp.vec3) -> Cyl
     if outside:
         view.width = 2.0 * arc_tangent(1.0, wp.sqrt((view.distance - 1.0) * (view.distance + 1.0)))
     view.near = outside and (two_sided != 0 or quadric.side > 0.0)
-    beside = outside and wp.abs(place[2]) <= 0.5
-    view.far = not beside and (two_sided != 0 or quadric.side < 0.0)
+    is_beside = outside and wp.abs(place[2]) <= 0.5
+    view.far = not is_beside and (two_sided != 0 or quadric.side < 0.0)
     return view
 
 

@@ -1,4 +1,4 @@
-"""Point lights that shine in a cone, pinholes that throw an image, and spot lights behind one."""
+"""Point lights, spot lights, projectors of an image, and spot lights with a texture."""
 
 import warp as wp
 
@@ -100,5 +100,5 @@ def _sample_spot(light: LightRecord, shape: LightShape, receiver: Receiver, u: w
 
 
 def make_projector(kind: str = "frame") -> LightModel:
-    """Return the model of a projector, or, for the kind "spot", that of a spot light with a texture."""
+    """Return the model of a projector, or for the kind "spot" of a spot light with a texture."""
     return LightModel(_sample_spot if kind == "spot" else _projector_sample, textured=True)

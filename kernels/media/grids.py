@@ -102,7 +102,7 @@ class Walk:
 
     `origin` and `direction` are those of the ray in units of cells, so that distances stay those along the ray. The
     walk is at `t` and ends at `t_end`, or behind the last cell. The optical depth to the next tentative collision is
-    `left`. If not `is_collision`, the walk has entered a cell, or is done. `rate` is the coefficient of collisions in
+    `depth_left`. If not `is_collision`, the walk has entered a cell, or is done. `rate` is the coefficient of collisions in
     the last cell, with density above `control`. `passed` is the integral of the control so far; it is 0 unless
     `is_residual`.
     """
@@ -114,7 +114,7 @@ class Walk:
     z: int
     t: float
     t_end: float
-    left: float
+    depth_left: float
     rate: float
     control: float
     passed: float
@@ -162,7 +162,7 @@ def begin_walk(grid: GridRecord, ray: Ray, reach: float, u: float) -> Walk:
     walk.x = int(wp.clamp(place[0], 0.0, counts[0] - 1.0))
     walk.y = int(wp.clamp(place[1], 0.0, counts[1] - 1.0))
     walk.z = int(wp.clamp(place[2], 0.0, counts[2] - 1.0))
-    walk.left = optical_depth_to_collision(u)
+    walk.depth_left = optical_depth_to_collision(u)
     return walk
 
 
@@ -192,12 +192,12 @@ def step(values: wp.array(dtype=float), grid: GridRecord, tracking: float, befor
     # Rounding can put the face a little behind the walk.
     t_exit = wp.max(walk.t, wp.min(first, walk.t_end))
     depth = walk.rate * (t_exit - walk.t)
-    walk.is_collision = walk.left < depth
+    walk.is_collision = walk.depth_left < depth
     if walk.is_collision:
-        walk.t = wp.min(walk.t + walk.left / walk.rate, t_exit)
+        walk.t = wp.min(walk.t + walk.depth_left / walk.rate, t_exit)
         walk.passed = walk.passed + walk.control * (walk.t - before.t)
     else:
-        walk.left = walk.left - depth
+        walk.depth_left = walk.depth_left - depth
         walk.t = t_exit
         walk.passed = walk.passed + walk.control * (walk.t - before.t)
         if first >= walk.t_end:
@@ -232,7 +232,7 @@ def place_of(grid: GridRecord, walk: Walk) -> wp.vec3:
 class GridFlight:
     """A flight through a medium on a grid: where it ends, and what is then left of the light.
 
-    `radiance` is what the medium shone into the path on the way.
+    `radiance` is the medium's emission along it.
     """
 
     distance: float
@@ -242,12 +242,12 @@ class GridFlight:
 
 
 @wp.func
-def survival(left: float, faint: float, u: float) -> float:
-    """Return the factor of Russian roulette that raises what is `left` to `faint`, or ends it; 1 where it is more."""
-    if left >= faint:
+def roulette_factor(throughput: float, faint: float, u: float) -> float:
+    """Return the factor of Russian roulette, which raises a throughput below `faint` to it or ends it."""
+    if throughput >= faint:
         return 1.0
-    if u * faint < left:
-        return faint / left
+    if u * faint < throughput:
+        return faint / throughput
     return 0.0
 
 
@@ -275,7 +275,6 @@ def make_fly_in_grid(media: str) -> wp.Function:
     is scattered counts as lost. `u_first` are the numbers of the first tentative collision, by which it is real and its
     distance; those of others come from the stream of `key`. If media only absorb by `Features`, scattering is left out.
     """
-    scattering = media == "scattering"
 
     @wp.func
     def fly_in_grid(
@@ -290,19 +289,19 @@ def make_fly_in_grid(media: str) -> wp.Function:
     ) -> GridFlight:
         grid = scene.grids[medium.grid]
         scatters = bool(False)
-        if wp.static(scattering):
+        if wp.static(media == "scattering"):
             scatters = not is_shadow_ray and (wp.max(medium.scattering) > 0.0 or grid.albedo.nx > 0)
         shines = not is_shadow_ray and wp.max(medium.emission) > 0.0
         faint = _FAINT * wp.max(throughput)
         extinction = medium.absorption
-        if wp.static(scattering):
+        if wp.static(media == "scattering"):
             extinction += medium.scattering
         flight = GridFlight()
         flight.distance = reach
         flight.throughput = throughput
         walk = begin_walk(grid, ray, reach, u_first[1])
         walk.is_residual = not scatters and not shines
-        if wp.static(not scattering):
+        if wp.static(media != "scattering"):
             walk.is_residual = walk.is_residual and grid.albedo.nx == 0
         u = u_first[0]
         collisions = int(0)
@@ -315,17 +314,17 @@ def make_fly_in_grid(media: str) -> wp.Function:
                 carried = flight.throughput
                 if shines:
                     flight.radiance += wp.cw_mul(carried, emission_at(scene, medium, grid, place)) * share
-                if wp.static(not scattering):
+                if wp.static(media != "scattering"):
                     if grid.albedo.nx > 0:
                         # What does not scatter is absorbed.
-                        whole = medium.absorption + medium.scattering
-                        extinction = whole - scattering_at(scene, medium, grid, place)
+                        total = medium.absorption + medium.scattering
+                        extinction = total - scattering_at(scene, medium, grid, place)
                 # The share of tentative collisions that are real, per channel; rounding can take it beyond 0 or 1.
                 real = wp.min(extinction * wp.max(share, 0.0), wp.vec3(1.0))
                 chance = float(0.0)
                 if scatters:
-                    total = wp.max(carried[0] + carried[1] + carried[2], _LEAST)
-                    chance = wp.min(wp.dot(carried, real) / total, 1.0)
+                    carried_sum = wp.max(carried[0] + carried[1] + carried[2], _LEAST)
+                    chance = wp.min(wp.dot(carried, real) / carried_sum, 1.0)
                 if u < chance:
                     scattered = scattering_at(scene, medium, grid, place) * share
                     flight.throughput = wp.cw_mul(carried, scattered) / chance
@@ -335,14 +334,14 @@ def make_fly_in_grid(media: str) -> wp.Function:
                 else:
                     flight.throughput = wp.cw_mul(carried, wp.vec3(1.0) - real) / (1.0 - chance)
                     if not scatters:
-                        left = wp.cw_mul(flight.throughput, transmittance(extinction, walk.passed))
-                        factor = survival(wp.max(left), faint, u)
+                        passed = wp.cw_mul(flight.throughput, transmittance(extinction, walk.passed))
+                        factor = roulette_factor(wp.max(passed), faint, u)
                         flight.throughput = flight.throughput * factor
                         if factor == 0.0:
                             walk.t_end = walk.t
                     numbers = stream_4d(key, collisions)
                     u = numbers[0]
-                    walk.left = optical_depth_to_collision(numbers[1])
+                    walk.depth_left = optical_depth_to_collision(numbers[1])
                     collisions += 1
         flight.throughput = wp.cw_mul(flight.throughput, transmittance(extinction, walk.passed))
         return flight

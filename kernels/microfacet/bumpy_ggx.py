@@ -33,7 +33,7 @@ of it would take too little from the layers below; the mixture's tails are those
 
 @wp.struct
 class BumpyShape:
-    """A GGX and three Beckmann distributions: roughnesses along x and y, and weights, that of the GGX first."""
+    """A GGX and three Beckmann distributions: roughnesses along x and y, and weights, GGX first."""
 
     ggx: wp.vec3
     first: wp.vec3
@@ -44,27 +44,27 @@ class BumpyShape:
 
 @wp.struct
 class Bumps:
-    """2σ² along x and y, α² along them, and the three numbers of which the fit is a function."""
+    """2σ² along x and y, α² of the facets along them, and the three parameters of the fit."""
 
     squares: wp.vec2
-    own: wp.vec2
+    facets: wp.vec2
     mean: float
     log_m: float
     along: float
 
 
 @wp.func
-def beckmann_shape(bumps: Bumps, own: float, power: float) -> wp.vec3:
+def beckmann_shape(bumps: Bumps, log_share: float, power: float) -> wp.vec3:
     """Return the shape of a Beckmann distribution with this logarithm of its share of α² at σ = 0."""
-    share = exponential(own + power * bumps.log_m)
-    x = bumps.own[0] * share + bumps.squares[0]
-    y = bumps.own[1] * share + bumps.squares[1]
+    share = exponential(log_share + power * bumps.log_m)
+    x = bumps.facets[0] * share + bumps.squares[0]
+    y = bumps.facets[1] * share + bumps.squares[1]
     return wp.vec3(wp.sqrt(x), wp.sqrt(y), 0.0)
 
 
 @wp.func
 def beckmann_weight(bumps: Bumps, weight: float, fall: float, turn: float) -> float:
-    """Return its weight over that of the GGX."""
+    """Return its weight over the weight of the GGX."""
     return bumps.mean * exponential(weight + fall * bumps.log_m + turn * bumps.along)
 
 
@@ -88,14 +88,14 @@ def bumpy_shape(alpha: wp.vec3, as_bumpy: wp.vec3) -> BumpyShape:
     if as_bumpy[0] == alpha[0] and as_bumpy[1] == alpha[1]:
         return shape
     bumps = Bumps()
-    own = wp.vec2(alpha[0] * alpha[0], alpha[1] * alpha[1])
-    x = wp.max(as_bumpy[0] * as_bumpy[0] - own[0], 0.0) / ENERGY_SHARE
-    y = wp.max(as_bumpy[1] * as_bumpy[1] - own[1], 0.0) / ENERGY_SHARE
-    ratio_x = x / own[0]
-    ratio_y = y / own[1]
+    facets = wp.vec2(alpha[0] * alpha[0], alpha[1] * alpha[1])
+    x = wp.max(as_bumpy[0] * as_bumpy[0] - facets[0], 0.0) / ENERGY_SHARE
+    y = wp.max(as_bumpy[1] * as_bumpy[1] - facets[1], 0.0) / ENERGY_SHARE
+    ratio_x = x / facets[0]
+    ratio_y = y / facets[1]
     m2 = (1.0 + ratio_x) * (1.0 + ratio_y)
     bumps.squares = wp.vec2(x, y)
-    bumps.own = own
+    bumps.facets = facets
     bumps.mean = 0.5 * (ratio_x + ratio_y)
     bumps.log_m = 0.5 * logarithm(m2)
     bumps.along = 1.0 - wp.sqrt(m2) / (1.0 + bumps.mean)
@@ -107,10 +107,10 @@ def bumpy_shape(alpha: wp.vec3, as_bumpy: wp.vec3) -> BumpyShape:
     third = beckmann_weight(bumps, 1.136, -1.325, 0.739)
     total = 1.0 + first + second + third
     shape.weights = wp.vec4(1.0 / total, first / total, second / total, third / total)
-    own_share = 1.0 + GGX_OWN * (total - 1.0)
+    facet_share = 1.0 + GGX_OWN * (total - 1.0)
     bumps_share = exponential(GGX_BUMPS + GGX_BUMPS_BY_WEIGHT / total)
-    x = own[0] * own_share + x * bumps_share
-    y = own[1] * own_share + y * bumps_share
+    x = facets[0] * facet_share + x * bumps_share
+    y = facets[1] * facet_share + y * bumps_share
     shape.ggx = wp.vec3(wp.sqrt(x), wp.sqrt(y), 0.0)
     return shape
 
@@ -153,7 +153,7 @@ def areas(w: wp.vec3, shape: BumpyShape) -> wp.vec4:
 
 @wp.func
 def projected_area(w: wp.vec3, shape: BumpyShape) -> float:
-    """Return that of all, cosθ (1 + Λ(w))."""
+    """Return the sum of `areas`, cosθ (1 + Λ(w))."""
     found = areas(w, shape)
     return found[0] + found[1] + found[2] + found[3]
 
@@ -171,24 +171,24 @@ def sample_normal(wo: wp.vec3, shape: BumpyShape, u: wp.vec2) -> wp.vec3:
     chosen = u[0] * (found[0] + found[1] + found[2] + found[3])
     if chosen < found[0]:
         return ggx.sample_normal(wo, shape.ggx, wp.vec2(chosen / found[0], u[1]))
-    rest = chosen - found[0]
+    offset = chosen - found[0]
     size = found[1]
     lobe = shape.first
-    if rest >= found[1]:
-        rest -= found[1]
+    if offset >= found[1]:
+        offset -= found[1]
         size = found[2]
         lobe = shape.second
-        if rest >= found[2]:
-            rest -= found[2]
+        if offset >= found[2]:
+            offset -= found[2]
             size = found[3]
             lobe = shape.third
-    x = wp.clamp(rest / wp.max(size, 1.0e-30), 0.0, BELOW_ONE)
+    x = wp.clamp(offset / wp.max(size, 1.0e-30), 0.0, BELOW_ONE)
     return beckmann.sample_normal(wo, lobe, wp.vec2(x, u[1]))
 
 
 @specialised()
 def make_bumpy_masking(masking: str) -> Masking:
-    """Return the functions of a kind of masking: those that know the distribution take Λ of the mixture.
+    """Return the functions of a kind of masking, with Λ of the mixture where it knows the distribution.
 
     Raises:
         ValueError: if it does not go with GGX.

@@ -173,7 +173,7 @@ SMITH = {"smith": smith, "smith-separable": smith_separable}
 """For distributions with a closed-form Λ: height-correlated and separable."""
 
 WALTER = {"walter": Masking(g_walter, g1_walter)}
-"""For Beckmann's distribution and those that borrow its Λ."""
+"""For distributions with Beckmann's Λ."""
 
 GENERAL = {
     "cook-torrance": Masking(g_cook_torrance, g1_cook_torrance),
