@@ -92,7 +92,7 @@ class Features:
         )
 
     def has_uploads_of(self, kernel: "Features") -> bool:
-        """Return whether a scene that was uploaded for these features has all arrays that a `kernel` of others reads."""
+        """Return whether a scene uploaded for these features has all arrays that a `kernel` of others reads."""
         has_uvs = self.textured or self.tangents or not (kernel.textured or kernel.tangents)
         return has_uvs and (self.uv2_alpha or not kernel.uv2_alpha)
 

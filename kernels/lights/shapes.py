@@ -3,8 +3,8 @@
 A model is a `LightModel` (see `kernels/lights/record.py`). To add one, write it, name its module in `_MODULES`, and
 describe it in `wrt/scene/lights/`; `LIGHT_SHAPES.register` adds one from outside the package.
 
-Scenes have few such lights, so a loop over all that rays can hit follows the traversal of the tree. A hit names one by a
-triangle number below NO_HIT.
+Scenes have few such lights, so a loop over all that rays can hit follows the traversal of the tree. A hit names one by
+a triangle number below NO_HIT.
 """
 
 from typing import NamedTuple

@@ -102,9 +102,9 @@ class Walk:
 
     `origin` and `direction` are those of the ray in units of cells, so that distances stay those along the ray. The
     walk is at `t` and ends at `t_end`, or behind the last cell. The optical depth to the next tentative collision is
-    `depth_left`. If not `is_collision`, the walk has entered a cell, or is done. `rate` is the coefficient of collisions in
-    the last cell, with density above `control`. `passed` is the integral of the control so far; it is 0 unless
-    `is_residual`.
+    `depth_left`. If not `is_collision`, the walk has entered a cell, or is done. `rate` is the coefficient of
+    collisions in the last cell, with density above `control`. `passed` is the integral of the control so far; it is 0
+    unless `is_residual`.
     """
 
     origin: wp.vec3
