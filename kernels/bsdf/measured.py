@@ -134,8 +134,8 @@ def view_of(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
     v.signs = wp.vec2(1.0, 1.0)
     # A half of the circle was measured where half a turn changes nothing, a quarter where both axes mirror the surface.
     if t.reduction == 2:
-        both = wp.where(wo[1] < 0.0, 1.0, -1.0)
-        v.signs = wp.vec2(both, both)
+        sign = wp.where(wo[1] < 0.0, 1.0, -1.0)
+        v.signs = wp.vec2(sign, sign)
     if t.reduction == 4:
         v.signs = wp.vec2(wp.where(wo[0] < 0.0, 1.0, -1.0), wp.where(wo[1] < 0.0, 1.0, -1.0))
     v.wo = turned(wo, v.signs)

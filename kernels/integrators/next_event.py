@@ -81,8 +81,8 @@ def make_light_in_medium(features: Features) -> wp.Function:
             shadow_ray.direction = light.wi
             shadow_ray.time = path.receiver.time
             result.rays = 1
-            seen = visibility(scene, shadow_ray, light.distance, light.point, path.medium_stack, path.skin, u_light)
-            result.radiance = wp.cw_mul(arriving, seen)
+            visible = visibility(scene, shadow_ray, light.distance, light.point, path.medium_stack, path.skin, u_light)
+            result.radiance = wp.cw_mul(arriving, visible)
         return result
 
     return light_in_medium
@@ -138,8 +138,8 @@ def make_light_at_surface(features: Features) -> wp.Function:
                                 shadow_ray.direction = to_light / t_max
                     result.rays = 1
                     if wp.static(attenuates_shadows):
-                        seen = visibility(scene, shadow_ray, t_max, light.point, shadow_stack, no_skin(), u_light)
-                        result.radiance = wp.cw_mul(arriving, seen)
+                        visible = visibility(scene, shadow_ray, t_max, light.point, shadow_stack, no_skin(), u_light)
+                        result.radiance = wp.cw_mul(arriving, visible)
                     else:
                         blocked = bool(False)
                         if wp.static(bool(features.light_shapes)):

@@ -44,11 +44,11 @@ class PathState:
     """A path between two vertices.
 
     `ray` is its next segment, and `scatter_pdf` the density of that direction, 0 if it was the only one possible.
-    `throughput` is the product of all weights so far, and `eta_scale` that of all squared relative indices. A path may
-    go straight through surfaces: `passed_distance` is the distance since it was last scattered, and `surfaces_passed`
-    counts them all. `receiver` is the last vertex for which a light was sampled. `previous_hit` is the surface that
-    the ray leaves, and `origin_gap` the distance from there to the ray's origin, as the medium begins at the surface.
-    `footprint` is the width of the cone that the camera ray stands for, and its growth; 0 once the path was scattered.
+    `throughput` is the product of all weights so far, and `eta_scale` the product of all squared relative indices. A
+    path may go straight through surfaces: `passed_distance` is the distance since it was last scattered, and
+    `surfaces_passed` counts them all. `receiver` is the last vertex for which a light was sampled. `previous_hit` is
+    the surface that the ray leaves, and `origin_gap` the distance from there to the ray's origin, as the medium begins
+    at the surface. `footprint` is the width of the camera ray's cone, and its growth; 0 once the path was scattered.
     `depth` counts the surfaces that scattered the path, and `medium_scatterings` the points in media.
     While indirect light is clamped, `direct_radiance` keeps the light of at most two segments once there may be more;
     the path then `is_indirect`. It `was_blurred` if anything that is not smooth scattered it. It `is_done` once it has

@@ -120,14 +120,14 @@ def segment_of(r: TreeRay, time: float) -> Ray:
 
 
 @wp.func
-def child_ray(parent: TreeRay, throughput: wp.vec3, vertex: SurfaceVertex, seen: Surface, wi: wp.vec3) -> TreeRay:
-    """Return a ray into the local direction `wi`; `seen` is the vertex's surface with its normal map."""
+def child_ray(parent: TreeRay, throughput: wp.vec3, vertex: SurfaceVertex, mapped: Surface, wi: wp.vec3) -> TreeRay:
+    """Return a ray into the local direction `wi`; `mapped` is the vertex's surface with its normal map."""
     r = TreeRay()
     r.eta_scale = parent.eta_scale
     r.throughput = throughput
-    direction = to_world(seen.frame, wi)
+    direction = to_world(mapped.frame, wi)
     side = wp.where(wi[2] > 0.0, 1.0, -1.0)
-    if not (wp.dot(direction, seen.normal) * wi[2] > 0.0):
+    if not (wp.dot(direction, mapped.normal) * wi[2] > 0.0):
         r.throughput = wp.vec3(0.0)
     r.origin = vertex.origin_in_front
     r.medium_stack = parent.medium_stack
@@ -135,7 +135,7 @@ def child_ray(parent: TreeRay, throughput: wp.vec3, vertex: SurfaceVertex, seen:
         r.origin = vertex.origin_behind
         r.medium_stack = vertex.medium_stack_behind
     r.direction = wp.normalize(direction)
-    r.origin_gap = gap_behind(seen, r.origin, r.direction)
+    r.origin_gap = gap_behind(mapped, r.origin, r.direction)
     r.camera_distance = wp.min(parent.camera_distance, REFLECTED)
     r.depth = parent.depth + 1
     return r
@@ -146,15 +146,15 @@ def specular_ray(
     parent: TreeRay,
     part: wp.vec3,
     vertex: SurfaceVertex,
-    seen: Surface,
+    mapped: Surface,
     lobes: SpecularLobes,
     wo: wp.vec3,
     mirrored: bool,
 ) -> TreeRay:
     """Return the mirrored ray or the refracted one; `part` is the parent's throughput, of the part of the material."""
     if mirrored:
-        return child_ray(parent, wp.cw_mul(part, lobes.reflected), vertex, seen, wp.vec3(-wo[0], -wo[1], wo[2]))
-    r = child_ray(parent, wp.cw_mul(part, lobes.transmitted), vertex, seen, lobes.through)
+        return child_ray(parent, wp.cw_mul(part, lobes.reflected), vertex, mapped, wp.vec3(-wo[0], -wo[1], wo[2]))
+    r = child_ray(parent, wp.cw_mul(part, lobes.transmitted), vertex, mapped, lobes.through)
     r.eta_scale = parent.eta_scale * (lobes.eta * lobes.eta)
     return r
 
@@ -178,7 +178,7 @@ class Children(NamedTuple):
     Attributes:
         jittered_rays: (bsdf, r, waiting, settings) -> int, the number of jittered ones: several only at the first
             jittering surface, and few enough to leave room in the stack.
-        child: (r, part, vertex, seen, bsdf, lobes, wo, k, jittered_rays, sampler, number) -> TreeRay. The first
+        child: (r, part, vertex, mapped, bsdf, lobes, wo, k, jittered_rays, sampler, number) -> TreeRay. The first
             children are jittered, each from its own stripe of the material's lobe, after `number` earlier jittered rays
             of the tree; then come the mirrored and the refracted ray, the weaker last.
     """
@@ -208,7 +208,7 @@ def make_children(features: Features) -> Children:
         r: TreeRay,
         part: wp.vec3,
         vertex: SurfaceVertex,
-        seen: Surface,
+        mapped: Surface,
         bsdf: Bsdf,
         lobes: SpecularLobes,
         wo: wp.vec3,
@@ -223,11 +223,11 @@ def make_children(features: Features) -> Children:
                 u = sample_4d(sampler, vertex_block(r.depth, BLOCK_BSDF) + wp.uint32(number + k) * BLOCKS_PER_PATH)
                 stripe = wp.vec2(wp.min((float(k) + u[0]) / rays, BELOW_ONE), u[1])
                 s = bsdf_sample(bsdf, wo, stripe, u[2])
-                jittered = child_ray(r, wp.cw_mul(part, s.weight) / rays, vertex, seen, s.wi)
+                jittered = child_ray(r, wp.cw_mul(part, s.weight) / rays, vertex, mapped, s.wi)
                 jittered.eta_scale = r.eta_scale * rays
                 jittered.camera_distance = JITTERED
                 return jittered
         mirrored_first = wp.max(lobes.reflected) >= wp.max(lobes.transmitted) * (lobes.eta * lobes.eta)
-        return specular_ray(r, part, vertex, seen, lobes, wo, mirrored_first == (k == jittered_rays))
+        return specular_ray(r, part, vertex, mapped, lobes, wo, mirrored_first == (k == jittered_rays))
 
     return Children(jittered_rays, child)

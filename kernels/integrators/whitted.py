@@ -1,18 +1,18 @@
-"""Whitted's ray tree: at each hit the mirrored and the refracted ray, and the light that lamps send there straight.
+"""Whitted's ray tree: at each hit the mirrored and the refracted ray, and direct light from all lamps.
 
 Whitted (1980), "An improved illumination model for shaded display"; the limit on attenuation is Hall and Greenberg's
-(1983), "A testbed for realistic image synthesis". But for jittered rays all of it is a function of the camera ray.
+(1983), "A testbed for realistic image synthesis". Without jittered rays all of it is a function of the camera ray.
 
-- What is smooth (`Model.specular`) sends on two rays, what is not receives direct light alone.
+- Smooth surfaces (`Model.specular`) send on two rays; rough ones receive direct light alone.
 - Gloss by a jittered mirror direction (`Model.jitters`) sends on random rays of its lobe, as in distribution ray
-  tracing (Cook, Porter and Carpenter 1984): `PathSettings.jittered_rays` where it is met first, and one beyond. They
-  find all light but that of lamps without extent.
-- Each point, spot or directional light casts a hard shadow; a triangle that shines does so from its middle, as if all
-  of its area stood there: L A cosθ / r² (the midpoint rule). So do rectangles, disks, spheres and suns, by their solid
-  angle; of a cylinder that shines on both sides, its near and its far wall.
-- Ambient light arrives at what is not smooth from all sides alike and is blocked by nothing.
-- Mixtures and what is not opaque are all of their parts, each by its share.
-- Media absorb and emit along all rays, by Beer's law; what they absorb counts as attenuation. They do not scatter.
+  tracing (Cook, Porter and Carpenter 1984): `PathSettings.jittered_rays` at the first such surface, and one beyond.
+  They find all light except from lamps without extent.
+- Each point, spot or directional light casts a hard shadow. An emissive triangle emits from its middle, as if all of
+  its area stood there: L A cosθ / r² (the midpoint rule). So do rectangles, disks, spheres and suns, by their solid
+  angle. A cylinder that emits on both sides counts as two lights, its near and its far wall.
+- Ambient light arrives at rough surfaces from all directions alike, and nothing blocks it.
+- Mixtures and surfaces that are not opaque are all of their parts, each by its share.
+- Media absorb and emit along all rays, by Beer's law; absorption counts as attenuation. They do not scatter.
 """
 
 import warp as wp
@@ -155,10 +155,10 @@ def make_direct_light(features: Features) -> wp.Function:
                             shadow_ray.direction = light.wi
                             shadow_ray.time = time
                             result.rays += 1
-                            seen = visibility(
+                            visible = visibility(
                                 scene, shadow_ray, light.distance, light.point, inside, no_skin(), wp.vec4()
                             )
-                            result.radiance += wp.cw_mul(arriving, seen)
+                            result.radiance += wp.cw_mul(arriving, visible)
         return result
 
     return direct_light
@@ -222,15 +222,15 @@ def make_trace_tree(features: Features) -> wp.Function:
             leaves = leaves_of(shape.material)
             if wp.static(features.nested):
                 if not vertex.is_solid:
-                    leaves.left = 0
+                    leaves.remaining = 0
                     leaves.passed = 1.0
-            while leaves.left > 0:
+            while leaves.remaining > 0:
                 if wp.static(composite):
                     leaves = next_leaf(scene, leaves, surface)
                     if leaves.share == 0.0:
                         continue
                 else:
-                    leaves.left = 0
+                    leaves.remaining = 0
                 part = r.throughput * leaves.share
 
                 # Emission

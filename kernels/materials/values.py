@@ -117,7 +117,7 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
     def share_passed(scene: SceneData, material: int, surface: Surface, wo: wp.vec3) -> wp.vec3:
         leaves = leaves_of(material)
         through = wp.vec3(0.0)
-        while leaves.left > 0:
+        while leaves.remaining > 0:
             leaves = next_leaf(scene, leaves, surface)
             if wp.static(panes):
                 if leaves.share > 0.0:

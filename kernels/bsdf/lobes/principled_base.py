@@ -166,7 +166,7 @@ def _shape_of_base(bsdf: Bsdf, b: Base) -> wp.vec3:
 
 @specialised()
 def make_shape_of(features: tuple[str, ...]) -> wp.Function:
-    """Return the device function (bsdf, base) -> shape of the facets: that of the base, or a `BumpyShape` as rough."""
+    """Return the device function (bsdf, base) -> shape of the facets: `Base.shape`, or a `BumpyShape` as rough."""
     if "bumpy" not in features:
         return _shape_of_base
     alphas = make_alphas(features)
