@@ -12,7 +12,7 @@ from wrt.kernels.integrators.next_event import emitter_hit_weight
 from wrt.kernels.integrators.path_state import PathSettings, PathState, pass_hidden_light, sees_no_lights
 from wrt.kernels.lights.environment import point_towards, radiance_at
 from wrt.kernels.lights.lights import make_lights
-from wrt.kernels.lights.shapes import make_light_shapes, shape_number
+from wrt.kernels.lights.shapes import make_light_model, shape_number
 
 
 @specialised("environment", *make_lights.fields)
@@ -39,7 +39,7 @@ def make_environment_emission(features: Features) -> wp.Function:
 @specialised("light_shapes", *make_lights.fields)
 def make_light_shape_emission(features: Features) -> wp.Function:
     """Return (scene, shape, receiver, ray, distance, scatter_pdf, strategy) -> vec3, the same of a light shape."""
-    lights, shapes = make_lights(features), make_light_shapes(features.light_shapes)
+    lights, model = make_lights(features), make_light_model(features.light_shapes)
 
     @wp.func
     def light_shape_emission(
@@ -48,7 +48,7 @@ def make_light_shape_emission(features: Features) -> wp.Function:
         record = scene.light_shapes[shape]
         light_pdf = float(0.0)
         if scatter_pdf > 0.0:
-            light_pdf = shapes.pdf(record, receiver, ray.direction, distance)
+            light_pdf = model.pdf(record, receiver, ray.direction, distance)
             light_pdf *= lights.choice_probability(scene, receiver, record.light)
         return scene.lights[record.light].value * emitter_hit_weight(strategy, scatter_pdf, light_pdf)
 
@@ -62,7 +62,7 @@ def make_add_lights_met(features: Features) -> wp.Function:
     Its arguments are (scene, ray, hit, radiance, throughput, receiver, passed_distance, scatter_pdf, strategy); a
     `scatter_pdf` of 0 means that no light was sampled for that direction.
     """
-    shapes = make_light_shapes(features.light_shapes)
+    model = make_light_model(features.light_shapes)
     environment_emission = make_environment_emission(features)
     light_shape_emission = make_light_shape_emission(features)
 
@@ -85,12 +85,13 @@ def make_add_lights_met(features: Features) -> wp.Function:
                 total += wp.cw_mul(throughput, emission)
             if wp.static(bool(features.light_shapes)):
                 for i in range(scene.solid_light_shapes, scene.sun_light_shapes):
-                    if shapes.covers(scene.light_shapes[i], ray.direction):
+                    if model.covers(scene.light_shapes[i], ray.direction):
                         sun = light_shape_emission(scene, i, receiver, ray, 0.0, scatter_pdf, strategy)
                         total += wp.cw_mul(throughput, sun)
         elif wp.static(bool(features.light_shapes)):
             number = shape_number(hit)
-            if shapes.shines_back(scene, scene.light_shapes[number], ray):
+            shape = scene.light_shapes[number]
+            if model.shines_back(scene.lights[shape.light], shape, ray):
                 distance = passed_distance + hit.t
                 light = light_shape_emission(scene, number, receiver, ray, distance, scatter_pdf, strategy)
                 total += wp.cw_mul(throughput, light)

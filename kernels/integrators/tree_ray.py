@@ -43,23 +43,12 @@ class TreeRay:
     origin_gap: float
 
 
-class WaitingRays(NamedTuple):
-    """The stack of rays that wait: its type, a matrix with a row for each, and device functions.
-
-    Attributes:
-        rows: the type of the stack.
-        row_of: (ray) -> its row.
-        ray_of: (row) -> TreeRay.
-    """
-
-    rows: Any
-    row_of: wp.Function
-    ray_of: wp.Function
-
-
 @specialised()
-def make_waiting_rays(bodies: bool) -> WaitingRays:
-    """Return the stack of rays; only with `bodies` does it keep these, and the gap behind the surface."""
+def make_waiting_rays(bodies: bool) -> tuple[Any, wp.Function, wp.Function]:
+    """Return the type of the stack of rays that wait, a matrix, and functions from a TreeRay to its row and back.
+
+    Only with `bodies` does it keep these, and the gap behind the surface.
+    """
     length = 13 + MOST_BODIES if bodies else 12
     row_type = wp.types.vector(length=length, dtype=float)
 
@@ -94,7 +83,7 @@ def make_waiting_rays(bodies: bool) -> WaitingRays:
                 r.medium_stack[i] = int(row[13 + i])
         return r
 
-    return WaitingRays(wp.types.matrix(shape=(int(WAITING), length), dtype=float), row_of, ray_of)
+    return wp.types.matrix(shape=(int(WAITING), length), dtype=float), row_of, ray_of
 
 
 @wp.func

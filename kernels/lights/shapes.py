@@ -184,17 +184,11 @@ class LightShapes(NamedTuple):
         sample: (scene, light record, receiver, u: vec2) -> LightSample, as of a model, with `point` filled in.
         nearer: (scene, ray, hit, distance) -> Hit: the nearest light shape on a ray before `distance`, or else `hit`.
         blocks: (scene, ray, distance, aim) -> bool: whether a light shape other than `aim` lies before `distance`.
-        shines_back: (scene, shape, ray) -> bool; this and the following as in LightModel.
-        pdf: (shape, receiver, direction, distance) -> float.
-        covers: (shape, direction) -> bool.
     """
 
     sample: wp.Function
     nearer: wp.Function
     blocks: wp.Function
-    shines_back: wp.Function
-    pdf: wp.Function
-    covers: wp.Function
 
 
 @specialised()
@@ -230,13 +224,7 @@ def make_light_shapes(names: tuple[str, ...]) -> LightShapes:
                 blocked = True
         return blocked
 
-    @wp.func
-    def shines_back(scene: SceneData, shape: LightShape, ray: Ray) -> bool:
-        return model.shines_back(scene.lights[shape.light], shape, ray)
-
-    assert model.pdf is not None
-    assert model.covers is not None
-    return LightShapes(sample_light_shape, nearer_light_shape, light_shape_blocks, shines_back, model.pdf, model.covers)
+    return LightShapes(sample_light_shape, nearer_light_shape, light_shape_blocks)
 
 
 @specialised("instances", "exact", "light_shapes")

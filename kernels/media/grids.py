@@ -123,17 +123,10 @@ class Walk:
 
 
 @wp.func
-def unit_place(grid: GridRecord, point: wp.vec3) -> wp.vec3:
-    """Return where in the unit cube a point of the world is."""
-    p = wp.vec4(point[0], point[1], point[2], 1.0)
+def in_unit_cube(grid: GridRecord, v: wp.vec3, w: float) -> wp.vec3:
+    """Return a point (w = 1) or a direction (w = 0) of the world in the unit cube; directions change their length."""
+    p = wp.vec4(v[0], v[1], v[2], w)
     return wp.vec3(wp.dot(grid.to_unit_x, p), wp.dot(grid.to_unit_y, p), wp.dot(grid.to_unit_z, p))
-
-
-@wp.func
-def unit_direction(grid: GridRecord, direction: wp.vec3) -> wp.vec3:
-    """Return a direction of the world in the unit cube; its length becomes another."""
-    d = wp.vec4(direction[0], direction[1], direction[2], 0.0)
-    return wp.vec3(wp.dot(grid.to_unit_x, d), wp.dot(grid.to_unit_y, d), wp.dot(grid.to_unit_z, d))
 
 
 @wp.func
@@ -148,8 +141,8 @@ def begin_walk(grid: GridRecord, ray: Ray, reach: float, u: float) -> Walk:
     cells = grid.majorants
     counts = wp.vec3(float(cells.nx), float(cells.ny), float(cells.nz))
     walk = Walk()
-    walk.origin = wp.cw_mul(unit_place(grid, ray.origin), counts)
-    walk.direction = wp.cw_mul(unit_direction(grid, ray.direction), counts)
+    walk.origin = wp.cw_mul(in_unit_cube(grid, ray.origin, 1.0), counts)
+    walk.direction = wp.cw_mul(in_unit_cube(grid, ray.direction, 0.0), counts)
     walk.t_end = reach
     for axis in range(3):
         o, d = walk.origin[axis], walk.direction[axis]

@@ -18,7 +18,7 @@ import warp as wp
 from wrt.kernels.core.elementary import exponential, logarithm
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import beckmann, ggx
-from wrt.kernels.microfacet.masking import GENERAL, SMITH, Masking, sees, smith
+from wrt.kernels.microfacet.masking import GENERAL, SMITH, sees, smith
 from wrt.kernels.microfacet.widening import widened
 from wrt.kernels.sampling.warps import BELOW_ONE
 
@@ -187,29 +187,24 @@ def sample_normal(wo: wp.vec3, shape: BumpyShape, u: wp.vec2) -> wp.vec3:
 
 
 @specialised()
-def make_bumpy_masking(masking: str) -> Masking:
-    """Return the functions of a kind of masking, with Λ of the mixture where it knows the distribution.
+def make_bumpy_masking(masking: str) -> wp.Function:
+    """Return g(wo, wi, m, shape) of a kind of masking, with Λ of the mixture where it depends on the distribution.
 
     Raises:
         ValueError: if it does not go with GGX.
     """
     if masking not in (*GENERAL, *SMITH):
         raise ValueError(f"masking {masking!r} is not known for the distribution 'bumpy-ggx'")
+    if masking == "smith":
+        return smith(smith_lambda, BumpyShape)
     if masking in GENERAL:
         general = GENERAL[masking]
 
         @wp.func
-        def g1_general(w: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
-            return general.g1(w, m, shape.ggx)
-
-        @wp.func
         def g_general(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
-            return general.g(wo, wi, m, shape.ggx)
+            return general(wo, wi, m, shape.ggx)
 
-        return Masking(g_general, g1_general)
-    correlated = smith(smith_lambda, BumpyShape)
-    if masking == "smith":
-        return correlated
+        return g_general
 
     @wp.func
     def separable(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
@@ -217,4 +212,4 @@ def make_bumpy_masking(masking: str) -> Masking:
             return 0.0
         return 1.0 / ((1.0 + smith_lambda(wo, shape)) * (1.0 + smith_lambda(wi, shape)))
 
-    return Masking(separable, correlated.g1)
+    return separable

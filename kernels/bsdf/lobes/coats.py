@@ -68,19 +68,12 @@ def make_outside(body: bool) -> wp.Function:
 
     Layers lie on the outside of a body; an opaque surface and a thin sheet have them on both sides.
     """
-    if body:
-        return _is_outside
-    return _always
 
+    @wp.func
+    def outside(bsdf: Bsdf, w: wp.vec3) -> bool:
+        return wp.static(not body) or bsdf.front == (w[2] > 0.0)
 
-@wp.func
-def _is_outside(bsdf: Bsdf, w: wp.vec3) -> bool:
-    return bsdf.front == (w[2] > 0.0)
-
-
-@wp.func
-def _always(bsdf: Bsdf, w: wp.vec3) -> bool:
-    return True
+    return outside
 
 
 @specialised()

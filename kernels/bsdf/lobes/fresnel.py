@@ -11,7 +11,7 @@ def cos_transmitted_squared(cos_i: float, eta: float) -> float:
 
 @wp.func
 def refracted_by(m: wp.vec3, wo: wp.vec3, cos_o: float, eta: float) -> wp.vec3:
-    """Return the direction into which a facet of normal m refracts, unit length up to rounding (Walter 2007, eq. 40)."""
+    """Return the direction into which a facet refracts, a unit vector up to rounding (Walter 2007, eq. 40)."""
     cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
     return m * (cos_o / eta - cos_t) - wo / eta
 

@@ -185,22 +185,20 @@ def seen_index(bsdf: Bsdf) -> float:
     return wp.where(bsdf.front, ior, 1.0 / ior)
 
 
-@wp.func
-def _same_cosine(bsdf: Bsdf, cos_m: float) -> float:
-    return cos_m
-
-
-@wp.func
-def _cosine_outside(bsdf: Bsdf, cos_m: float) -> float:
-    if bsdf.front:
-        return cos_m
-    cos2_t = cos_transmitted_squared(cos_m, seen_index(bsdf))
-    return wp.where(cos2_t > 0.0, wp.sqrt(wp.max(cos2_t, 0.0)), -1.0)
-
-
+@specialised()
 def make_cos_outside(body: bool) -> wp.Function:
     """Return the device function (bsdf, wo·m) -> cosine outside of the body; negative under total reflection."""
-    return _cosine_outside if body else _same_cosine
+
+    @wp.func
+    def cos_outside(bsdf: Bsdf, cos_m: float) -> float:
+        cosine = cos_m
+        if wp.static(body):
+            if not bsdf.front:
+                cos2_t = cos_transmitted_squared(cos_m, seen_index(bsdf))
+                cosine = wp.where(cos2_t > 0.0, wp.sqrt(wp.max(cos2_t, 0.0)), -1.0)
+        return cosine
+
+    return cos_outside
 
 
 @wp.struct
