@@ -43,7 +43,7 @@ class FirstSurface:
     rays: int
 
 
-@specialised("sampler", "instances", "exact", "textured", "uv2_alpha", "mipmapped", "opacity", "composite", "tangents")
+@specialised("sampler", "instances", "exact", "textured", "uv2_alpha", "mipmapped", "composite", "tangents")
 def make_first_surface(features: Features) -> wp.Function:
     """Return the device function (scene, camera_ray, pixel_footprint, sampler) -> FirstSurface.
 
@@ -78,7 +78,7 @@ def make_first_surface(features: Features) -> wp.Function:
             if wp.static(features.mixed):
                 u = sample_4d(sampler, passed_block(1, first.rays - 1))
                 first.material = choose_material(scene, first.material, surface, u[0])
-            if wp.static(features.opacity):
+            if wp.static(features.has_holes):
                 if first.material == PASSED_THROUGH:
                     beyond = leave(surface, -1.0)
                     first.distance = first.distance + wp.length(beyond - ray.origin)

@@ -108,7 +108,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             if wp.static(scattering):
                 path.skin.hit.triangle = NO_HIT
             vertex = surface_vertex(scene, path, hit, u_more[0], sampler)
-            if wp.static(features.opacity or features.nested):
+            if wp.static(features.has_holes or features.nested):
                 if not vertex.is_solid:
                     path = pass_through(path, vertex)
                     if path.is_done:

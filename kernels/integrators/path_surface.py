@@ -107,7 +107,7 @@ def make_surface_vertex(features: Features) -> wp.Function:
         if wp.static(features.mixed):
             if vertex.is_solid:
                 vertex.material = choose_material(scene, vertex.material, vertex.surface, u_material)
-                if wp.static(features.opacity):
+                if wp.static(features.has_holes):
                     vertex.is_solid = vertex.material != PASSED_THROUGH
         return vertex
 
@@ -256,7 +256,7 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
 
     The path is done if roulette ends it, or if shading normal and surface disagree about the side to which it leaves.
     """
-    lets_pass = features.opacity or features.nested or bool(models_with(features.models, "straight"))
+    lets_pass = features.has_holes or features.nested or bool(models_with(features.models, "straight"))
 
     @wp.func
     @inline_stage

@@ -21,13 +21,13 @@ from wrt.kernels.media.grids import make_shadow_in_media
 from wrt.kernels.media.skin import Skin, no_skin, or_skin
 from wrt.kernels.textures.normal_maps import apply_normal_map
 
-ATTENUATING = ("models", "opacity", "nested")
+ATTENUATING = ("models", "composite", "nested")
 """What `can_attenuate_shadows` depends on."""
 
 
 def can_attenuate_shadows(features: Features) -> bool:
     """Return whether a surface can let a part of the light pass, instead of all or nothing."""
-    return features.opacity or features.nested or bool(models_with(features.models, "straight"))
+    return features.has_holes or features.nested or bool(models_with(features.models, "straight"))
 
 
 class PassedShares(NamedTuple):
@@ -73,7 +73,7 @@ def make_passed_shares(features: Features) -> PassedShares:
     return PassedShares(passed_at, holes_at)
 
 
-@specialised("instances", "opacity", "media", "grid_media", "nested", "light_shapes", *make_passed_shares.fields)
+@specialised("instances", "composite", "media", "grid_media", "nested", "light_shapes", *make_passed_shares.fields)
 def make_transmission(features: Features) -> wp.Function:
     """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""
     meets_others = features.gpu and not features.bodies  # of its warp
@@ -87,7 +87,7 @@ def make_transmission(features: Features) -> wp.Function:
         scene: SceneData, ray: Ray, distance: float, light_point: Hit, inside: BodyStack, skin: Skin, u: wp.vec4
     ) -> wp.vec3:
         share = wp.vec3(1.0)
-        if wp.static(features.opacity):
+        if wp.static(features.has_holes):
             if light_point.triangle >= 0:
                 share -= shares.holes(scene, light_point, surface_at(scene, ray, light_point), ray.direction)
                 if wp.static(meets_others):

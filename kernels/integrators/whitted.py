@@ -175,7 +175,7 @@ def make_trace_tree(features: Features) -> wp.Function:
     with_body_indices = make_with_body_indices(features)
     extinction_of = make_extinction(features.media)
     emission_at = make_lights(features).emission_at
-    lets_pass, composite = features.opacity or features.nested, features.mixed or features.composite == "sides"
+    lets_pass, composite = features.has_holes or features.nested, features.mixed or features.composite == "sides"
     rows_type, row_of, ray_of = make_waiting_rays(features.bodies)
 
     @wp.func

@@ -326,7 +326,7 @@ def room(kind: str = "matt") -> wrt.Scene:
 
 KERNELS = [
     EVERY_LIGHT,
-    covering("diffuse", "rough_conductor", "rough_dielectric", opacity=True),
+    covering("diffuse", "rough_conductor", "rough_dielectric", composite="holes"),
     replace(EVERY_LIGHT, media="scattering"),
 ]
 

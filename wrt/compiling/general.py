@@ -59,9 +59,7 @@ def general_features(features: Any) -> list[Any]:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
         own |= {"environment": "image", "light_shapes": shapes}
     kernels = [
-        dataclasses.replace(
-            features, models=tier.models, opacity=tier.passes, composite="none" if tier.passes else "sides", **own
-        )
+        dataclasses.replace(features, models=tier.models, composite="holes" if tier.passes else "sides", **own)
         for tier in (TIERS_OF_GUIDES if features.guides else TIERS)
     ]
     return [kernel for kernel in kernels if kernel.covers(features)]

@@ -42,7 +42,6 @@ class MaterialTable:
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
         uv2_alpha: whether any texture uses second texture coordinates or the alpha of vertex colours.
-        opacity: whether any material has holes.
         composite: which composite materials there are, as in Features.
         mipmapped: whether any image has mip levels.
         tangents: whether any material depends on the direction of texture coordinates, or has a normal map.
@@ -56,7 +55,6 @@ class MaterialTable:
     models: tuple[str, ...] = ()
     textured: bool = False
     uv2_alpha: bool = False
-    opacity: bool = False
     composite: str = "none"
     tangents: bool = False
     mipmapped: bool = False
@@ -181,10 +179,12 @@ def describe_materials(materials: list[Material], emissions: Sequence[ColorSourc
     table.textured = any(_varies(value) for value in [*values, *emissions])
     table.uv2_alpha = any(_needs_uv2_alpha(value) for value in [*values, *emissions])
     table.mipmapped = any(isinstance(v, ImageTexture) and v.has_levels for v in [*values, *emissions])
-    table.opacity = any(material.opacity != 1.0 for material in table.materials)
-    if not table.opacity and any(material.parts for material in table.materials):
-        mixed = any(isinstance(material, Mix) for material in table.materials)
-        table.composite = "mixed" if mixed else "sides"
+    if any(material.opacity != 1.0 for material in table.materials):
+        table.composite = "holes"
+    elif any(isinstance(material, Mix) for material in table.materials):
+        table.composite = "mixed"
+    elif any(material.parts for material in table.materials):
+        table.composite = "sides"
     table.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
     return table
 
