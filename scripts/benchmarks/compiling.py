@@ -26,7 +26,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "no environment": {},
     "an image around": {"environment": "image"},
     "textures": {"textured": True},
-    "opacity and mixtures": {"opacity": True},
+    "opacity and mixtures": {"composite": "holes"},
     "mixtures": {"composite": "mixed"},
     "two sides": {"composite": "sides"},
     "normal maps or brushed surfaces": {"tangents": True},
@@ -97,7 +97,7 @@ def compile_cases() -> dict[str, Callable[[], Any]]:
     glass = Features(("dielectric", "diffuse"), False, "constant", sampler=SAMPLER)
     found |= {f"diffuse and dielectric, {name}": dataclasses.replace(glass, **has) for name, has in BODIES.items()}
     found["every model as it comes"] = Features(models, False, "constant", sampler=SAMPLER)
-    surfaces = {"textured": True, "environment": "image", "opacity": True, "tangents": True, "sampler": SAMPLER}
+    surfaces = {"textured": True, "environment": "image", "composite": "holes", "tangents": True, "sampler": SAMPLER}
     found["every model as it comes, textures and images"] = Features(models, **surfaces)
     found["every model at its largest, textures and images"] = Features(largest, **surfaces)
     found["every model at its largest, everything"] = Features(largest, **surfaces, **EVERYTHING)
