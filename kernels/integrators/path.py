@@ -23,7 +23,6 @@ from wrt.kernels.integrators.path_state import (
     PathSettings,
     PathState,
     begin_indirect,
-    camera_path,
     path_result,
 )
 from wrt.kernels.integrators.path_surface import (
@@ -36,7 +35,7 @@ from wrt.kernels.integrators.path_surface import (
 )
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.lights.shapes import make_closest_hit
-from wrt.kernels.media.skin import or_skin
+from wrt.kernels.media.skin import no_skin, or_skin
 from wrt.kernels.sampling.sampler import (
     BLOCK_BSDF,
     BLOCK_LIGHT,
@@ -157,7 +156,14 @@ def make_begin_path(features: Features) -> wp.Function:
     @wp.func
     @inline_stage
     def begin_path(scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2) -> PathState:
-        path = camera_path(camera_ray, pixel_footprint)
+        path = PathState()
+        path.ray = camera_ray
+        path.throughput = wp.vec3(1.0)
+        path.eta_scale = 1.0
+        path.footprint = pixel_footprint
+        path.receiver.time = camera_ray.time
+        path.skin = no_skin()
+        path.previous_hit.triangle = NO_HIT
         if wp.static(features.bodies):
             path.medium_stack = scene.inside_at_camera
         return path

@@ -15,10 +15,14 @@ from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.shapes import make_light_model, shape_number
 
 
-@specialised("environment", *make_lights.fields)
-def make_environment_emission(features: Features) -> wp.Function:
-    """Return (scene, receiver, direction, scatter_pdf, strategy) -> vec3, the environment's radiance by its weight."""
-    lights = make_lights(features)
+@specialised("environment", "light_shapes", *make_lights.fields)
+def make_add_lights_met(features: Features) -> wp.Function:
+    """Return the device function that adds to a path's radiance the light that its ray finds at no triangle.
+
+    Its arguments are (scene, ray, hit, radiance, throughput, receiver, passed_distance, scatter_pdf, strategy); a
+    `scatter_pdf` of 0 means that no light was sampled for that direction.
+    """
+    lights, model = make_lights(features), make_light_model(features.light_shapes)
 
     @wp.func
     def environment_emission(
@@ -33,14 +37,6 @@ def make_environment_emission(features: Features) -> wp.Function:
                 return radiance_at(scene.environment, point.uv) * emitter_hit_weight(strategy, scatter_pdf, light_pdf)
         return scene.environment.radiance
 
-    return environment_emission
-
-
-@specialised("light_shapes", *make_lights.fields)
-def make_light_shape_emission(features: Features) -> wp.Function:
-    """Return (scene, shape, receiver, ray, distance, scatter_pdf, strategy) -> vec3, the same of a light shape."""
-    lights, model = make_lights(features), make_light_model(features.light_shapes)
-
     @wp.func
     def light_shape_emission(
         scene: SceneData, shape: int, receiver: Receiver, ray: Ray, distance: float, scatter_pdf: float, strategy: int
@@ -51,20 +47,6 @@ def make_light_shape_emission(features: Features) -> wp.Function:
             light_pdf = model.pdf(record, receiver, ray.direction, distance)
             light_pdf *= lights.choice_probability(scene, receiver, record.light)
         return scene.lights[record.light].value * emitter_hit_weight(strategy, scatter_pdf, light_pdf)
-
-    return light_shape_emission
-
-
-@specialised(*make_environment_emission.fields, *make_light_shape_emission.fields)
-def make_add_lights_met(features: Features) -> wp.Function:
-    """Return the device function that adds to a path's radiance the light that its ray finds at no triangle.
-
-    Its arguments are (scene, ray, hit, radiance, throughput, receiver, passed_distance, scatter_pdf, strategy); a
-    `scatter_pdf` of 0 means that no light was sampled for that direction.
-    """
-    model = make_light_model(features.light_shapes)
-    environment_emission = make_environment_emission(features)
-    light_shape_emission = make_light_shape_emission(features)
 
     @wp.func
     def add_lights_met(

@@ -3,13 +3,13 @@
 import warp as wp
 
 from wrt.kernels.core.bsdf import Bsdf
-from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import Ray, Receiver
 from wrt.kernels.core.scene_data import BodyStack
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.materials.choice import MOST_PASSED
-from wrt.kernels.media.skin import Skin, no_skin
+from wrt.kernels.media.skin import Skin
 
 BEHIND_LIGHT = wp.constant(1.00001)
 """Factor on the distance to a hidden light, by which a ray begins behind it; several times its rounding error."""
@@ -97,21 +97,6 @@ class SurfaceVertex:
     wo: wp.vec3
     is_pane: bool  # lets light through straight on
     samples_lights: bool  # false for delta lobes alone, and in scenes without lights
-
-
-@wp.func
-@inline_stage
-def camera_path(camera_ray: Ray, pixel_footprint: wp.vec2) -> PathState:
-    """Return a path that begins with a camera ray, outside all bodies."""
-    path = PathState()
-    path.ray = camera_ray
-    path.throughput = wp.vec3(1.0)
-    path.eta_scale = 1.0
-    path.footprint = pixel_footprint
-    path.receiver.time = camera_ray.time
-    path.skin = no_skin()
-    path.previous_hit.triangle = NO_HIT
-    return path
 
 
 @wp.func

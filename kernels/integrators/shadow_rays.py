@@ -1,7 +1,5 @@
 """How much of a light is seen from a point: shadow rays."""
 
-from typing import NamedTuple
-
 import warp as wp
 
 from wrt.kernels.accel.intersect import make_intersect
@@ -30,27 +28,22 @@ def can_attenuate_shadows(features: Features) -> bool:
     return features.has_holes or features.nested or bool(models_with(features.models, "straight"))
 
 
-class PassedShares(NamedTuple):
-    """Device functions (scene, hit, surface, direction) -> vec3: the share of light that goes straight through there.
-
-    Attributes:
-        passed: through holes and panes.
-        holes: through holes by opacity alone: an emissive pane emits from all of its surface.
-    """
-
-    passed: wp.Function
-    holes: wp.Function
-
-
-@specialised("textured", "tangents", "exact", *make_share_passed.fields)
-def make_passed_shares(features: Features) -> PassedShares:
-    """Return the functions for scenes with these features."""
+@specialised(
+    *("instances", "exact", "composite", "media", "grid_media", "nested", "light_shapes", "tangents"),
+    *make_share_passed.fields,
+)
+def make_transmission(features: Features) -> wp.Function:
+    """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""
+    meets_others = features.gpu and not features.bodies  # of its warp
+    light_shapes = make_light_shapes(features.light_shapes)
+    intersect, surface_at = make_intersect(features.geometry), make_surface_at(features.geometry)
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
-    share_passed = make_share_passed(features)
-    share_not_there = make_share_passed(features, holes_only=True)
+    share_passed, share_of_holes = make_share_passed(features), make_share_passed(features, holes_only=True)
+    shadow_in_media = make_shadow_in_media(features)
 
     @wp.func
-    def surface_seen(scene: SceneData, hit: Hit, surface: Surface, direction: wp.vec3) -> Surface:
+    def mapped(scene: SceneData, hit: Hit, at: Surface, direction: wp.vec3) -> Surface:
+        surface = at
         if wp.static(features.textured or features.tangents):
             surface = add_texture_coordinates(scene, hit, surface)
         if wp.static(features.tangents):
@@ -62,24 +55,14 @@ def make_passed_shares(features: Features) -> PassedShares:
 
     @wp.func
     def passed_at(scene: SceneData, hit: Hit, at: Surface, direction: wp.vec3) -> wp.vec3:
-        surface = surface_seen(scene, hit, at, direction)
+        surface = mapped(scene, hit, at, direction)
         return share_passed(scene, scene.shapes[surface.shape].material, surface, to_local(surface.frame, -direction))
 
     @wp.func
     def holes_at(scene: SceneData, hit: Hit, at: Surface, direction: wp.vec3) -> wp.vec3:
-        surface = surface_seen(scene, hit, at, direction)
-        return share_not_there(scene, scene.shapes[surface.shape].material, surface, direction)
-
-    return PassedShares(passed_at, holes_at)
-
-
-@specialised("instances", "composite", "media", "grid_media", "nested", "light_shapes", *make_passed_shares.fields)
-def make_transmission(features: Features) -> wp.Function:
-    """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""
-    meets_others = features.gpu and not features.bodies  # of its warp
-    light_shapes = make_light_shapes(features.light_shapes)
-    intersect, surface_at = make_intersect(features.geometry), make_surface_at(features.geometry)
-    shares, shadow_in_media = make_passed_shares(features), make_shadow_in_media(features)
+        # By opacity alone: an emissive pane emits from all of its surface.
+        surface = mapped(scene, hit, at, direction)
+        return share_of_holes(scene, scene.shapes[surface.shape].material, surface, direction)
 
     @wp.func
     @traces_alone
@@ -89,7 +72,7 @@ def make_transmission(features: Features) -> wp.Function:
         share = wp.vec3(1.0)
         if wp.static(features.has_holes):
             if light_point.triangle >= 0:
-                share -= shares.holes(scene, light_point, surface_at(scene, ray, light_point), ray.direction)
+                share -= holes_at(scene, light_point, surface_at(scene, ray, light_point), ray.direction)
                 if wp.static(meets_others):
                     # With a return here, lanes whose light may have holes would trace after the others of their warp.
                     distance = wp.where(wp.max(share) > 0.0, distance, -1.0)
@@ -126,7 +109,7 @@ def make_transmission(features: Features) -> wp.Function:
                         is_solid = is_there(scene, surface, stack, stack_behind)
                     stack = stack_behind
             if is_solid:
-                share = wp.cw_mul(share, shares.passed(scene, hit, surface, ray.direction))
+                share = wp.cw_mul(share, passed_at(scene, hit, surface, ray.direction))
                 if wp.max(share) <= 0.0:
                     break
             hit = intersect.next_hit(scene, ray, hit, distance)

@@ -50,21 +50,6 @@ class Lights(NamedTuple):
     emission_at: wp.Function
 
 
-@specialised()
-def make_emission_at(textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Function:
-    """Return the device function `emission_at` of `Lights`; see Features."""
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
-
-    @wp.func
-    def emission_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> wp.vec3:
-        if wp.static(textured):
-            if shape.emission_slot >= 0:
-                return slot_value(scene, shape.emission_slot, surface)
-        return shape.emission
-
-    return emission_at
-
-
 @specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "exact", "light_tree")
 def make_lights(features: Features) -> Lights:
     """Return the functions for scenes with these features."""
@@ -72,9 +57,18 @@ def make_lights(features: Features) -> Lights:
     choose_light, choice_probability = make_light_choice(features.light_tree)
     sample_surface = make_sample_surface(features.geometry)
     sample_light_shape = make_light_shapes(features.light_shapes).sample
-    emission_at = make_emission_at(features.textured, features.uv2_alpha, features.mipmapped)
-    slot_color = make_slot_color(features.mipmapped)
+    slot_color, slot_value = (
+        make_slot_color(features.mipmapped),
+        make_slot_value(features.uv2_alpha, features.mipmapped),
+    )
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
+
+    @wp.func
+    def emission_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> wp.vec3:
+        if wp.static(features.textured):
+            if shape.emission_slot >= 0:
+                return slot_value(scene, shape.emission_slot, surface)
+        return shape.emission
 
     @wp.func
     def sample_direction(scene: SceneData, number: int, receiver: Receiver, u: wp.vec2) -> LightSample:
