@@ -178,10 +178,7 @@ def _or_straight_on(sample_facets: wp.Function) -> wp.Function:
 
 
 def _with_multiple_bounces(
-    alpha_of: wp.Function,
-    evaluate_single: wp.Function,
-    pdf_single: wp.Function,
-    direction_single: wp.Function,
+    alpha_of: wp.Function, evaluate_single: wp.Function, pdf_single: wp.Function, direction_single: wp.Function
 ) -> tuple[wp.Function, wp.Function, wp.Function]:
     """Return the functions of a single-bounce model with the lobes of all further bounces added.
 

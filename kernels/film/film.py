@@ -124,10 +124,7 @@ def hide_pixels(
 
 @wp.kernel(enable_backward=False)
 def show_pixels(
-    first_pixel: int,
-    hidden: wp.array(dtype=wp.uint8),
-    count_before: wp.array(dtype=wp.int32),
-    film: FilmData,
+    first_pixel: int, hidden: wp.array(dtype=wp.uint8), count_before: wp.array(dtype=wp.int32), film: FilmData
 ):
     """Undo `hide_pixels`."""
     pixel = first_pixel + wp.tid()

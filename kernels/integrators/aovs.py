@@ -146,13 +146,7 @@ def make_add_aovs(features: Features) -> wp.Function:
 
     @wp.func
     def add_aovs(
-        scene: SceneData,
-        camera: Camera,
-        seen: CameraRay,
-        sampler: Sampler,
-        aovs: AovData,
-        pixel: int,
-        offset: wp.vec2,
+        scene: SceneData, camera: Camera, seen: CameraRay, sampler: Sampler, aovs: AovData, pixel: int, offset: wp.vec2
     ) -> int:
         first = first_surface(scene, seen.ray, seen.footprint, sampler)
         direction = seen.ray.direction

@@ -18,13 +18,7 @@ from wrt.kernels.core.spmd_marks import inline_stage, path_function
 from wrt.kernels.integrators.next_event import make_light_at_surface
 from wrt.kernels.integrators.path_escape import make_escape
 from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_traverse_medium
-from wrt.kernels.integrators.path_state import (
-    PathResult,
-    PathSettings,
-    PathState,
-    begin_indirect,
-    path_result,
-)
+from wrt.kernels.integrators.path_state import PathResult, PathSettings, PathState, begin_indirect, path_result
 from wrt.kernels.integrators.path_surface import (
     make_place_receiver,
     make_prepare_bsdf,
@@ -36,14 +30,7 @@ from wrt.kernels.integrators.path_surface import (
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.lights.shapes import make_closest_hit
 from wrt.kernels.media.skin import no_skin, or_skin
-from wrt.kernels.sampling.sampler import (
-    BLOCK_BSDF,
-    BLOCK_LIGHT,
-    Sampler,
-    make_sample_4d,
-    passed_block,
-    vertex_block,
-)
+from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_sample_4d, passed_block, vertex_block
 
 
 @specialised()
