@@ -14,8 +14,6 @@ from wrt.kernels.core.bsdf import (
     Bsdf,
     BsdfSample,
     Model,
-    SpecularLobes,
-    no_lobes,
     no_sample,
     zero_evaluate,
     zero_pdf,
@@ -101,21 +99,22 @@ def _no_sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample
 
 
 @specialised()
-def make_specular(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function (bsdf, wo) -> SpecularLobes: all delta directions; a path samples one of them."""
+def make_by_viewer(names: tuple[str, ...], attribute: str, otherwise: wp.Function) -> wp.Function:
+    """Return the device function (bsdf, wo) that is this attribute of the BSDF's model, `otherwise` if it has none."""
     if not names:
-        return no_lobes
-    model, number, next_lobes = model_of(names[0]), model_number(names[0]), make_specular(names[1:])
-    if model.specular is None:
-        return next_lobes
+        return otherwise
+    function, number = getattr(model_of(names[0]), attribute), model_number(names[0])
+    following = make_by_viewer(names[1:], attribute, otherwise)
+    if function is None:
+        return following
 
     @wp.func
-    def lobes(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+    def by_viewer(bsdf: Bsdf, wo: wp.vec3):
         if bsdf.model == wp.static(number):
-            return model.specular(bsdf, wo)
-        return next_lobes(bsdf, wo)
+            return function(bsdf, wo)
+        return following(bsdf, wo)
 
-    return lobes
+    return by_viewer
 
 
 def models_with(names: tuple[str, ...], attribute: str) -> tuple[str, ...]:

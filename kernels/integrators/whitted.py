@@ -17,8 +17,8 @@ Whitted (1980), "An improved illumination model for shaded display"; the limit o
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_bsdf, make_receives_light, make_specular, models_with
-from wrt.kernels.core.bsdf import Bsdf
+from wrt.kernels.bsdf import make_bsdf, make_by_viewer, make_receives_light, models_with
+from wrt.kernels.core.bsdf import Bsdf, no_lobes
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import NO_HIT
 from wrt.kernels.core.rays import Ray, Receiver, to_local
@@ -169,7 +169,7 @@ def make_trace_tree(features: Features) -> wp.Function:
     """Return the device function that follows the ray tree of a camera ray."""
     direct_light = make_direct_light(features)
     add_lights_met, hit_seen = make_add_lights_met(features), make_hit_seen(features)
-    specular, children = make_specular(features.models), make_children(features)
+    specular, children = make_by_viewer(features.models, "specular", no_lobes), make_children(features)
     next_leaf = make_next_leaf(features.uv2_alpha, features.mipmapped)
     vertex_at, bsdf_at = make_vertex_at(features), make_bsdf_at(features)
     with_body_indices = make_with_body_indices(features)

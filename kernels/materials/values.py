@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf import model_of, models_with
+from wrt.kernels.bsdf import make_by_viewer, model_of, models_with
 from wrt.kernels.bsdf.lobes.dispersion import shares_of
 from wrt.kernels.core.bsdf import Bsdf, slot_values
 from wrt.kernels.core.features import Features
@@ -12,24 +12,6 @@ from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.materials.choice import leaves_of, make_next_leaf
 from wrt.kernels.textures.textures import make_slot_value
-
-
-@specialised()
-def make_straight(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function (bsdf, wo) -> vec3: the share of light that comes straight through from −wo."""
-    if not names:
-        return _nothing_straight
-    model, number, next_straight = model_of(names[0]), model_number(names[0]), make_straight(names[1:])
-    if model.straight is None:
-        return next_straight
-
-    @wp.func
-    def chain(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
-        if bsdf.model == wp.static(number):
-            return model.straight(bsdf, wo)
-        return next_straight(bsdf, wo)
-
-    return chain
 
 
 @specialised()
@@ -110,7 +92,7 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
     surface's frame.
     """
     panes = bool(models_with(features.models, "straight")) and not holes_only
-    bsdf_at, straight = make_bsdf_at(features), make_straight(features.models)
+    bsdf_at, straight = make_bsdf_at(features), make_by_viewer(features.models, "straight", _nothing_straight)
     next_leaf = make_next_leaf(features.uv2_alpha)  # shadow rays carry no footprint
 
     @wp.func
