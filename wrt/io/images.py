@@ -32,17 +32,12 @@ if TYPE_CHECKING:
 
     from wrt.develop.picture import Developed
 
-OUTPUT_SUFFIXES = (*DEVELOPED_SUFFIXES, ".exr", ".npy")
-"""Formats that `save_image` writes."""
+OUTPUT_SUFFIXES = (*DEVELOPED_SUFFIXES, ".exr", ".npy")  # formats that `save_image` writes
 
 _JPEG = {"quality": 95, "subsampling": 0, "optimize": True}
 """Near the best that JPEG has: a colour for each pixel, and errors of few codes."""
-_JPEG_SIDE, _JPEG_COMMENT = 65535, 65533
-"""Most pixels a side, and most bytes of metadata."""
-
-_BEGINNING = 1 << 16
-"""Bytes at the start of a picture file that hold its metadata."""
-
+_JPEG_SIDE, _JPEG_COMMENT = 65535, 65533  # most pixels a side, and most bytes of metadata
+_BEGINNING = 1 << 16  # bytes at the start of a picture file that hold its metadata
 _NPY_VERSION = (2, 0)
 
 
@@ -64,11 +59,8 @@ def _is_own(path: Path) -> bool:
 PICTURE = Kind("a picture that wrt has made", _is_own)
 
 
-MAX_PIXELS = 2**27
-"""Limit for images that are read, such as 16384x8192. A pixel takes 12 bytes of memory."""
-
-FLOAT_SUFFIXES = (".exr", ".hdr", ".rgbe")
-"""Floating-point formats that OpenImageIO reads."""
+MAX_PIXELS = 2**27  # limit for images that are read, such as 16384x8192. A pixel takes 12 bytes of memory
+FLOAT_SUFFIXES = (".exr", ".hdr", ".rgbe")  # floating-point formats that OpenImageIO reads
 
 _PIXELS_PER_BYTE = 2**16
 """More than OpenEXR, Radiance and most other formats can compress: a header that claims more is wrong."""

@@ -16,17 +16,10 @@ from wrt.io.safe_read import first_line
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-IDENTIFIER = b"\xabKTX 20\xbb\r\n\x1a\n"
-"""The first bytes of a file."""
-
-HINT = "pip install 'wrt[ktx2]'"
-"""How to get the decoder."""
-
-_HEADER = 48
-"""Bytes before the index of levels."""
-
-_EXTENT = struct.Struct("<5I")
-"""Width, height, depth, layers and faces, at byte 20."""
+IDENTIFIER = b"\xabKTX 20\xbb\r\n\x1a\n"  # the first bytes of a file
+HINT = "pip install 'wrt[ktx2]'"  # how to get the decoder
+_HEADER = 48  # bytes before the index of levels
+_EXTENT = struct.Struct("<5I")  # width, height, depth, layers and faces, at byte 20
 
 
 def has_decoder() -> bool:

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 # NotImplementedError for unknown compression.
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError, zlib.error, struct.error)
 
-_SMALL, _GAIN = 2**28, 20
-"""An archive may expand to this many bytes, or to this many times its size if that is more."""
+_SMALL, _GAIN = 2**28, 20  # an archive may expand to this many bytes, or to this many times its size if that is more
 
 
 def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:

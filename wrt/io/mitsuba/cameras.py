@@ -13,11 +13,8 @@ from wrt.linalg import product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.scene import RenderSettings, Scene
 
-UNLIMITED = 65536
-"""Path depth where Mitsuba sets no limit."""
-
-_MOST_SCATTERINGS = 65535
-"""Highest limit of scattering events that settings may have."""
+UNLIMITED = 65536  # path depth where Mitsuba sets no limit
+_MOST_SCATTERINGS = 65535  # highest limit of scattering events that settings may have
 
 _SAMPLERS = {
     "independent": "independent",

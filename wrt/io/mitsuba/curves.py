@@ -25,14 +25,9 @@ Array = NDArray[np.float64]
 
 CURVES = ("bsplinecurve", "linearcurve")
 
-LEAST_AROUND, MOST_AROUND = 8, 96
-"""Sides of a tube."""
-
-MOST_ALONG = 64
-"""Rings of one segment of a spline."""
-
-_BYTES_PER_VERTEX = 80
-"""Of a tube: a position, a normal, texture coordinates, and two triangles."""
+LEAST_AROUND, MOST_AROUND = 8, 96  # sides of a tube
+MOST_ALONG = 64  # rings of one segment of a spline
+_BYTES_PER_VERTEX = 80  # of a tube: a position, a normal, texture coordinates, and two triangles
 
 
 def read_curves(plugin: Plugin, detail: Detail) -> tuple[Mesh, bool]:

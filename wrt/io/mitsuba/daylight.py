@@ -22,11 +22,8 @@ from wrt.values import vec3
 
 Array = NDArray[np.float64]
 
-SCALE = 1.0 / 106.7502593994140625
-"""Converts W·sr⁻¹·m⁻² to Mitsuba's radiance, which is a mean over wavelengths."""
-
-_DIAMETER = 0.5358
-"""Angular diameter of Mitsuba's sun, degrees."""
+SCALE = 1.0 / 106.7502593994140625  # converts W·sr⁻¹·m⁻² to Mitsuba's radiance, which is a mean over wavelengths
+_DIAMETER = 0.5358  # angular diameter of Mitsuba's sun, degrees
 
 _SUM = 467.069280386 / 11.0 * 0.9989
 """Mitsuba integrates over wavelengths as 467.07 nm times the mean of eleven samples 40 nm apart, which is 6 % too much.

@@ -18,18 +18,10 @@ from wrt.errors import InputError, did_you_mean, warn
 from wrt.io import memory_limits
 from wrt.io.safe_read import first_line, is_inside, read_file, require_file, require_inside
 
-MOST_INCLUDES = 1000
-"""Files that a scene may include; each inclusion counts."""
-
-BYTES_PER_ELEMENT = 300
-"""Memory of an element with one or two attributes."""
-
-LONGEST_VALUE = 2**16
-"""Most characters of an attribute value after substitution of parameters; enough for a long list."""
-
-MOST_LEVELS = 64
-"""Deepest nesting of elements."""
-
+MOST_INCLUDES = 1000  # files that a scene may include; each inclusion counts
+BYTES_PER_ELEMENT = 300  # memory of an element with one or two attributes
+LONGEST_VALUE = 2**16  # most characters of an attribute value after substitution of parameters; enough for a long list
+MOST_LEVELS = 64  # deepest nesting of elements
 _PARAMETER = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
 _CAPITAL = re.compile(r"(?<=[a-z0-9])([A-Z])")
 

@@ -26,8 +26,7 @@ _TURNED = np.diag([-1.0, 1.0, -1.0])
 _SMOOTH_ROWS = 512
 """Smaller environments are resampled to this many rows, because Mitsuba's rows lie elsewhere and are interpolated."""
 
-ON_SHAPES = ("area", "directionalarea")
-"""Emitters that are part of a shape."""
+ON_SHAPES = ("area", "directionalarea")  # emitters that are part of a shape
 
 
 class Emitters:

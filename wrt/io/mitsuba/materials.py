@@ -38,8 +38,7 @@ from wrt.scene.materials.body import Body
 from wrt.scene.materials.microfacet import LEAST_ALPHA
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 
-MASKINGS = {"ggx": "smith-separable", "beckmann": "walter"}
-"""Mitsuba's masking functions by distribution."""
+MASKINGS = {"ggx": "smith-separable", "beckmann": "walter"}  # Mitsuba's masking functions by distribution
 
 
 @dataclass(frozen=True)
@@ -84,17 +83,10 @@ def _black_with_holes_of(material: Material) -> Material:
     return Diffuse(0.0, opacity=material.opacity)
 
 
-INVISIBLE: Material = Diffuse(0.0, opacity=0.0)
-"""The material of an invisible surface."""
-
-CLEAR: Material = ThinDielectric(1.0, 1.0)
-"""An invisible material that can emit, unlike INVISIBLE."""
-
-UNKNOWN = Surface(Diffuse(0.5), one_sided=True)
-"""Replaces unknown models, and is the default of shapes without a bsdf."""
-
-BLACK = Surface(Diffuse(0.0))
-"""The default of emitting shapes without a bsdf."""
+INVISIBLE: Material = Diffuse(0.0, opacity=0.0)  # the material of an invisible surface
+CLEAR: Material = ThinDielectric(1.0, 1.0)  # an invisible material that can emit, unlike INVISIBLE
+UNKNOWN = Surface(Diffuse(0.5), one_sided=True)  # replaces unknown models, and is the default of shapes without a bsdf
+BLACK = Surface(Diffuse(0.0))  # the default of emitting shapes without a bsdf
 
 
 class Materials:
@@ -181,8 +173,7 @@ def _with_normals(plugin: Plugin, material: Material, normals: NormalMap) -> Mat
 
 # --- Arguments of models ---------------------------------------------------------------------------
 
-Reader = Callable[[Plugin, Textures], Any]
-"""Reads one argument of a material from a plugin."""
+Reader = Callable[[Plugin, Textures], Any]  # reads one argument of a material from a plugin
 
 
 def _color(name: str, default: float) -> Reader:

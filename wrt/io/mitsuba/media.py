@@ -23,12 +23,8 @@ from wrt.scene.scene import Scene
 
 _GRIDS = ("gridvolume", "grid")
 
-_BEYOND = 1e-4
-"""A grid reaches this far beyond the shape it fills, in its own lengths."""
-
-_MOST_CONTINUED = 2**26
-"""Most numbers in a grid that is continued."""
-
+_BEYOND = 1e-4  # a grid reaches this far beyond the shape it fills, in its own lengths
+_MOST_CONTINUED = 2**26  # most numbers in a grid that is continued
 Coefficients = tuple[float, ...]
 
 

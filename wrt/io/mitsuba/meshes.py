@@ -23,11 +23,8 @@ from wrt.io.safe_read import read_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import vertex_normals
 
-MESH_FILES = ("obj", "ply", "serialized")
-"""Shapes whose triangles are in a file."""
-
-_POSTFIXES = frozenset("xyzwrgba01234")
-"""Ends of the names of properties that together are an attribute."""
+MESH_FILES = ("obj", "ply", "serialized")  # shapes whose triangles are in a file
+_POSTFIXES = frozenset("xyzwrgba01234")  # ends of the names of properties that together are an attribute
 
 
 def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:

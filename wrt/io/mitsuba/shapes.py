@@ -33,8 +33,7 @@ from wrt.values import Vec3, vec3
 
 Matrix = NDArray[np.float64]
 
-MOST_EXACT_LIGHTS = 64
-"""Rays are tested against each of them in turn."""
+MOST_EXACT_LIGHTS = 64  # rays are tested against each of them in turn
 
 _LEAST_RADIUS = 1e-5
 """Smaller spheres, relative to the distance of the origin, are triangles: float32 resolves an exact one no better."""

@@ -19,8 +19,7 @@ Matrix = NDArray[np.float64]
 LEAST_SEGMENTS, MOST_SEGMENTS = 64, 768
 """Segments of a circle: fewer would show in the shading, more would take half a gigabyte for a few spheres."""
 
-MOST_EMITTING = 192
-"""Most segments of a circle on an emitting shape, where each triangle is a light."""
+MOST_EMITTING = 192  # most segments of a circle on an emitting shape, where each triangle is a light
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,7 @@ from wrt.values import number, vector
 
 Table = dict[str, Any]
 
-MOST_LEVELS = 64
-"""Most parts of a dotted key. The parser takes time and memory quadratic in their number."""
-
+MOST_LEVELS = 64  # most parts of a dotted key. The parser takes time and memory quadratic in their number
 _PART = r"""(?:(?<![\w-])[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 _TOO_LONG = re.compile(rf"(?:{_PART}[ \t]*\.[ \t]*){{{MOST_LEVELS}}}", re.ASCII)
 

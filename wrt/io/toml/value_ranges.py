@@ -18,17 +18,10 @@ from wrt.scene.materials.measured import Measured, Measurement
 
 Schema = dict[str, Any]
 
-FORMS = {"number": 0, "pair": 2, "triple": 3}
-"""Forms of a number: a scalar (0), or an array of this length."""
-
-_TRIED = (0.5, 1.0, 2.0, 5.0, 90.0, 1e-3, 0.0)
-"""Every numeric parameter accepts at least one of these."""
-
-_FAR = 1e300
-"""Beyond every limit."""
-
-_UNLIMITED = 1e30
-"""Larger limits are those of float32, and not reported."""
+FORMS = {"number": 0, "pair": 2, "triple": 3}  # forms of a number: a scalar (0), or an array of this length
+_TRIED = (0.5, 1.0, 2.0, 5.0, 90.0, 1e-3, 0.0)  # every numeric parameter accepts at least one of these
+_FAR = 1e300  # beyond every limit
+_UNLIMITED = 1e30  # larger limits are those of float32, and not reported
 
 _LIMITS = {
     "at least": "minimum",
