@@ -13,7 +13,7 @@ from wrt.io.measured.observer import OBSERVER, RGB_FROM_XYZ
 from wrt.io.measured.observer import WAVELENGTHS as OBSERVED
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.textures import Textures
-from wrt.io.mitsuba.transforms import axis_and_degrees, rotation_part
+from wrt.io.mitsuba.transforms import axis_and_degrees
 from wrt.linalg import norm, product
 from wrt.scene.environment import ConstantEnvironment, Environment, SunSkyEnvironment
 from wrt.scene.lights import DirectionalLight
@@ -39,9 +39,7 @@ _TIME = {"hour": 15.0, "minute": 0.0, "second": 0.0}
 
 def daylight(plugin: Plugin, textures: Textures) -> tuple[Environment, DirectionalLight | None]:
     """Return the sky of a `sunsky`, and its sun; None and a black sky if the sun is below the horizon."""
-    axes, _, plain = rotation_part(plugin.transform())
-    if not plain:
-        plugin.warn("'to_world' has shear, which is left out")
+    axes, _ = plugin.axes()
     if plugin.type != "sunsky" or plugin.document.old:
         plugin.warn("taken as a 'sunsky' of Mitsuba 3")
         plugin.ignore("sun_radius_scale", "resolution", "stretch", "extend")
@@ -105,7 +103,7 @@ def _to_sun(plugin: Plugin, axes: Array) -> Array:
             raise plugin.error("'sun_direction' must not be zero")
         return np.asarray(direction / length)
     values = {name: plugin.number(name, default) for name, default in (_PLACE | _TIME).items()}
-    values |= {name: plugin.whole(name, default) for name, default in _DATE.items()}
+    values |= {name: plugin.integer(name, default) for name, default in _DATE.items()}
     for name, value in values.items():
         if not abs(value) < 1e6:
             raise plugin.error(f"{name!r} is out of range: {str(value)[:20]}")

@@ -106,7 +106,6 @@ class Materials:
         if key not in self._surfaces:
             with plugin.locating():
                 self._surfaces[key] = self._made(plugin)
-            plugin.finish()
         return self._surfaces[key]
 
     def _made(self, plugin: Plugin) -> Surface:

@@ -109,9 +109,7 @@ class Media:
                 mean_cosine = phase.number("g", 0.8)
             elif phase.type != "isotropic":
                 phase.warn_of_all("this phase function is not known; 'isotropic' stands in for it")
-            phase.finish()
         plugin.ignore("has_spectral_extinction", "sample_emitters", "material")
-        plugin.finish()
         absorption, scattering = (tuple(scale * x for x in coefficient) for coefficient in (absorption, scattering))
         with plugin.locating():
             return Medium(absorption, scattering, mean_cosine, density=density)
@@ -120,9 +118,7 @@ class Media:
         volume = plugin.named(name)
         if volume is None or volume.kind != "volume":
             return self.textures.constant(plugin, name, default)
-        result = self.textures.constant(volume, "value", default)
-        volume.finish()
-        return result
+        return self.textures.constant(volume, "value", default)
 
     def _extinction(self, plugin: Plugin) -> tuple[Coefficients, DensityGrid | None]:
         """Return the extinction where the density is 1, and the density if it varies."""
@@ -187,7 +183,7 @@ class Media:
                 grid.warn("its box is too small beside the shape; its mean is used")
                 albedo = np.broadcast_to(albedo.mean(axis=(0, 1, 2)), (1, 1, 1, 3))
             else:
-                wrap = grid.choice("wrap_mode", "clamp", "clamp", "repeat", "mirror")
+                wrap = grid.choice("wrap_mode", "clamp", "repeat", "mirror")
                 for axis in range(3):  # the grid has z first
                     albedo = _along(albedo, 2 - axis, int(first[axis]), int(last[axis]), wrap)
             place = np.eye(4)
@@ -225,15 +221,14 @@ def _volume(grid: Plugin, *, fills_all: bool = False) -> tuple[Volume, dict[str,
     file = grid.file()
     with grid.locating():
         volume = read_volume(file)
-    if grid.choice("filter_type", "trilinear", "trilinear", "nearest") == "nearest":
+    if grid.choice("filter_type", "trilinear", "nearest") == "nearest":
         grid.warn("'nearest' is not known; values are interpolated")
-    if grid.choice("wrap_mode", "clamp", "clamp", "repeat", "mirror") != "clamp" and not fills_all:
+    if grid.choice("wrap_mode", "clamp", "repeat", "mirror") != "clamp" and not fills_all:
         grid.warn("beyond its box there is nothing, whatever its 'wrap_mode'")
     places: dict[str, Any] = {"transform": grid.transform()}
     if grid.boolean("use_grid_bbox", False):
         places |= {key: value for key, value in volume.places.items() if key != "transform"}
     grid.ignore("raw", "accel", "max_value")
-    grid.finish()
     return volume, places
 
 

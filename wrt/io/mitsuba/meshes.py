@@ -43,7 +43,7 @@ def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:
     path = plugin.file()
     matrix = plugin.transform()
     upside_down = plugin.boolean("flip_tex_coords", plugin.type == "obj")
-    index = plugin.whole("shape_index", 0) if plugin.type == "serialized" else 0
+    index = plugin.integer("shape_index", 0) if plugin.type == "serialized" else 0
     with plugin.locating(), hinting(path):
         parts, flat = _parts(plugin, path, index, attribute)
         shapes = to_shapes(str(path), parts, None)

@@ -36,7 +36,7 @@ def read_sdfgrid(plugin: Plugin) -> Mesh:
         InputError: when its file cannot be read, or has no surface.
     """
     path = plugin.file()
-    smooth = plugin.choice("normals", "smooth", "smooth", "analytic") == "smooth"
+    smooth = plugin.choice("normals", "smooth", "analytic") == "smooth"
     plugin.ignore("watertight")
     with plugin.locating():
         values = read_volume(path).values

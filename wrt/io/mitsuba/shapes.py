@@ -81,8 +81,7 @@ class Shapes:
                 made = self._shape(plugin)
         else:
             plugin.warn("this kind of shape is not known; left out")
-            return []
-        plugin.finish()
+            made = []
         return made
 
     def _instance(self, plugin: Plugin) -> Iterator[Shape]:
@@ -97,9 +96,7 @@ class Shapes:
             detail, self.detail = self.detail, Detail(None, self.detail.height)
             self._groups[key] = [shape for inner in group.of_kind("shape") for shape in self._shapes(inner)]
             self.detail = detail
-            group.finish()
         matrix = plugin.transform()
-        plugin.finish()
         for shape in self._groups[key]:
             memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE)
             yield dataclasses.replace(shape, transform=matrix)
@@ -168,7 +165,6 @@ class Shapes:
             return (0.0, 0.0, 0.0)
         radiance = self.textures.color(emitter, "radiance", 1.0, emits=True, most=math.inf)
         emitter.ignore("sampling_weight")
-        emitter.finish()
         return (radiance,) * 3 if isinstance(radiance, float) else radiance
 
     def _mesh(self, plugin: Plugin, emits: bool) -> Mesh:

@@ -150,6 +150,5 @@ def _by_plugin(plugin: Plugin, color_from: Callable[[Spectrum], Vec3]) -> Vec3:
         result = color_from(_interpolated(element, wavelengths, values))
     else:
         plugin.warn("this kind of spectrum is not known; 0.5 stands in for it")
-        return 0.5, 0.5, 0.5
-    plugin.finish()
+        result = (0.5, 0.5, 0.5)
     return result
