@@ -10,7 +10,6 @@ import struct
 from typing import TYPE_CHECKING
 
 from wrt.errors import InputError
-from wrt.io import memory_limits
 from wrt.io.safe_read import first_line
 
 if TYPE_CHECKING:
@@ -43,7 +42,6 @@ def open_ktx2(data: bytes) -> Image:
     if width == 0 or height == 0 or depth > 1 or faces != 1:
         raise InputError("the KTX2 file is no flat image")
     require_pixels(width, height)
-    memory_limits.require(memory_limits.IMAGES, width * height * memory_limits.BYTES_PER_PIXEL)
     try:
         import opengl_basisu
     except ImportError:

@@ -204,16 +204,14 @@ def _grid(plugin: Plugin, name: str) -> Plugin | None:
 
 def _along(values: NDArray[Any], axis: int, first: int, last: int, wrap: str) -> NDArray[Any]:
     """Return a grid over the boxes from `first` to `last` along an axis, where box 0 has the values."""
-    pieces = []
-    for k in range(first, last):
-        if wrap == "repeat" or k == 0:
-            pieces.append(values)
-        elif wrap == "mirror":
-            pieces.append(np.flip(values, axis) if k % 2 else values)
-        else:
-            edge = np.take(values, [0 if k < 0 else -1], axis)
-            pieces.append(np.repeat(edge, values.shape[axis], axis))
-    return np.concatenate(pieces, axis)
+    size = values.shape[axis]
+    index = np.arange(first * size, last * size)
+    if wrap == "clamp":
+        index = index.clip(0, size - 1)
+    else:
+        index %= size if wrap == "repeat" else 2 * size
+        index = np.minimum(index, 2 * size - 1 - index)  # every other box is mirrored
+    return np.take(values, index, axis)
 
 
 def _volume(grid: Plugin, *, fills_all: bool = False) -> tuple[Volume, dict[str, Any]]:

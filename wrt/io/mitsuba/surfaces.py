@@ -51,12 +51,6 @@ class Detail:
         return (most, True) if segments > most else (max(LEAST_SEGMENTS, 4 * math.ceil(0.25 * segments)), False)
 
 
-def rectangle() -> Mesh:
-    """Return the square from −1 to 1 in x and y that faces z, with u and v from 0 to 1."""
-    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
-    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), uvs=0.5 * (corners[:, :2] + 1.0), name="rectangle")
-
-
 def cube() -> Mesh:
     """Return the cube from −1 to 1; each side has the whole unit square of texture coordinates, as in Mitsuba."""
     x, y, z = np.eye(3)
