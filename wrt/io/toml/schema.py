@@ -38,7 +38,6 @@ from wrt.scene.shapes import MAX_SUBDIVISIONS
 from wrt.scene.textures import WRAPS, ImageTexture, NormalMap, VertexColor
 from wrt.values import Vec3, boolean, color, integer, number, vector
 
-_LONGEST_LINE = 110
 _UNLIMITED = 1e30  # larger limits are those of float32
 
 _PAIR = array_of(NUMBER, 2, 2)
@@ -66,15 +65,7 @@ def scene_schema() -> Schema:
 
 def schema_text() -> str:
     """Return the schema as JSON text."""
-    text = json.dumps(scene_schema(), indent=1, ensure_ascii=False)
-
-    def joined(found: re.Match[str]) -> str:
-        line = re.sub(r"\n\s*", " ", found[0]).replace("[ ", "[").replace(" ]", "]")
-        return line if len(line) <= _LONGEST_LINE else found[0]
-
-    for _ in range(3):  # put short objects on one line, innermost first
-        text = re.sub(r"\{[^{}\[\]]*\}|\[[^{}\[\]]*\]|\{\n[^\n]*\n\s*\}", joined, text)
-    return text + "\n"
+    return json.dumps(scene_schema(), indent=1, ensure_ascii=False) + "\n"
 
 
 def _definitions() -> Iterable[tuple[str, Schema]]:
