@@ -193,4 +193,3 @@ def test_a_conversion_that_fails_leaves_nothing(folder):
     with pytest.raises(wrt.InputError, match="cannot hold materials of one's own"):
         wrt.save_scene("a.toml", scene)
     assert os.listdir(folder) == []
-
