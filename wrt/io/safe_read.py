@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import os
 import stat
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from wrt.errors import InputError, one_line
 
@@ -30,12 +32,27 @@ class _Confinement:
         self.refused: Path | None = None
 
 
+@dataclass
+class Load:
+    """The files and the memory of a load so far, which `wrt.io.memory_limits` compares.
+
+    Attributes:
+        files: the files, each once, even under different paths.
+        size: their bytes.
+        counts: bytes of memory by limit.
+    """
+
+    files: set[str] = field(default_factory=set)
+    size: int = 0
+    counts: Counter[Any] = field(default_factory=Counter)
+
+
 class _OutsideError(Exception):
     """A path leads out of the folder. Not an InputError, which readers may turn into a warning."""
 
 
 _confinement: ContextVar[_Confinement | None] = ContextVar("confinement", default=None)
-_sizes: ContextVar[dict[str, int] | None] = ContextVar("sizes", default=None)
+LOAD: ContextVar[Load | None] = ContextVar("load", default=None)
 _inputs: dict[str, Identity] = {}  # the files that this process has read, by real path
 
 
@@ -56,17 +73,6 @@ def is_input(path: Path) -> bool:
 def forget_input(path: Path) -> None:
     """Stop counting the file at `path` as read, so that it may be replaced."""
     _inputs.pop(os.path.realpath(path), None)
-
-
-@contextmanager
-def counting_sizes() -> Iterator[dict[str, int]]:
-    """Record the sizes of the files that are read within the context, by real path."""
-    sizes: dict[str, int] = {}
-    token = _sizes.set(sizes)
-    try:
-        yield sizes
-    finally:
-        _sizes.reset(token)
 
 
 @contextmanager
@@ -158,9 +164,10 @@ def read_file(path: Path, most: int = -1) -> bytes:
     if not data:
         raise InputError(f"{path}: the file is empty")
     _inputs[real] = identity_of(found)
-    sizes = _sizes.get()
-    if sizes is not None:
-        sizes[real] = found.st_size
+    load = LOAD.get()
+    if load is not None and real not in load.files:
+        load.files.add(real)
+        load.size += found.st_size
     return data
 
 
