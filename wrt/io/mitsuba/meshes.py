@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import did_you_mean
-from wrt.io.encodings import as_utf8
 from wrt.io.file_type import hinting
 from wrt.io.mesh.obj import read_obj
 from wrt.io.mesh.parts import Part
@@ -19,7 +18,7 @@ from wrt.io.mesh.repair import to_shapes
 from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.serialized import read_serialized
-from wrt.io.safe_read import read_file
+from wrt.io.safe_read import as_utf8, read_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import vertex_normals
 

@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.io.encodings import as_utf8
 from wrt.io.measured.observer import D65, OBSERVER, RESPONSE, WAVELENGTHS
 from wrt.io.mitsuba.document import Document, Element
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.transforms import numbers_of, vector_of
-from wrt.io.safe_read import read_file
+from wrt.io.safe_read import as_utf8, read_file
 from wrt.linalg import product
 from wrt.scene.srgb import linear_from_srgb
 from wrt.values import Vec3, vec3
