@@ -97,11 +97,7 @@ class Materials:
         self._surfaces: dict[int, Surface] = {}
 
     def surface(self, plugin: Plugin) -> Surface:
-        """Return the surface of a `bsdf`.
-
-        Raises:
-            InputError: naming file and line, when a value in it cannot be used.
-        """
+        """Return the surface of a `bsdf`."""
         key = id(plugin.element)
         if key not in self._surfaces:
             with plugin.locating():

@@ -35,9 +35,6 @@ def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:
     Args:
         plugin: the shape.
         attribute: name of the attribute, "vertex_NAME" or "face_NAME", that becomes the colours of the mesh.
-
-    Raises:
-        InputError: when the file cannot be read.
     """
     path = plugin.file()
     matrix = plugin.transform()

@@ -202,9 +202,6 @@ def plugin_of(element: Element, document: Document, opened: tuple[Element, ...] 
         element: the element to parse.
         document: its document.
         opened: the elements that contain it.
-
-    Raises:
-        InputError: when it contains itself, is nested too deep, or cannot be parsed.
     """
     plugins: dict[int, Plugin] = document.plugins
     if id(element) not in plugins:

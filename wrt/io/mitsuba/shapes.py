@@ -56,11 +56,7 @@ class Shapes:
         self._groups: dict[int, list[Shape]] = {}
 
     def all_of(self, plugins: list[Plugin]) -> list[Shape]:
-        """Return the shapes of a scene, in which black shapes that emit are lights unless rays could hit nothing else.
-
-        Raises:
-            InputError: naming file and line, when a value in it cannot be used.
-        """
+        """Return the shapes of a scene; black shapes that emit become lights unless rays could hit nothing else."""
         made = [shape for plugin in plugins for shape in self._shapes(plugin)]
         if made or not self.lights:
             return made

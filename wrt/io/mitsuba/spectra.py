@@ -60,9 +60,6 @@ def color_of(element: Element, document: Document, *, emits: bool) -> Vec3:
         element: one of COLOR_TAGS.
         document: the document, to find files.
         emits: whether it is emission rather than reflectance.
-
-    Raises:
-        InputError: when its numbers cannot be read.
     """
     if element.tag in ("rgb", "color", "srgb"):
         return _rgb(element)

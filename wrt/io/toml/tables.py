@@ -48,11 +48,7 @@ def _require_short_integers(value: Any, key: str = "") -> None:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file.
-
-    Raises:
-        InputError: where it cannot be read or is not valid TOML; the message does not name the file.
-    """
+    """Return the tables of a TOML file."""
     if sys.version_info >= (3, 11):
         import tomllib
     else:
