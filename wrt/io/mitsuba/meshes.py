@@ -30,11 +30,7 @@ def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:
     """Return the triangles of an `obj`, a `ply` or a `serialized` in world space.
 
     Normals in the file are kept; otherwise each is the mean of the faces around its vertex (Thürmer and Wüthrich 1998),
-    without creases. With `face_normals` there are none.
-
-    Args:
-        plugin: the shape.
-        attribute: name of the attribute, "vertex_NAME" or "face_NAME", that becomes the colours of the mesh.
+    without creases. With `face_normals` there are none. An attribute, "vertex_NAME" or "face_NAME", becomes colours.
     """
     path = plugin.file()
     matrix = plugin.transform()
