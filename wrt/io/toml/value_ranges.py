@@ -52,7 +52,8 @@ class Limits:
         """Call `make`, which must be fast, to find words and limits that depend on each other."""
         self.make = make
         parameters = inspect.signature(make).parameters
-        hints = typing.get_type_hints(make, include_extras=True)
+        types, hints = typing.get_type_hints(make), typing.get_type_hints(make, include_extras=True)
+        hints = {name: hint if _has_schema(hint) else types[name] for name, hint in hints.items()}
         self.hints: dict[str, Any] = {name: hints.get(name, Any) for name in parameters}
         self.required = [name for name, p in parameters.items() if p.default is inspect.Parameter.empty]
         self._given = self._arguments()
@@ -140,6 +141,11 @@ class Limits:
         if "exclusiveMinimum" in limits and min(accepted, default=np.inf) <= limits["exclusiveMinimum"]:
             del limits["exclusiveMinimum"]
         return {key: int(x) if x == int(x) else x for key, x in limits.items() if abs(x) < _UNLIMITED}
+
+
+def _has_schema(hint: Any) -> bool:
+    """Return whether a type is annotated by its JSON schema, not only by checks."""
+    return any(isinstance(each, dict) for each in getattr(hint, "__metadata__", ()))
 
 
 def _example(hint: Any, index: int) -> Any:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from wrt.errors import InputError
-from wrt.scene.description import Checks, instance_of, optional
+from wrt.scene.description import instance_of, optional
 from wrt.scene.materials.material import Material
 from wrt.scene.medium import Medium
 from wrt.scene.textures import ColorSource
@@ -19,13 +19,9 @@ from wrt.values import Vec3, integer
 class Body(Material):
     """Base of the materials of bodies that light enters."""
 
-    interior: Medium | None = field(default=None, kw_only=True)
-    priority: int = field(default=0, kw_only=True)
-
-    checks: ClassVar[Checks] = {
-        "interior": optional(instance_of(Medium)),
-        "priority": partial(integer, minimum=-1_000_000, maximum=1_000_000),
-    }
+    _: KW_ONLY
+    interior: Annotated[Medium | None, optional(instance_of(Medium))] = None
+    priority: Annotated[int, partial(integer, minimum=-1_000_000, maximum=1_000_000)] = 0
 
     @property
     def is_body(self) -> bool:

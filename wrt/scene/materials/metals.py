@@ -10,8 +10,8 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.linalg import gauss_legendre
-from wrt.scene.description import Checks
-from wrt.scene.materials.material import Filmed, color_source
+from wrt.scene.description import Flag
+from wrt.scene.materials.material import Filmed, Reflectance, color_source
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.scene.materials.presets import (
     ALIASES,
@@ -23,7 +23,7 @@ from wrt.scene.materials.presets import (
     reflectance_f0,
 )
 from wrt.scene.textures import ColorSource
-from wrt.values import ColorLike, Vec3, boolean, color
+from wrt.values import ColorLike, Vec3, color
 
 COPPER_ETA: Vec3 = (0.200, 0.924, 1.102)
 COPPER_K: Vec3 = (3.912, 2.452, 2.142)
@@ -161,11 +161,10 @@ class RoughConductor(Filmed):
     metal: str | None = None
     distribution: str = "ggx"
     masking: str | None = None
-    multiple_bounces: bool = False
-    reflectance: ColorSource = 1.0
+    multiple_bounces: Flag = False
+    reflectance: Reflectance = 1.0
 
     type_name: ClassVar[str] = "rough-conductor"
-    checks: ClassVar[Checks] = {"reflectance": color_source, "multiple_bounces": boolean}
 
     def __post_init__(self) -> None:
         super().__post_init__()
