@@ -12,7 +12,7 @@ from support.small_scenes import block_scene, finish
 
 import wrt
 from wrt.errors import InputWarning
-from wrt.upload.attributes import check_attributes
+from wrt.upload.prepare import check_attributes
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 FACE = np.array([[0, 1, 2]])
