@@ -17,7 +17,12 @@ from wrt.values import Vec3, integer
 
 @dataclass(frozen=True)
 class Body(Material):
-    """Base of the materials of bodies that light enters."""
+    """Base of the materials of bodies that light enters.
+
+    Attributes:
+        interior: medium inside the body, in scene files its name; by default the body is clear.
+        priority: where bodies overlap, only the one of the highest priority exists.
+    """
 
     _: KW_ONLY
     interior: Annotated[Medium | None, optional(instance_of(Medium))] = None
@@ -40,7 +45,11 @@ class Body(Material):
 
 
 class Entered(Body):
-    """Base of the materials that light enters by their `transmission`, unless they are thin."""
+    """Base of the materials that light enters by their `transmission`, unless they are thin.
+
+    Attributes:
+        interior: medium inside the body, if `transmission` lets light in; in scene files its name.
+    """
 
     transmission: ColorSource
     thin_walled: bool
@@ -61,10 +70,6 @@ class Null(Body):
     """A boundary that does not affect light; it only marks where the medium inside begins.
 
     For clouds, smoke, fog in a room, or wax without a surface. Triangles wind counter-clockwise seen from outside.
-
-    Attributes:
-        interior: medium inside the body; in scene files its name.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
     type_name: ClassVar[str] = "null"

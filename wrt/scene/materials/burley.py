@@ -36,8 +36,6 @@ class Burley(Entered):
         flatness: blends the diffuse base to one that looks like light scattered below the surface.
         coat: strength of a clear coat, which reflects a quarter as much as varnish; without effect on thin sheets.
         coat_gloss: 0 satin to 1 gloss, of the coat.
-        interior: medium inside the body, if `transmission` lets light in; in scene files its name.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
     base_color: Reflectance = 0.5

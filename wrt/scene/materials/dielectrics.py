@@ -51,7 +51,14 @@ def _transmittance(cos_i: NDArray[np.float64], eta: float) -> NDArray[np.float64
 
 @dataclass(frozen=True)
 class _Boundary(Material):
-    """Base of the boundaries of transparent media."""
+    """Base of the boundaries of transparent media.
+
+    Attributes:
+        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
+        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
+        specular_reflectance: multiplies reflected light; 1 in nature.
+        specular_transmittance: multiplies transmitted light; 1 in nature.
+    """
 
     ior: RefractiveIndex = 1.5
     exterior_ior: RefractiveIndex = 1.0
@@ -69,7 +76,12 @@ class _Boundary(Material):
 
 @dataclass(frozen=True)
 class _BodyBoundary(_Boundary, Dispersive):
-    """Base of the boundaries of bodies, which may be dispersive."""
+    """Base of the boundaries of bodies, which may be dispersive.
+
+    Attributes:
+        dispersion: how much more blue is refracted than red: 20 over the Abbe number, as in glTF, or a name such as
+            "diamond" (`wrt materials --presets`). `ior` is then that of yellow light, 587.6 nm. 0 is none.
+    """
 
     _: KW_ONLY
     dispersion: Dispersion = 0.0
@@ -101,16 +113,8 @@ class Dielectric(_BodyBoundary):
     Triangles wind counter-clockwise seen from outside the body, where the index is `exterior_ior`.
 
     Attributes:
-        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
-        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
-        specular_reflectance: multiplies reflected light; 1 in nature.
-        specular_transmittance: multiplies refracted light; 1 in nature.
-        dispersion: how much more blue is refracted than red: 20 over the Abbe number, as in glTF, or a name such as
-            "diamond" (`wrt materials --presets`). `ior` is then that of yellow light, 587.6 nm. 0 is none.
         fresnel: "exact" for Fresnel's equations, or "schlick" for Schlick's approximation (1994) by the angle in the
             medium of lower index.
-        interior: medium inside the body, in scene files its name; by default the body is clear.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
     _: KW_ONLY
@@ -133,8 +137,6 @@ class ThinDielectric(_Boundary):
     Attributes:
         ior: refractive index of the pane, or a name such as "water" (`wrt materials --presets`).
         exterior_ior: the same for the medium on both sides of it.
-        specular_reflectance: multiplies reflected light; 1 in nature.
-        specular_transmittance: multiplies transmitted light; 1 is clear.
     """
 
     type_name: ClassVar[str] = "thin-dielectric"
@@ -148,19 +150,11 @@ class RoughDielectric(_BodyBoundary):
     body, where the index is `exterior_ior`. If both indices agree to a thousandth, light passes straight through.
 
     Attributes:
-        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
-        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
         alpha: roughness, as for `RoughConductor`.
         distribution: of normals, as for `RoughConductor`.
         masking: shadowing and masking of facets, as for `RoughConductor`.
         multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which conserves
             energy. Otherwise that light is lost, as in most renderers, and rough glass is too dark.
-        specular_reflectance: multiplies reflected light; 1 in nature.
-        specular_transmittance: multiplies refracted light; 1 in nature.
-        dispersion: how much more blue is refracted than red: 20 over the Abbe number, as in glTF, or a name such as
-            "diamond" (`wrt materials --presets`). `ior` is then that of yellow light, 587.6 nm. 0 is none.
-        interior: medium inside the body, in scene files its name; by default the body is clear.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
     alpha: ColorSource = 0.1

@@ -104,7 +104,12 @@ class Material(Kind):
 
 @dataclass(frozen=True)
 class Filmed(Material):
-    """Base of materials that may have a thin film, whose colours come from interference."""
+    """Base of materials that may have a thin film, such as an oxide on metal, whose colours come from interference.
+
+    Attributes:
+        film_thickness: thickness of the film in nanometres; 0 is no film.
+        film_ior: refractive index of the film, from 1.
+    """
 
     _: KW_ONLY
     film_thickness: Annotated[ColorSource, partial(value_source, maximum=THICKEST_FILM)] = 0.0

@@ -88,9 +88,6 @@ class Conductor(_Metal):
             "gold", "silicon" or "gems" (wrt materials --presets).
         metal: a name such as "gold", or a chemical symbol, instead of the others (wrt materials --presets). It is
             replaced by its eta and k, or by its f0 if only that is known.
-        film_thickness: thickness in nanometres of a thin film on the metal, such as an oxide, whose colours come from
-            interference; 0 is no film.
-        film_ior: refractive index of that film, from 1.
     """
 
     eta: ColorLike | None = None
@@ -132,7 +129,6 @@ class RoughConductor(_Metal):
         multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which makes
             rough metals brighter and more saturated. Otherwise that light is lost, as in most renderers.
         reflectance: multiplies reflected light per channel, 0 to 1, at each bounce; 1 in nature.
-        film_thickness, film_ior: as for `Conductor`.
     """
 
     alpha: ColorSource = 0.1

@@ -21,7 +21,16 @@ def internal_reflectance(eta: float) -> float:
 
 @dataclass(frozen=True)
 class _Coated(Material):
-    """Base of materials with a diffuse base under a coat."""
+    """Base of materials with a diffuse base under a coat.
+
+    Attributes:
+        reflectance: fraction of light that the base reflects per channel, 0 to 1.
+        ior: refractive index of the coat, or a name such as "water" (`wrt materials --presets`).
+        exterior_ior: the same for the medium around it.
+        nonlinear: whether internal reflections make colours deeper, as varnish does to wood. Otherwise `reflectance`
+            is the visible colour where the coat reflects nothing.
+        specular_reflectance: multiplies light that the coat reflects; 1 in nature.
+    """
 
     reflectance: Reflectance = 0.5
     ior: RefractiveIndex = 1.5
@@ -38,14 +47,6 @@ class Plastic(_Coated):
     """A diffuse base under a smooth transparent coat; the base receives the light that the coat does not reflect.
 
     Both sides look the same. All inter-reflections between coat and base are included.
-
-    Attributes:
-        reflectance: fraction of light that the base reflects per channel, 0 to 1.
-        ior: refractive index of the coat, or a name such as "water" (`wrt materials --presets`).
-        exterior_ior: the same for the medium around it.
-        nonlinear: whether internal reflections make colours deeper, as varnish does to wood. Otherwise `reflectance`
-            is the visible colour where the coat reflects nothing.
-        specular_reflectance: multiplies light that the coat reflects; 1 in nature.
     """
 
     nonlinear: Flag = False
@@ -66,16 +67,10 @@ class RoughPlastic(_Coated):
     The coat is the microfacet model of Walter, Marschner, Li and Torrance (2007). Both sides look the same.
 
     Attributes:
-        reflectance: fraction of light that the base reflects per channel, 0 to 1.
-        ior: refractive index of the coat, or a name such as "water" (`wrt materials --presets`).
-        exterior_ior: the same for the medium around it.
         alpha: roughness of the coat, 1e-4 to 1: about √2 times the root-mean-square slope of its facets. An image
             gives it in its red channel.
         distribution: of the facets' normals: "ggx" or "beckmann".
         masking: shadowing and masking of facets, as for `RoughConductor`.
-        nonlinear: whether internal reflections make colours deeper. Otherwise `reflectance` is the visible colour
-            where the coat reflects nothing.
-        specular_reflectance: multiplies light that the coat reflects; 1 in nature.
         multiple_bounces: whether light that facets block reaches the base, so a white one stays white. Otherwise that
             light is lost, as in most renderers, and rough coats are darker.
     """

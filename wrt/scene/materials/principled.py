@@ -64,8 +64,6 @@ class Principled(Filmed, Dispersive, Entered):
             name such as "diamond" (`wrt materials --presets`). `ior` is then that of yellow light. 0 is none.
         film: share of the surface under a thin film, whose colours come from interference, as on soap bubbles, oil and
             the wings of insects.
-        film_thickness: thickness of that film in nanometres; 0 is no film.
-        film_ior: refractive index of the film, from 1.
         coat: coverage of a clear coat of index 1.5.
         coat_roughness: as `roughness`, of the coat.
         sheen_color: colour of fibres on the surface, as on velvet, per channel, 0 to 1.
@@ -73,8 +71,6 @@ class Principled(Filmed, Dispersive, Entered):
         emission: emitted radiance, W·sr⁻¹·m⁻².
         multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which makes
             rough metals brighter and more saturated. Otherwise that light is lost, as in most glTF viewers.
-        interior: medium inside the body, if `transmission` lets light in; in scene files its name.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
     base_color: Reflectance = 0.8
