@@ -61,7 +61,7 @@ class Description:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for name, check in _checks(type(self)):
+        for name, check in _checks(type(self)):  # type: ignore[arg-type]  # classes are hashable, if not their objects
             object.__setattr__(self, name, check(getattr(self, name), self._label(name)))
 
     def _label(self, name: str) -> str:
