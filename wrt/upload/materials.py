@@ -215,8 +215,9 @@ class _Slots:
 
         image = channel = -1
         uv_set, colors = 0, k.VERTEX_COLOR_NONE
-        factor: Any = np.broadcast_to(np.asarray(value, np.float64), 3) if not _varies(value) else value.factor
-        cutoff = getattr(value, "cutoff", None)
+        factor, cutoff = np.broadcast_to(np.asarray(getattr(value, "factor", value), np.float64), 3), None
+        if isinstance(value, (ImageTexture, VertexColor)):
+            cutoff = value.cutoff
         if isinstance(value, ImageTexture):
             image, uv_set = self.add_image(self._first_alike(value.pixels), value), value.uv_set
             channel = -1 if value.channel is None else CHANNELS.index(value.channel)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -150,7 +150,7 @@ def stored_in(cls: type[A], boxes: ArrayLike, axes: ArrayLike, colors: ArrayLike
     Raises:
         InputError: where the arrays are not those of such shapes.
     """
-    arrays = {"boxes": np.asarray(boxes, np.float32), "axes": np.asarray(axes, np.float64)}
+    arrays: dict[str, NDArray[Any]] = {"boxes": np.asarray(boxes, np.float32), "axes": np.asarray(axes, np.float64)}
     pairs, rows = arrays.values()
     if pairs.ndim != 3 or pairs.shape[1:] != (2, 3) or rows.shape != (len(pairs), 3, 3):
         raise InputError(f"{name}: boxes must be (N, 2, 3) and axes (N, 3, 3), not {pairs.shape} and {rows.shape}")
