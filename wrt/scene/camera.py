@@ -119,7 +119,7 @@ class PerspectiveCamera(LensCamera):
     """A thin-lens perspective camera; with aperture radius 0 a pinhole.
 
     Attributes:
-        fov_degrees: full vertical field of view before any shift, between 0 and 180.
+        fov_degrees: full vertical field of view before any shift, at most 179.
         shift_x: lens shift to the right, in picture heights, as of a view camera. Vertical lines stay parallel while
             the camera is level.
         shift_y: lens shift upwards, in picture heights.
@@ -127,15 +127,10 @@ class PerspectiveCamera(LensCamera):
 
     type_name: ClassVar[str] = "perspective"
 
-    fov_degrees: Positive = 40.0
+    fov_degrees: Annotated[float, partial(number, above=0.0, maximum=179.0)] = 40.0
     _: KW_ONLY
     shift_x: Number = 0.0
     shift_y: Number = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.fov_degrees >= 180.0:
-            raise InputError(f"camera fov_degrees must be less than 180, not {self.fov_degrees:g}")
 
     def film(self, width: int, height: int) -> dict[str, Any]:
         pixel = 2.0 * math.tan(math.radians(self.fov_degrees) / 2.0) / height

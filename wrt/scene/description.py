@@ -19,13 +19,21 @@ Check: TypeAlias = Callable[[Any, str], Any]
 
 
 def optional(check: Check) -> Check:
-    """Return a check that also accepts None."""
-    return lambda value, name: None if value is None else check(value, name)
+    """Return a check that also accepts None; the schema of scene files reads its keyword `check`."""
+    return partial(_check_unless_none, check=check)
+
+
+def _check_unless_none(value: Any, name: str, *, check: Check) -> Any:
+    return None if value is None else check(value, name)
 
 
 def word_of(words: Sequence[str]) -> Check:
-    """Return a check that a value is one of several words."""
-    return lambda value, name: one_of(value, words, name)
+    """Return a check that a value is one of several words; the schema of scene files reads its keyword `words`."""
+    return partial(_check_word, words=words)
+
+
+def _check_word(value: Any, name: str, *, words: Sequence[str]) -> str:
+    return one_of(value, words, name)
 
 
 def instance_of(cls: type) -> Check:
@@ -48,11 +56,11 @@ Color = Annotated[ColorLike, color]
 
 
 @functools.cache
-def _checks(cls: type) -> tuple[tuple[str, Check], ...]:
-    """Return the names of the checked fields of a class, those of its bases first, with their checks."""
+def checks_of(cls: type) -> dict[str, Check]:
+    """Return the checks of the fields of a class, those of its bases first."""
     hints = typing.get_type_hints(cls, include_extras=True)
     annotated = ((name, each) for name, hint in hints.items() for each in getattr(hint, "__metadata__", ()))
-    return tuple((name, each) for name, each in annotated if callable(each))
+    return {name: each for name, each in annotated if callable(each)}
 
 
 class Description:
@@ -61,7 +69,7 @@ class Description:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        for name, check in _checks(type(self)):  # type: ignore[arg-type]  # classes are hashable, if not their objects
+        for name, check in checks_of(type(self)).items():  # type: ignore[arg-type]  # classes are hashable, if not their objects
             object.__setattr__(self, name, check(getattr(self, name), self._label(name)))
 
     def _label(self, name: str) -> str:
