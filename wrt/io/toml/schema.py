@@ -175,7 +175,7 @@ def _value(make: Callable[..., Any], name: str, hint: Any) -> Schema:
             return schema
     if "numpy" in str(hint):
         return array_of({"anyOf": [NUMBER, VECTOR]}, 1)
-    checks = checks_of(make) if inspect.isclass(make) else {}
+    checks = checks_of(make) if inspect.isclass(make) else {}  # type: ignore[arg-type]
     options = _of_check(checks.get(name)) or _UNCHECKED.get(name) or _of_type(name, hint, kinds)
     if str in kinds and not any("enum" in each for each in options):
         options = [*options, TEXT]
