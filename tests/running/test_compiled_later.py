@@ -20,7 +20,7 @@ from support.wide_scenes import LANES, needs_lanes
 import wrt
 from wrt.backend import cache_folders, current_backend
 from wrt.backend.artefacts import Artefacts
-from wrt.backend.lanes import SWITCH as WIDE
+from wrt.backend.processor import SWITCH as WIDE
 from wrt.cli import main
 from wrt.compiling import kernel, later
 from wrt.compiling.general import general_features, is_general
