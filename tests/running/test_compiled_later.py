@@ -51,7 +51,7 @@ def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     assert artefacts.path is not None
     artefacts.path = tmp_path / "wrt" / artefacts.path.name
     artefacts.folders = [artefacts.path.parent]
-    artefacts.table["calls"].clear()
+    artefacts.table["values"].clear()
     monkeypatch.setattr(current_backend(), "artefacts", artefacts)
     return artefacts.path
 
