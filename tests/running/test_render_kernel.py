@@ -144,7 +144,7 @@ def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, aske
     monkeypatch.setattr(WideKernel, "_folders", lambda _: [])
     monkeypatch.setattr(WideKernel, "_is_usable", lambda _: True)
     real, sleep = subprocess.Popen, [sys.executable, "-c", "import time; time.sleep(60)"]
-    monkeypatch.setattr("wrt.rendering.wide_kernel.subprocess.Popen", lambda *_, **__: real(sleep))
+    monkeypatch.setattr("subprocess.Popen", lambda *_, **__: real(sleep))
     kernel = kernel_of(renderer)
     kernel.prepare(10.0 * COMPILING_SECONDS)
     process, features = kernel._compiler, kernel._features

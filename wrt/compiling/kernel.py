@@ -10,6 +10,7 @@ import dataclasses
 import json
 import os
 import signal
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,16 @@ def command(module: str, *arguments: str) -> list[str]:
         OSError: if the path of the interpreter is not known.
     """
     return child.command(f"from {module} import main; sys.exit(main(sys.argv))", *arguments)
+
+
+def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[bytes]:
+    """Run `main` of a module of wrt in another process, which reads nothing and prints nothing.
+
+    Raises:
+        OSError: if it cannot be started.
+    """
+    nothing = subprocess.DEVNULL
+    return subprocess.Popen(command(module, *arguments), stdin=nothing, stdout=nothing, stderr=nothing, **options)
 
 
 def is_compiled(features: Any, lanes: int) -> bool:

@@ -20,7 +20,7 @@ from typing import Any
 
 from wrt.backend import cache_folders, current_backend
 from wrt.backend.artefacts import Artefacts
-from wrt.compiling.kernel import as_json, command, compile_kernel, from_json, is_compiled, name_of_kernel
+from wrt.compiling.kernel import as_json, compile_kernel, from_json, is_compiled, name_of_kernel, start
 
 SWITCH = "WRT_BACKGROUND"
 """Environment variable: 0 compiles nothing for the next render; 1 does so on build machines, too."""
@@ -87,9 +87,7 @@ def request(features: Any, lanes: int) -> Path | None:
 def _start(table: Path, kernels: Path) -> None:
     """Start the process that compiles, in a session of its own, with none of the files and folders of this one."""
     _started[:] = [process for process in _started if process.poll() is None]
-    call = command(__name__, table.stem, str(kernels))
-    streams = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    _started.append(subprocess.Popen(call, **streams, cwd="/", start_new_session=True))
+    _started.append(start(__name__, table.stem, str(kernels), cwd="/", start_new_session=True))
 
 
 def is_done(path: Path) -> bool:

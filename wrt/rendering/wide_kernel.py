@@ -158,12 +158,10 @@ class WideKernel:
 
     def _compile(self) -> None:
         """Start compiling the kernel in another process."""
-        streams = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
         try:
             environment = {**os.environ, "TMPDIR": str(cache_folders.work_folder())}  # which this process removes
             arguments = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
-            command = compiler.command(compiler.__name__, *arguments)
-            self._compiler = subprocess.Popen(command, **streams, env=environment)
+            self._compiler = compiler.start(compiler.__name__, *arguments, env=environment)
         except OSError:  # no folder has room, for instance
             self._possible = False
             return
