@@ -73,7 +73,7 @@ def measure_scene(name: str, file: Path | None, options: argparse.Namespace) -> 
     scene = CASES[name].scene(options.size, Budget(0.01 if options.quick else 1.0)) if file is None else wrt.load(file)
     about = CASES[name].about if file is None else file.name
     print(f"\n{name}: {about}", flush=True)
-    pythons = {"mitsuba": options.mitsuba_python, "cycles": options.cycles_python, "luxcore": options.luxcore_python}
+    pythons = {"mitsuba": options.mitsuba_python, "cycles": options.cycles_python}
     environments = Environments({name: python for name, python in pythons.items() if python}, options.llvm)
     chosen = options.peers or [peer for peer in PEERS if PEERS[peer].device[options.device]]
     triangles = sum(len(shape.mesh.faces) for shape in scene.shapes)
@@ -240,5 +240,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="small pictures of small scenes, to see that all works")
     parser.add_argument("--resume", action="store_true", help="keep what --json FILE has; it is written scene by scene")
     parser.add_argument("--llvm", type=Path, help="folder below which libLLVM*.so is, for Mitsuba")
-    for name in ("mitsuba", "cycles", "luxcore"):
+    for name in ("mitsuba", "cycles"):
         parser.add_argument(f"--{name}-python", metavar="FILE", help="the Python that has it (default: this one)")

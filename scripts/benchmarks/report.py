@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from peers.peer import OWN, PEERS
 
-from benchmarks import checkouts, compiling, found, loading, rays, scaling, widths
+from benchmarks import checkouts, found, rays
 from benchmarks.measure import MEASURED_FOLDER, ROOT, Row, geometric_mean, table, write_section
 
 PAGE = ROOT / "docs" / "performance.md"
@@ -215,12 +215,8 @@ SECTIONS = {
     ),
     "gpu": (Section(ROOT / "docs" / "gpu.md", "speed", gpu_text),),
     "files": (Section(NOTES / "comparison.md", "files", files_text),),
-    "scaling": (Section(NOTES / "scaling.md", "scaling", scaling.text),),
     "found": (Section(PAGE, "found", found.text),),
-    "widths": (Section(PAGE, "widths", widths.text),),
-    "compile": (Section(NOTES / "compiling.md", "compile", compiling.text),),
     "rays": (Section(None, "rays", rays.text),),
-    "loading": (Section(None, "loading", loading.text),),
     "checkouts": (Section(None, "checkouts", checkouts.text),),
 }
 """The tables of each benchmark."""
