@@ -90,7 +90,6 @@ def run_in_turn(
     return medians
 
 
-
 def result_of(name: str) -> Row:
     """Return what `benchmark.py NAME --docs` wrote last."""
     result: Row = json.loads((MEASURED_FOLDER / f"{name}.json").read_text(encoding="utf-8"))

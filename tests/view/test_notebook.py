@@ -13,7 +13,8 @@ from PIL import Image
 
 import wrt
 from wrt.develop.tones import CURVES
-from wrt.view.picture import Look, develop
+from wrt.view.controls import Look
+from wrt.view.picture import develop
 from wrt.view.session import Session
 
 

@@ -12,8 +12,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from support import chromium
-from support.caches import copy_of_warm_cache
-from support.commands import CAMERA, ENVIRONMENT, LAMP, QUAD, run, start
+from support.commands import CAMERA, LAMP, QUAD, run, start
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -200,24 +199,6 @@ def test_a_watched_scene_shows_its_error_and_recovers_and_control_c_ends_it_in_o
         _, error = process.communicate(timeout=30)
     assert process.returncode == 130
     assert error.splitlines() == ["wrt: stopped: the view has ended"]
-
-
-@pytest.mark.slow
-def test_a_layer_that_was_never_compiled_appears(tmp_path):
-    """The view has begun without Warp, and goes over to it; camera and exposure stay."""
-    copy_of_warm_cache(tmp_path)
-    cached = {"env": {**ENVIRONMENT, "XDG_CACHE_HOME": str(tmp_path), "WARP_CACHE_PATH": ""}}
-    assert run(tmp_path, "render", "cornell-box", *SIZE, "--spp", "1", **cached).returncode == 0
-    with program(tmp_path, "cornell-box", *SIZE, "--spp", "4", **cached) as (_, page), page.socket() as socket:
-        received(socket, is_frame(spp=4))
-        send(socket, type="set", exposure=2.0)
-        send(socket, type="camera", camera={"origin": [0.2, 0.3, -0.8]}, serial=1)
-        received(socket, is_frame(serial=1, moving=False))
-        send(socket, type="set", layer="albedo")
-        received(socket, is_frame(spp=16), seconds=120)
-        send(socket, type="set", layer="")
-        state = received(socket, lambda m: m["type"] == "state")
-        assert (state["camera"]["origin"], state["exposure"], state["error"]) == ([0.2, 0.3, -0.8], 2.0, "")
 
 
 @pytest.mark.skipif(chromium.PROGRAM is None, reason="there is no Chromium here")

@@ -13,9 +13,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wrt.backend import current_backend
 from wrt.cli.exit_status import complain, warn
-from wrt.cli.signals import SIGNALS
+from wrt.cli.signals import SIGNALS, Interrupts
 from wrt.threads import start_if_possible
 
 if TYPE_CHECKING:
@@ -27,6 +26,7 @@ WATCH_SECONDS = 0.3
 
 
 def view(
+    interrupts: Interrupts,
     *,
     source: str,
     watch: bool,
@@ -39,7 +39,6 @@ def view(
     seed: int,
     up: str | None,
     confined: bool,
-    own_process: bool,
 ) -> int:
     """Serve the page of a scene until Ctrl-C."""
     from wrt.api import is_builtin, load, load_with_settings
@@ -67,14 +66,13 @@ def view(
         session = Session(open_scene, name=Path(source).stem, spp=spp)
         try:
             with _watching(source, session.reload) if watch else contextlib.nullcontext():
-                number = asyncio.run(_serve(session, bound, ready, own_process=own_process))
+                status = 128 + asyncio.run(_serve(session, bound, ready, own_process=interrupts.own_process))
         except KeyboardInterrupt:
-            number = signal.SIGINT
+            status = interrupts.exit_status
         finally:
             session.close()
-            current_backend().finish()
         complain("stopped", "the view has ended")
-    return 128 + number
+    return status
 
 
 async def _serve(session: Session, bound: socket.socket, ready: Callable[[str], None], *, own_process: bool) -> int:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from wrt.develop.denoise import denoise
 from wrt.threads import start_if_possible
-from wrt.view.picture import MOVING_QUALITY, RESTING_QUALITY, Look, develop, jpeg
+from wrt.view.controls import Look
+from wrt.view.picture import MOVING_QUALITY, RESTING_QUALITY, develop, jpeg
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from wrt.rendering.renderer import Renderer
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import MAX_SPP, Scene
 from wrt.values import integer
-from wrt.view.picture import Look, develop, png
+from wrt.view.controls import Look
+from wrt.view.picture import develop, png
 from wrt.view.session import Session
 from wrt.view.viewer import Viewer
 
