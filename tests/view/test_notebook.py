@@ -3,7 +3,6 @@
 import asyncio
 import base64
 import io
-import json
 from concurrent.futures import ThreadPoolExecutor
 from unittest import mock
 
@@ -101,11 +100,8 @@ async def drive(renderer):
     def resting(message, buffers, serial=None):
         if message["type"] != "frame":
             return None
-        (content,) = buffers
-        size = int.from_bytes(content[:4], "little")
-        header = json.loads(content[4 : 4 + size])
-        viewer.receive({"type": "ack", "frame": header["frame"]})
-        return header if header["spp"] == 4 and not header["moving"] and header["serial"] == serial else None
+        viewer.receive({"type": "ack", "frame": message["frame"]})
+        return message if message["spp"] == 4 and not message["moving"] and message["serial"] == serial else None
 
     try:
         viewer.receive({"type": "open"})

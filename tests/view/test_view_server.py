@@ -74,7 +74,7 @@ def received(socket, matches, seconds=60):
 
 def header_of(message):
     size = int.from_bytes(message[:4], "little")
-    return {"type": "frame", **json.loads(message[4 : 4 + size]), "bytes": message[4 + size :]}
+    return {**json.loads(message[4 : 4 + size]), "bytes": message[4 + size :]}
 
 
 def send(socket, **message):
@@ -87,9 +87,9 @@ def is_frame(**expected):
 
 def test_only_the_page_itself_with_its_token_sees_the_picture(page):
     assert page.get("/")[0] == 200
-    assert page.get("/picture.png?token=wrong")[0] == 403
+    assert page.get("/live?token=wrong")[0] == 403
     assert page.get("/../server.py")[0] == 404
-    assert page.get(f"/picture.png?{page.token}", Host="example.org")[0] == 403
+    assert page.get(f"/live?{page.token}", Host="example.org")[0] == 403
     for origin in ("http://example.org", None):
         with pytest.raises(InvalidStatus, match="403"):
             page.socket(origin=origin)
@@ -134,6 +134,7 @@ BAD = (
     '{"type": "set", "exposure": 1e999}',
     '{"type": "pick", "x": NaN, "y": 0}',
     '{"type": "pick", "x": 2, "y": 0}',
+    '{"type": "save", "suffix": "/../x.png"}',
 )
 
 
@@ -144,7 +145,6 @@ def test_bad_messages_are_answered_and_do_no_harm(page):
             assert received(socket, lambda m: m["type"] == "error")["text"]
         send(socket, type="pick", x=0.5, y=0.9, action="focus")
         assert received(socket, lambda m: m["type"] == "picked")["picked"]["name"] == "floor"
-    assert page.get(f"/picture.png?{page.token}")[0] == 200
 
 
 def without_seconds(content):
@@ -159,7 +159,8 @@ def test_a_saved_picture_is_the_file_that_render_writes(tmp_path):
     pytest.importorskip("mitsuba_oidn")
 
     def assert_saved(suffix, *options):
-        saved = page.get(f"/picture.{suffix}?{page.token}")[1]
+        send(socket, type="save", suffix=f".{suffix}")
+        saved = received(socket, lambda m: m["type"] == "file" and m["name"] == f"cornell-box.{suffix}")["bytes"]
         path = tmp_path / f"rendered.{suffix}"
         assert run(tmp_path, "render", "cornell-box", *SIZE, "--spp", "4", *options, "-o", str(path)).returncode == 0
         assert without_seconds(saved) == without_seconds(path.read_bytes()), suffix
@@ -216,7 +217,7 @@ def test_the_page_in_a_browser(tmp_path):
         # Both tabs follow, and the picture converges again.
         tab.call("Page.bringToFront")
         tab.drag((300, 300), (400, 320))
-        tab.wait("wrtView.state.latencies.length > 0 && wrtView.state.header.spp == 4 && !wrtView.state.header.moving")
+        tab.wait("wrtView.state.header.serial && wrtView.state.header.spp == 4 && !wrtView.state.header.moving")
         assert tab.value(pixels) != before
         assert tab.value("wrtView.state.camera.origin") != camera
         second.wait(f"wrtView.state.header.serial == {json.dumps(tab.value('wrtView.state.header.serial'))}")

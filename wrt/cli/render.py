@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from wrt.cli.options import RenderOptions
 from wrt.cli.output import Output, outputs_of
 from wrt.cli.process import no_collections
 from wrt.cli.renewal import Renewal
-from wrt.cli.summary import Clock, report_picture, samples_text
+from wrt.cli.summary import report_picture, samples_text
 from wrt.errors import one_line
 from wrt.progress.bar import ProgressBar, once, short_warnings
 from wrt.progress.terminal import bar_stream
@@ -35,14 +36,13 @@ def render(interrupts: Interrupts, **arguments: Any) -> int:
 
         return render_part(interrupts, options, *options.part)
     outputs, inputs = outputs_of(options), options.inputs
-    clock = Clock(own_process=interrupts.own_process)
     highest = 0
     for number, (source, output) in enumerate(zip(inputs, outputs, strict=True), 1):
         name = source if len(inputs) > 1 else ""
         label = f" ({number} of {len(inputs)})" if name else ""
         unfinished = "nothing was rendered yet"
         interrupts.rearm(f"{name}: {unfinished}" if name else unfinished)
-        picture = PictureRender(source, options, output, interrupts, clock)
+        picture = PictureRender(source, options, output, interrupts)
         with short_warnings(once(warn)):  # when there is no progress bar
             highest = max(highest, interrupts.outcome(partial(picture.run, label), name=name))
         # After a signal during the last write this render is complete, but no other input may start.
@@ -55,16 +55,14 @@ def render(interrupts: Interrupts, **arguments: Any) -> int:
 class PictureRender:
     """The render of one input to its picture."""
 
-    def __init__(
-        self, source: str, options: RenderOptions, output: Output, interrupts: Interrupts, clock: Clock
-    ) -> None:
+    def __init__(self, source: str, options: RenderOptions, output: Output, interrupts: Interrupts) -> None:
         """Prepare to render `source`; its picture and checkpoint are saved to `output`."""
         self._source, self._options, self._output = source, options, output
-        self._interrupts, self._clock = interrupts, clock
+        self._interrupts = interrupts
 
     def run(self, label: str) -> int:
         """Load the scene, render and save it; return the exit status. The label follows the name of the picture."""
-        options, output = self._options, self._output
+        options, output, started = self._options, self._output, time.perf_counter()
         output.check()
         title = output.picture.stem + label
         with (
@@ -79,7 +77,7 @@ class PictureRender:
         if not is_complete:
             complain("stopped", self._saved(renderer))
             return self._interrupts.exit_status
-        report_picture(self._source, options, renderer, output.picture, developed, self._clock)
+        report_picture(self._source, options, renderer, output.picture, developed, started)
         return 0
 
     def _start(self, bar: ProgressBar) -> Renderer:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -17,8 +16,6 @@ if TYPE_CHECKING:
     from wrt.cli.options import RenderOptions
     from wrt.develop.picture import Developed
     from wrt.rendering.renderer import Renderer
-
-_IMPORTED_AT = time.perf_counter()
 
 
 def samples_text(renderer: Renderer) -> str:
@@ -49,12 +46,12 @@ def report(
 
 
 def report_picture(
-    source: str, options: RenderOptions, renderer: Renderer, output: Path, developed: Developed | None, clock: Clock
+    source: str, options: RenderOptions, renderer: Renderer, output: Path, developed: Developed | None, started: float
 ) -> None:
-    """Print the summary of a picture."""
+    """Print the summary of a picture, for which work began at `started` (`time.perf_counter`)."""
     from wrt.progress.bar import noise_text, rate_text
 
-    seconds_total = clock.lap()
+    seconds_total = time.perf_counter() - started
     seconds, noise = renderer.seconds_render, renderer.noise()
     paths, rays = ((count / seconds if seconds > 0.0 else 0.0) for count in (renderer.paths, renderer.rays))
     line = [
@@ -83,31 +80,3 @@ def report_picture(
         noise=noise,
         mean_radiance=renderer.image().mean(axis=(0, 1), dtype="float64").tolist(),
     )
-
-
-class Clock:
-    """Measures the time of each render; the first includes the start of the process."""
-
-    def __init__(self, *, own_process: bool) -> None:
-        """Start with the process if it belongs to the command line, otherwise now."""
-        self._started = time.perf_counter() - (seconds_since_start() if own_process else 0.0)
-
-    def lap(self) -> float:
-        """Return the seconds since the start, or since the last call."""
-        now = time.perf_counter()
-        seconds, self._started = now - self._started, now
-        return seconds
-
-
-def seconds_since_start() -> float:
-    """Return the age of this process, or the time since this module was imported if the age is unknown."""
-    imported = time.perf_counter() - _IMPORTED_AT
-    try:
-        with open("/proc/self/stat", encoding="ascii", errors="replace") as file:
-            # Skip the program's name, which may contain spaces. The 20th field after it is the start time in clock
-            # ticks since boot (proc_pid_stat(5), field 22).
-            ticks = int(file.read().rpartition(")")[2].split()[19])
-        age = time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
-    except (OSError, AttributeError, ValueError, IndexError):
-        return imported
-    return max(age, imported)

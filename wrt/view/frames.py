@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import struct
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -33,10 +31,9 @@ class Frame:
     header: dict[str, Any]
     picture: bytes
 
-    def message(self) -> bytes:
-        """Return the frame as a message: the header's length (uint32, little-endian), the header, the picture."""
-        header = json.dumps({"frame": self.number, **self.header}).encode()
-        return struct.pack("<I", len(header)) + header + self.picture
+    def message(self) -> dict[str, Any]:
+        """Return the message that the picture is sent with."""
+        return {"type": "frame", "frame": self.number, **self.header}
 
 
 @dataclass

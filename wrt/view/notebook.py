@@ -129,19 +129,13 @@ class WidgetViewer(Viewer):
         """Send the newest frame; the last one is the picture that a saved notebook keeps."""
         if (frame := self.next_frame()) is None:
             return
-        self.send({"type": "frame"}, frame.message())
+        self.send(frame.message(), frame.picture)
         if frame.header["spp"] >= frame.header["target"]:
             picture = self.picture()
             self._widget.snapshot = "" if picture is None else base64.b64encode(picture).decode()
 
     def _handle(self, message: Any) -> None:
-        kind = message.get("type")
-        if kind == "open":  # the notebook shows the widget, perhaps once more
+        if message.get("type") == "open":  # the notebook shows the widget, perhaps once more
             self.begin()
-        elif kind == "save" and message.get("suffix") in (".png", ".exr"):
-            name = f"{self.session.name}{message['suffix']}"
-            self.reply(
-                self.session.save(message["suffix"]), lambda content: self.send({"type": "file", "name": name}, content)
-            )
         else:
             super()._handle(message)

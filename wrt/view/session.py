@@ -8,7 +8,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, InvalidStateError
+from concurrent.futures import Future
 from typing import Any
 
 from wrt.errors import InputError, one_line
@@ -196,16 +196,10 @@ class Session:
             self._end_pass()
         self._thread.join(CLOSING_SECONDS)
         self._encoder.close()
-        self.cancel_requests()
+        for _, future in self._requests:
+            future.cancel()
         if not self._thread.is_alive():
             self._pictures, self._passes = None, None  # and their memory on the device
-
-    def cancel_requests(self) -> None:
-        """Cancel requests that are not answered yet."""
-        with self._changed:
-            requests, self._requests = self._requests, []
-        for _, future in requests:
-            future.cancel()
 
     def _request(self, answer: Callable[[], Any]) -> Future[Any]:
         """Let the thread call a function, and return its future result."""
@@ -290,18 +284,15 @@ class Session:
 
     def _answer(self) -> None:
         with self._changed:
-            if not self._requests:  # they were cancelled
-                return
-            request = answer, future = self._requests[0]  # listed until it is answered, so that it can be cancelled
-        with contextlib.suppress(InvalidStateError):  # it was cancelled meanwhile
-            try:
-                future.set_result(answer())
-            except (InputError, OSError, MemoryError) as error:
-                future.set_exception(error)
-            except Exception as error:  # noqa: BLE001  # it goes to the caller
-                future.set_exception(OSError(_text_of(error)))
-        with self._changed, contextlib.suppress(ValueError):
-            self._requests.remove(request)
+            answer, future = self._requests.pop(0)
+        if not future.set_running_or_notify_cancel():
+            return
+        try:
+            future.set_result(answer())
+        except (InputError, OSError, MemoryError) as error:
+            future.set_exception(error)
+        except Exception as error:  # noqa: BLE001  # it goes to the caller
+            future.set_exception(OSError(_text_of(error)))
         self._passes = None
 
     def _finished_main(self) -> Renderer:

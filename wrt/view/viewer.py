@@ -1,8 +1,9 @@
 """A page that shows a session, in a browser's tab or in a notebook: the messages between both.
 
 Messages from a page are JSON: `ack` (the number of a frame it has drawn), `camera` (fields of the camera, and a serial
-number that frames repeat), `set` (settings), `pick` (a place in the picture), `toml`, and in notebooks `save`. Messages
-to it are JSON (`state`, `picked`, `toml`, `error`) or frames, see `wrt.view.frames`.
+number that frames repeat), `set` (settings), `pick` (a place in the picture), `toml` and `save` (a suffix). Messages to
+it are JSON (`state`, `picked`, `toml`, `error`), or JSON and bytes: `frame`, with a JPEG file and the header of a
+`Frame`, and `file`, with a picture to save and its name.
 """
 
 from __future__ import annotations
@@ -14,12 +15,16 @@ from concurrent.futures import CancelledError, Future
 from typing import Any
 
 from wrt.errors import InputError
+from wrt.values import one_of
 from wrt.view.controls import camera_toml
 from wrt.view.frames import Frame
 from wrt.view.session import Session
 
 UNACKNOWLEDGED = 2
 """Frames that are sent to a page before it has acknowledged the first."""
+
+SAVED = (".png", ".exr")
+"""Suffixes of pictures that a page may save."""
 
 
 class Viewer:
@@ -43,7 +48,7 @@ class Viewer:
             self._loop = None
 
     def send(self, message: dict[str, Any], content: bytes | None = None) -> None:
-        """Send a message, in notebooks with the content of a file."""
+        """Send a message, perhaps with the content of a file."""
         raise NotImplementedError
 
     def send_frames(self) -> None:
@@ -90,6 +95,10 @@ class Viewer:
             self.session.change(message)
         elif kind == "toml" and self.session.camera is not None:
             self.send({"type": "toml", "text": camera_toml(self.session.camera)})
+        elif kind == "save":
+            suffix = one_of(message["suffix"], SAVED, "suffix")
+            name = f"{self.session.name}{suffix}"
+            self.reply(self.session.save(suffix), lambda content: self.send({"type": "file", "name": name}, content))
         elif kind == "pick":
             action = message.get("action")
             self.reply(
