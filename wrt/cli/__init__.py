@@ -7,6 +7,7 @@ Heavy modules are imported only when needed.
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 from collections.abc import Sequence
@@ -50,8 +51,9 @@ def _run(arguments: list[str], *, own_process: bool) -> int:
         settle_in()
     from wrt.cli.signals import Interrupts  # not at the top: --help must import little
 
-    interrupts, run = Interrupts("before it was done", own_process=own_process), options.pop("run")
-    status = interrupts.run(lambda: run(interrupts, **options))
+    interrupts = Interrupts("before it was done", own_process=own_process)
+    module, function = options.pop("module"), options.pop("function")
+    status = interrupts.run(lambda: getattr(importlib.import_module(module), function)(interrupts, **options))
     if "wrt.backend" in sys.modules:
         from wrt.backend import current_backend
 

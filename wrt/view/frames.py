@@ -43,7 +43,7 @@ class Source:
     Attributes:
         fetch: returns the image.
         is_radiance: whether a look applies to it.
-        header: that of the frames.
+        header: the header of its frames.
         guides: albedo and normal, to denoise the image with; None to show it as it is.
     """
 

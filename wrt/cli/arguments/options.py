@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from collections.abc import Callable
 from typing import Any
 
@@ -141,7 +140,7 @@ READING = "--define --sensor --confined --strict --up"
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
-    """Return the parsed arguments of a command line; their `run` is the function that executes the command.
+    """Return the parsed arguments of a command line; `module` and `function` name what executes the command.
 
     Raises:
         InputError: if the arguments are wrong.
@@ -215,7 +214,7 @@ def make_parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter if name == "render" else argparse.HelpFormatter,
             allow_abbrev=False,
         )
-        added.set_defaults(run=_imported_when_called(module, name))
+        added.set_defaults(module=module, function=name)
         for word in words.split():
             _add(added, word, changes.get(word.removeprefix("--").lower(), {}))
         return added
@@ -283,16 +282,6 @@ def make_parser() -> argparse.ArgumentParser:
     )
     render.epilog = EXAMPLES
     return parser
-
-
-def _imported_when_called(module: str, name: str) -> Callable[..., int]:
-    """Return a function that imports `module` when called, and calls its function `name`."""
-
-    def run(**options: Any) -> int:
-        status: int = getattr(importlib.import_module(module), name)(**options)
-        return status
-
-    return run
 
 
 def _add(parser: Parser, word: str, changes: dict[str, Any]) -> None:
