@@ -153,9 +153,8 @@ def compile(interrupts: Interrupts, *, general: bool, **arguments: Any) -> int:
         InputError: if nothing is to be compiled.
     """
     interrupts.unfinished = "before everything was compiled"
-    from wrt.backend.kernel_cache import compiled_modules
     from wrt.cli.options import RenderOptions
-    from wrt.compiling.precompile import compile_general, precompiled
+    from wrt.compiling.precompile import compile_general, precompiled_by
     from wrt.errors import InputError
     from wrt.progress.bar import short_warnings
 
@@ -164,9 +163,8 @@ def compile(interrupts: Interrupts, *, general: bool, **arguments: Any) -> int:
         raise InputError("name a scene, or give --general")
 
     def compile_for(source: str) -> int:
-        with compiled_modules() as modules:
-            renderer = options.make_renderer(options.load(source))
-        return _print(f"{source}: {precompiled(renderer, tuple(sorted(modules)))}")
+        scene = options.load(source)
+        return _print(f"{source}: {precompiled_by(lambda: options.make_renderer(scene))}")
 
     statuses = [0]
     with short_warnings(warn):
