@@ -24,6 +24,7 @@ from benchmarks.measure import write_section
 
 import wrt
 from wrt.cli.arguments.options import make_parser
+from wrt.cli.arguments.parser import commands_of
 from wrt.describe.docstrings import meanings_of, plain, summary_of
 from wrt.io.toml.schema import scene_schema
 from wrt.scene.camera import CAMERAS
@@ -167,17 +168,21 @@ def listing(meanings: Mapping[str, str]) -> str:
 
 
 def options_text() -> str:
-    """Return a list of options for each command."""
-    parser = make_parser()
+    """Return a list of options for each command; those of `wrt render` are explained there alone."""
+    commands = commands_of(make_parser())
+    options = {
+        name: dict(syntax_and_help(a) for a in command._actions if not isinstance(a, argparse._HelpAction))
+        for name, command in commands.items()
+    }
     parts = []
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            summaries = {choice.dest: choice.help or "" for choice in action._choices_actions}
-            for name, command in action.choices.items():
-                parts.append(f"### wrt {name}\n\n{(command.description or summaries[name]).strip()}\n")
-                options = [a for a in command._actions if not isinstance(a, argparse._HelpAction)]
-                if options:
-                    parts.append(listing(dict(map(syntax_and_help, options))))
+    for name, command in commands.items():
+        parts.append(f"### wrt {name}\n\n{(command.description or '').strip()}\n")
+        same = [key for key, text in options[name].items() if name != "render" and options["render"].get(key) == text]
+        explained = {key: text for key, text in options[name].items() if key not in same}
+        if explained:
+            parts.append(listing(explained))
+        if same:
+            parts.append(f"As for `wrt render`: {', '.join(same)}.\n")
     return "\n".join(parts)
 
 

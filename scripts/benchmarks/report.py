@@ -121,15 +121,6 @@ def table_by_renderer(intro: str, rows: list[Row], names: Sequence[str], cell: C
     return paragraph(intro) + table(["scene", *(TITLES[name] for name in names)], lines)
 
 
-def memory_table(rows: list[Row]) -> str:
-    """Return the peak memory of each renderer."""
-
-    def cell(found: Row) -> str:
-        return f"{found['peak_bytes'] / 1e6:.0f}" if "peak_bytes" in found else ""
-
-    return table_by_renderer("Most memory at equal samples, MB:", rows, [OWN.name, *peers_of(rows)], cell)
-
-
 def start_table(rows: list[Row]) -> str:
     """Return seconds from the shell to a first picture, empty where none were measured."""
 
@@ -165,7 +156,7 @@ def render_text(result: Row) -> str:
     """Return the tables of `render`."""
     rows = result["rows"]
     about = f"On {result['machine']}, {result['cores']} cores, {result['device']}; {versions_and_size(result)}"
-    tables = [speed_table(rows), error_table(rows), memory_table(rows), start_table(rows)]
+    tables = [speed_table(rows), error_table(rows), start_table(rows)]
     return paragraph(about) + "\n".join(tables)
 
 
