@@ -27,21 +27,10 @@ class RenderOptions:
         loading: options of `wrt.load`.
         settings: fields of `wrt.RenderSettings`; None for the scene's own values.
         limits: when rendering ends, arguments of `wrt.Renderer.passes`.
-        device: name of the device, or of several GPUs.
-        threads: CPU threads, or None for all cores.
-        seed: the random seed.
-        dask: address of a Dask scheduler, or None.
-        turntable: number of frames, or None.
-        frames: first and last frame, or None.
-        fps: frames per second.
-        part: number of a part, from 1, and number of parts; or None.
-        output: the -o option: a picture, a folder, a video, frames or a part; or None.
-        checkpoint: the file of the checkpoint, or None.
-        resume: whether to continue from an earlier run.
-        save_every: seconds between saves, or None for the default.
-        force: whether `output` may be a file that wrt did not write.
-        quiet: whether to print only errors and warnings.
-        json: whether to print a summary as JSON.
+        part: number of a part, from 1, and number of parts.
+        output: a picture, a folder, a video, frames or a part.
+
+    The other attributes are options of these names, and None where they were not given.
     """
 
     inputs: tuple[str, ...]
