@@ -35,10 +35,11 @@ VALUES: dict[str, tuple[str, Callable[[str], Any], str]] = {
         "stop when the noise of the picture is below this share of its brightness, such as 1%% or 0.01"),
     "--size": ("WxH", types.size, "resolution: 640x480, 720p, 1080p or 4k (default: from the scene)"),
     "--crop": ("X0,Y0,X1,Y1", types.crop, "render only columns X0 to X1-1 and rows Y0 to Y1-1"),
-    "--view": ("VIEW", types.view,
+    "--view": ("VIEW", types.checked_by("wrt.studio.views", "view_angles"),
         "view the scene from AZIMUTH,ELEVATION in degrees, or from the front, right, back, left, top, bottom or "
         "three-quarter"),
-    "--material": ("NAME", types.material, "material of a mesh, such as gold, glass or diffuse:0.8,0.2,0"),
+    "--material": ("NAME", types.checked_by("wrt.scene.materials.named", "named_material"),
+        "material of a mesh, such as gold, glass or diffuse:0.8,0.2,0"),
     "--environment": ("FILE", str, "light the scene with an image, such as an .hdr, or with sky for sun and sky"),
     "--layers": ("NAMES", str, "layers to add to an .exr: albedo, normal, depth and others (see the docs)"),
     "--triangles": ("N", whole(1), "number of triangles of a procedural mesh"),
