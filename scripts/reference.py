@@ -63,7 +63,9 @@ GROUPS: dict[str, str] = {
 INTERNAL_MEMBERS = {
     "arguments_for",
     "built_features",
+    "check",
     "has_updated_vertices",
+    "require_own_tone",
     "restore",
     "share",
     "trace_film",
@@ -133,13 +135,12 @@ def scene_file_section(thing: Any) -> str:
 
 
 def results_of(thing: Any) -> dict[str, str]:
-    """Return what a docstring says of results and errors."""
+    """Return what a docstring says of results; all functions raise InputError for what cannot be used."""
     text = inspect.getdoc(thing) or ""
     found = {}
-    for title in ("Returns", "Yields", "Raises"):
-        section = re.search(rf"^{title}:\n((?: +.*\n?|\n(?= ))+)", text, re.MULTILINE)
-        if section and "if an argument cannot be used." not in section[1]:  # which is true of all functions
-            found[title] = re.sub(r"^(\w+):", r"`\1`", plain(section[1]))
+    for title in ("Returns", "Yields"):
+        if section := re.search(rf"^{title}:\n((?: +.*\n?|\n(?= ))+)", text, re.MULTILINE):
+            found[title] = plain(section[1])
     return found
 
 
@@ -154,7 +155,7 @@ def members_of(cls: type[Any]) -> dict[str, str]:
         meanings = {} if is_data else meanings_of(member)
         summary = re.sub("^Return (.)", lambda found: found[1].upper(), summary_of(member))
         text = " ".join([summary, *(f"`{key}`: {meaning}" for key, meaning in meanings.items())])
-        text += "".join(f" {title} {found}" for title, found in results_of(member).items() if title != "Raises")
+        text += "".join(f" {title} {found}" for title, found in results_of(member).items())
         members[f"`{name}{'' if is_data else signature_of(member)}`"] = text
     return members
 
