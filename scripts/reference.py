@@ -64,6 +64,7 @@ INTERNAL_MEMBERS = {
     "arguments_for",
     "built_features",
     "check",
+    "estimate_noise",
     "has_updated_vertices",
     "require_own_tone",
     "restore",
@@ -79,25 +80,24 @@ def names_text() -> str:
     """Return signature, summary, arguments and errors of every public name, and the members of classes."""
     parts = []
     for title, listed in GROUPS.items():
-        names = listed.split()
-        links = ", ".join(f"[`{name}`](#wrt{name.lower()})" for name in names)
-        parts += [f"## {title}\n\n{links}\n", *(entry_of(name) for name in names)]
+        parts += [f"## {title}\n", *map(entry_of, listed.split())]
     return "\n".join(parts)
 
 
 def entry_of(name: str) -> str:
-    """Return the entry of a public name. Keys of scene files are explained on their own page."""
+    """Return the entry of a public name. Classes of scene files are explained on the page of these."""
     thing = getattr(wrt, name)
-    keys = scene_file_section(thing)
-    parts = [f"### wrt.{name}\n\n`wrt.{name}{signature_of(thing)}`\n\n{summary_of(thing)}\n"]
-    if keys:
-        parts.append(f"Fields: [keys of scene files]({keys}).\n")
-    for kind, documented in {"argument": getattr(thing, "__init__", None), "field": thing}.items():
-        if not keys and documented and (meanings := meanings_of(documented)):
-            heading = f"{kind.capitalize()}s:\n\n" if inspect.isclass(thing) else ""
-            parts.append(heading + listing({f"`{name}`": meaning for name, meaning in meanings.items()}))
+    heading = f"### wrt.{name}\n\n`wrt.{name}{signature_of(thing)}`"
+    if place := scene_file_section(thing):
+        return f"{heading}: [its fields]({place}).\n"
+    parts = [f"{heading}\n\n{summary_of(thing)}\n"]
+    is_class = inspect.isclass(thing)
+    for kind, documented in {"Arguments": getattr(thing, "__init__", None), "Fields": thing}.items():
+        if documented and (meanings := meanings_of(documented)):
+            title = f"{kind}:\n\n" if is_class else ""
+            parts.append(title + listing({f"`{key}`": meaning for key, meaning in meanings.items()}))
     parts += [f"{title}: {text}\n" for title, text in results_of(thing).items()]
-    if inspect.isclass(thing) and not keys and not issubclass(thing, Exception) and (members := members_of(thing)):
+    if is_class and not issubclass(thing, Exception) and (members := members_of(thing)):
         parts.append("Members:\n\n" + listing(members))
     return "\n".join(parts)
 
