@@ -31,10 +31,6 @@ class Frame:
     header: dict[str, Any]
     picture: bytes
 
-    def message(self) -> dict[str, Any]:
-        """Return the message that the picture is sent with."""
-        return {"type": "frame", "frame": self.number, **self.header}
-
 
 @dataclass
 class Source:

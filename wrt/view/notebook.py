@@ -15,6 +15,7 @@ from wrt.scene.mesh import Mesh
 from wrt.scene.scene import MAX_SPP, Scene
 from wrt.values import integer
 from wrt.view.controls import Look
+from wrt.view.frames import Frame
 from wrt.view.picture import develop, png
 from wrt.view.session import Session
 from wrt.view.viewer import Viewer
@@ -125,11 +126,9 @@ class WidgetViewer(Viewer):
         """Send a message, and the content of a file."""
         self._widget.send(message, None if content is None else [content])
 
-    def send_frames(self) -> None:
-        """Send the newest frame; the last one is the picture that a saved notebook keeps."""
-        if (frame := self.next_frame()) is None:
-            return
-        self.send(frame.message(), frame.picture)
+    def send_frame(self, frame: Frame) -> None:
+        """Send a frame; the last one is the picture that a saved notebook keeps."""
+        super().send_frame(frame)
         if frame.header["spp"] >= frame.header["target"]:
             picture = self.picture()
             self._widget.snapshot = "" if picture is None else base64.b64encode(picture).decode()

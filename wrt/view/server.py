@@ -62,8 +62,7 @@ class _Tab(Viewer):
     def __init__(self, connection: ServerConnection, session: Session) -> None:
         super().__init__(session)
         self._connection = connection
-        self._messages: list[str | bytes] = []
-        self._wake = asyncio.Event()
+        self._messages = asyncio.Queue[str | bytes]()
 
     async def run(self) -> None:
         """Serve the tab until it leaves."""
@@ -85,20 +84,11 @@ class _Tab(Viewer):
                 await sending
 
     def send(self, message: dict[str, Any], content: bytes | None = None) -> None:
-        self._messages.append(json.dumps(message) if content is None else _with_content(message, content))
-        self._wake.set()
-
-    def send_frames(self) -> None:
-        self._wake.set()
+        self._messages.put_nowait(json.dumps(message) if content is None else _with_content(message, content))
 
     async def _send_all(self) -> None:
         while True:
-            await self._wake.wait()
-            self._wake.clear()
-            while self._messages:
-                await self._connection.send(self._messages.pop(0))
-            if (frame := self.next_frame()) is not None:
-                await self._connection.send(_with_content(frame.message(), frame.picture))
+            await self._connection.send(await self._messages.get())
 
 
 def _with_content(message: dict[str, Any], content: bytes) -> bytes:

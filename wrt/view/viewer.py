@@ -30,7 +30,7 @@ SAVED = (".png", ".exr")
 class Viewer:
     """Passes messages between a session and a page. The newest frame waits for the page; older ones are skipped.
 
-    Subclasses define `send` and `send_frames`, which run in the thread of the event loop.
+    Subclasses define `send`, which runs in the thread of the event loop.
 
     Attributes:
         session: the session.
@@ -51,10 +51,6 @@ class Viewer:
         """Send a message, perhaps with the content of a file."""
         raise NotImplementedError
 
-    def send_frames(self) -> None:
-        """Send what `next_frame` returns."""
-        raise NotImplementedError
-
     def begin(self) -> None:
         """Show the session on the page, from the beginning."""
         self.end()
@@ -67,13 +63,16 @@ class Viewer:
             self._end_listening()
             self._end_listening = None
 
-    def next_frame(self) -> Frame | None:
-        """Return the newest frame once, when the page can take it."""
-        if self._frame is None or len(self._unacknowledged) >= UNACKNOWLEDGED:
-            return None
-        frame, self._frame = self._frame, None
-        self._unacknowledged.append(frame.number)
-        return frame
+    def send_frame(self, frame: Frame) -> None:
+        """Send a frame."""
+        self.send({"type": "frame", "frame": frame.number, **frame.header}, frame.picture)
+
+    def _send_newest(self) -> None:
+        """Send the newest frame once, when the page can take it."""
+        if self._frame is not None and len(self._unacknowledged) < UNACKNOWLEDGED:
+            frame, self._frame = self._frame, None
+            self._unacknowledged.append(frame.number)
+            self.send_frame(frame)
 
     def receive(self, message: Any) -> None:
         """Handle a message from the page, and send it the error of an unusable one."""
@@ -88,7 +87,7 @@ class Viewer:
         kind = message.get("type")
         if kind == "ack":
             self._unacknowledged = [number for number in self._unacknowledged if number > message["frame"]]
-            self.send_frames()
+            self._send_newest()
         elif kind == "camera":
             self.session.move(message.get("camera"), message.get("serial"))
         elif kind == "set":
@@ -130,6 +129,6 @@ class Viewer:
     def _show(self, message: Frame | dict[str, Any]) -> None:
         if isinstance(message, Frame):
             self._frame = message
-            self.send_frames()
+            self._send_newest()
         else:
             self.send(message)
