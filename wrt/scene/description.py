@@ -36,12 +36,12 @@ def _check_word(value: Any, name: str, *, words: Sequence[str]) -> str:
     return one_of(value, words, name)
 
 
-def instance_of(cls: type) -> Check:
-    """Return a check that a value is an instance of a public class of wrt."""
+def instance_of(cls: type, hint: str = "") -> Check:
+    """Return a check that a value is an instance of a public class of wrt; `hint` says how to make one."""
 
     def check(value: Any, name: str) -> Any:
         if not isinstance(value, cls):
-            raise InputError(f"{name} must be a wrt.{cls.__name__}, not {type(value).__name__}")
+            raise InputError(f"{name} must be a wrt.{cls.__name__}, not {type(value).__name__}{hint}")
         return value
 
     return check
