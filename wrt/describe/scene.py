@@ -57,7 +57,7 @@ def scene_text(scene: Scene) -> str:
 
 
 def _number(material: Material, numbers: dict[int, int], materials: list[Material]) -> None:
-    """Add a material and its parts to those that have a number, unless it has one."""
+    """Give a material and its parts the next numbers, unless it has one already."""
     if id(material) not in numbers:
         numbers[id(material)] = len(materials)
         materials.append(material)
@@ -157,5 +157,5 @@ def _table(title: str, heads: tuple[str, ...], rows: list[Row]) -> list[str]:
     shown = [(title, *heads[1:]), *(tuple(one_line(cell) for cell in row) for row in rows[:MOST_ROWS])]
     widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
     cells = ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in shown]
-    more = [f"  and {len(rows) - MOST_ROWS} more"] if len(rows) > MOST_ROWS else []
-    return ["", cells[0], *(f"  {line}" for line in cells[1:]), *more]
+    omitted = [f"  and {len(rows) - MOST_ROWS} more"] if len(rows) > MOST_ROWS else []
+    return ["", cells[0], *(f"  {line}" for line in cells[1:]), *omitted]

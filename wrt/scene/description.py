@@ -37,7 +37,7 @@ def _check_word(value: Any, name: str, *, words: Sequence[str]) -> str:
 
 
 def instance_of(cls: type, hint: str = "") -> Check:
-    """Return a check that a value is an instance of a public class of wrt; `hint` says how to make one."""
+    """Return a check that a value is an instance of a public class of wrt; `hint` ends the message."""
 
     def check(value: Any, name: str) -> Any:
         if not isinstance(value, cls):

@@ -69,7 +69,7 @@ def _require_memory(prepared: PreparedScene, device: Device, texture_coordinates
             return
     else:
         memory = scene_memory(prepared, is_cpu=False, texture_coordinates=texture_coordinates)
-        most = memory.kept + memory.scratch
+        most = memory.lasting + memory.scratch
     triangles = sum(len(shape.mesh.faces) for shape in prepared.scene.shapes)
     device.require_memory(most, f"building a scene of {triangles:,} triangles", advice=MEMORY_ADVICE)
 
@@ -217,8 +217,8 @@ def _upload_geometry(
         data.uvs = upload(joined(copies, "uvs", 2, 0.0, name), "vec2", name)
         data.colors = upload(joined(copies, "colors", 3, 1.0, name), "vec3", name)
     if uv2_alpha:
-        more = [(columns(m, "uvs", 2, 4, 0.0), columns(m, "colors", 3, 4, 1.0)) for m in copies]
-        data.uv2_alpha = upload(np.concatenate([np.concatenate(each, axis=1) for each in more]), "vec3", name)
+        rows = [np.hstack([columns(m, "uvs", 2, 4, 0.0), columns(m, "colors", 3, 4, 1.0)]) for m in copies]
+        data.uv2_alpha = upload(np.concatenate(rows), "vec3", name)
     shape_numbers = np.array([*layout.world_shapes, *[-1] * len(layout.shared)], np.int32)
     data.triangle_shape = upload(numbered(shape_numbers, places.counts), int, name)
 
@@ -234,4 +234,4 @@ def _build_trees(data: Any, layout: Layout, places: _Places, device: Device) -> 
         pools = list(zip(first_vertices[count:], places.first_triangles[count:].tolist(), strict=True))
         data.placed = place(layout, pools, tree, data.points, device)
     first = dict(zip(layout.world_shapes, first_vertices[:count], strict=True))
-    return WorldMeshes(device, data, tree, first, alone=not layout.instances)
+    return WorldMeshes(device, data, tree, first if not layout.instances else {})

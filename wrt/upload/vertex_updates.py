@@ -35,22 +35,18 @@ def shape_number(scene: Scene, shape: Shape | int) -> int:
 class WorldMeshes:
     """The shapes in the world's tree, on a device."""
 
-    def __init__(
-        self, device: Device, data: Any, tree: BuiltBvh | None, first_vertices: dict[int, int], *, alone: bool
-    ) -> None:
+    def __init__(self, device: Device, data: Any, tree: BuiltBvh | None, first_vertices: dict[int, int]) -> None:
         """Keep the arrays of a scene.
 
         Args:
             device: the device.
             data: the SceneData struct.
             tree: the world's tree.
-            first_vertices: first vertex of each shape in the tree by the shape's number.
-            alone: whether it is the only tree, because there are no instances.
+            first_vertices: first vertex of each shape that can be updated, by the shape's number.
         """
         self._device, self._data, self._tree, self._first = device, data, tree, first_vertices
-        self._alone = alone
-        self._own = False
-        self._corners: dict[int, tuple[Any, Any]] = {}
+        self._has_copies = False
+        self._corners: dict[int, tuple[Any, ...]] = {}
 
     def update(self, number: int, shape: Shape, vertices: Any, normals: Any) -> None:
         """Move a shape's vertices.
@@ -64,7 +60,7 @@ class WorldMeshes:
         Raises:
             InputError: on arrays of other sizes, non-finite values, or shapes that cannot be updated.
         """
-        if number not in self._first or self._tree is None or not self._alone:
+        if number not in self._first or self._tree is None:
             raise InputError(
                 f"{shape.name}: vertices can be updated in scenes without instances and without shapes in motion; "
                 "make a new Renderer"
@@ -74,18 +70,16 @@ class WorldMeshes:
         if shape.emits:
             raise InputError(f"{shape.name}: vertices of an emitting shape cannot be updated; make a new Renderer")
         first, count = self._first[number], len(shape.mesh.vertices)
-        points = self._given(shape.name, "vertices", "vertex", vertices, count, limit=LARGEST)
-        given = None
+        points = self._checked(shape.name, "vertices", "vertex", vertices, count, limit=LARGEST)
         if normals is not None:
-            given = self._given(shape.name, "normals", "normal", normals, count, limit=FLOAT32_MAX)
-        if not self._own:  # the scene's meshes may share them
-            clone = self._device.backend.clone
-            self._data.points, self._data.normals = clone(self._data.points), clone(self._data.normals)
-            self._own = True
+            normals = self._checked(shape.name, "normals", "normal", normals, count, limit=FLOAT32_MAX)
         backend = self._device.backend
+        if not self._has_copies:  # the scene's meshes may share the arrays
+            self._data.points, self._data.normals = map(backend.clone, (self._data.points, self._data.normals))
+            self._has_copies = True
         backend.copy(self._data.points, points, first, count)
-        if given is not None:
-            backend.copy(self._data.normals, given, first, count)
+        if normals is not None:
+            backend.copy(self._data.normals, normals, first, count)
             if shape.mesh.normals is None:
                 shapes = backend.fetch(self._data.shapes)
                 shapes["smooth"][number] = True
@@ -95,7 +89,7 @@ class WorldMeshes:
             self._smooth(number, shape.mesh, first, count)
         refit_bvh(self._tree, self._data.points, self._data.indices, self._device)
 
-    def _given(self, name: str, several: str, one: str, values: Any, count: int, *, limit: float) -> Any:
+    def _checked(self, name: str, several: str, one: str, values: Any, count: int, *, limit: float) -> Any:
         """Return vectors on the device, or raise InputError unless there are `count`, all within a limit."""
         array = device_vectors(f"{name}: {several}", values, self._device.name)
         if len(array) != count:

@@ -37,6 +37,11 @@ class Analytic(Mesh, ABC):
     interpolated over a triangle by u and v is interpolated over the shape by its texture coordinates.
     """
 
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {noun}{'s' * (count > 1)}" for noun, count in self.counts.items())
+        colors = ", colors" if self.colors is not None else ""
+        return f"<{type(self).__name__.lower()} {self.name}: {counts}{colors}>"
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.normals is None or len(self.vertices) != 3 * len(self.faces):

@@ -37,11 +37,6 @@ class Quadrics(Analytic):
     from its first vector; of a cylinder, the fraction of a turn, and the height in its length.
     """
 
-    def __repr__(self) -> str:
-        colors = ", colors" if self.colors is not None else ""
-        counts = ", ".join(f"{count} {noun}{'s' * (count > 1)}" for noun, count in self.counts.items())
-        return f"<quadrics {self.name}: {counts}{colors}>"
-
     @property
     def counts(self) -> dict[str, int]:
         disks = int(self.are_disks.sum())

@@ -53,9 +53,9 @@ class LightTable:
 
     Attributes:
         records: (N,) LightRecord, still without probabilities.
-        shapes: (S,) LightShape: first those that rays can hit, then suns, then spots.
+        shapes: (S,) LightShape: solid lights, which rays can hit, then suns, then spots.
         shape_models: names of the light models that the kernel needs.
-        solid_count, sun_count: number of shapes that rays can hit, and of suns.
+        solid_count, sun_count: number of solid lights and of suns.
         first_lights: (shapes,) number of each emitting mesh's first light, −1 for other meshes.
         environment: number of the environment's light, or −1.
         weights: (N,) selection weights, independent of position.
