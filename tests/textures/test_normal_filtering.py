@@ -92,22 +92,16 @@ def picture(scene: wrt.Scene, device: str, spp: int, resolution: int, seed: int 
     return rendered(scene, device, spp, resolution, seed=seed)[..., 0]
 
 
-def metal(alpha: Any, normal_map: wrt.NormalMap | None, distribution: str = "beckmann", **options: Any) -> wrt.Material:
-    return wrt.RoughConductor(alpha, f0=1.0, normal_map=normal_map, distribution=distribution, **options)
-
-
-def plastic(alpha: Any, normal_map: wrt.NormalMap | None, **options: Any) -> wrt.Material:
-    return wrt.RoughPlastic(0.0, alpha=alpha, normal_map=normal_map, **options)
-
-
-def glass(alpha: Any, normal_map: wrt.NormalMap | None, **options: Any) -> wrt.Material:
-    return wrt.RoughDielectric(1.5, alpha=alpha, normal_map=normal_map, **options)
+def metal(alpha: Any, normal_map: wrt.NormalMap | None, distribution: str = "beckmann") -> wrt.Material:
+    return wrt.RoughConductor(alpha, f0=1.0, normal_map=normal_map, distribution=distribution)
 
 
 MAKERS: dict[str, Callable[[Any, wrt.NormalMap | None], wrt.Material]] = {
     **{name: functools.partial(metal, distribution=name) for name in ("beckmann", "ggx", "blinn-phong", "abc")},
-    "plastic": plastic,
-    "glass": functools.partial(glass, distribution="beckmann", masking="walter"),
+    "plastic": lambda alpha, normal_map: wrt.RoughPlastic(0.0, alpha=alpha, normal_map=normal_map),
+    "glass": lambda alpha, normal_map: wrt.RoughDielectric(
+        1.5, alpha=alpha, normal_map=normal_map, distribution="beckmann", masking="walter"
+    ),
 }
 
 
