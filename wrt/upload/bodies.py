@@ -133,14 +133,8 @@ def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, geometry: str
     """Write the bodies around the camera into a SceneData struct, outermost first, one for each surface around it.
 
     A ray from inside a closed surface leaves it once more often than it enters it. A ray can also pass through a hole
-    in an open surface, so several rays vote: the camera is inside if more than half of them leave.
-
-    Args:
-        data: the struct, complete except for the bodies at the camera.
-        table: the bodies.
-        camera: the camera.
-        geometry: see Features.
-        device: the device of the scene.
+    in an open surface, so several rays vote: the camera is inside if more than half of them leave. The struct must be
+    complete otherwise; `geometry` is as in Features.
     """
     if not table.records:
         return

@@ -66,12 +66,9 @@ class SceneMemory:
 
 
 def scene_memory(prepared: PreparedScene, *, is_cpu: bool, texture_coordinates: bool = False) -> SceneMemory:
-    """Return what the upload of a scene will take.
+    """Return what the upload of a scene will take; on the CPU builders of trees work in larger pieces.
 
-    Args:
-        prepared: the scene.
-        is_cpu: whether the device is the CPU, where builders work in larger pieces.
-        texture_coordinates: whether to upload these even if no material needs them.
+    `texture_coordinates` is as for `build_scene`.
     """
     materials = prepared.materials
     textured = materials.textured or materials.tangents or texture_coordinates

@@ -36,26 +36,15 @@ class WorldMeshes:
     """The shapes in the world's tree, on a device."""
 
     def __init__(self, device: Device, data: Any, tree: BuiltBvh | None, first_vertices: dict[int, int]) -> None:
-        """Keep the arrays of a scene.
-
-        Args:
-            device: the device.
-            data: the SceneData struct.
-            tree: the world's tree.
-            first_vertices: first vertex of each shape that can be updated, by the shape's number.
-        """
+        """Keep a SceneData struct, the world's tree, and the first vertex of shapes that can be updated by number."""
         self._device, self._data, self._tree, self._first = device, data, tree, first_vertices
         self._has_copies = False
         self._corners: dict[int, tuple[Any, ...]] = {}
 
     def update(self, number: int, shape: Shape, vertices: Any, normals: Any) -> None:
-        """Move a shape's vertices.
+        """Move a shape's vertices: (N, 3) in NumPy, or a Warp array of vec3; normals likewise, or None.
 
-        Args:
-            number: number of the shape.
-            shape: its description; faces and smoothness are kept.
-            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device.
-            normals: likewise; None recomputes those of a smooth mesh.
+        Without normals, those of a smooth mesh are recomputed.
 
         Raises:
             InputError: on arrays of other sizes, non-finite values, or shapes that cannot be updated.

@@ -143,14 +143,7 @@ def stored(
 
 
 def stored_in(cls: type[A], boxes: ArrayLike, axes: ArrayLike, colors: ArrayLike | None, name: str) -> A:
-    """Return shapes from their own arrays, bit for bit.
-
-    Args:
-        cls: Spheres or Quadrics.
-        boxes: (N, 2, 3) first and second corners.
-        axes: (N, 3, 3).
-        colors: (N, 3) or (N, 4), or None.
-        name: for messages.
+    """Return shapes from first and second corners, (N, 2, 3), vectors, (N, 3, 3), and colours, bit for bit.
 
     Raises:
         InputError: where the arrays are not those of such shapes.

@@ -184,13 +184,9 @@ def basis(z: FloatArray) -> FloatArray:
 
 
 def quadrics_of(are_disks: ArrayLike, centers: ArrayLike, axes: ArrayLike, name: str) -> Quadrics:
-    """Return disks and cylinders.
+    """Return N disks and cylinders from their middles, (N, 3), and their vectors in the rows of `axes`, (N, 3, 3).
 
-    Args:
-        are_disks: (N,) whether each is a disk.
-        centers: (N, 3) middles, metres.
-        axes: (N, 3, 3) rows: two radii, then the normal of a disk, or the vector from end to end of a cylinder.
-        name: for messages.
+    These are two radii, then the normal of a disk, or the vector from end to end of a cylinder.
 
     Raises:
         InputError: when float32 does not resolve one of them.

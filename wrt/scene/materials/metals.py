@@ -56,12 +56,7 @@ class _Metal(Filmed):
 
 
 def average_reflectance(eta: Vec3, k: Vec3) -> Vec3:
-    """Return the hemispherical mean of a metal's Fresnel reflectance, 2 ∫ F(μ) μ dμ, per channel.
-
-    Args:
-        eta: real part of the refractive index.
-        k: extinction coefficient.
-    """
+    """Return the hemispherical mean of the reflectance of a metal of index η + ik, 2 ∫ F(μ) μ dμ, per channel."""
     nodes, weights = gauss_legendre(64)
     mu = 0.5 * (nodes[:, None] + 1.0)
     index = np.asarray(eta, np.float64) + 1j * np.asarray(k, np.float64)

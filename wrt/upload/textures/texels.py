@@ -92,12 +92,7 @@ class Texels:
 
 
 def codes_of(values: FloatArray, start: FloatArray | None = None) -> tuple[Codes, FloatArray] | None:
-    """Return (N,) codes and their palette, exact to the bit; None if there are more than 256 values.
-
-    Args:
-        values: (N,) numbers.
-        start: values with which the palette begins.
-    """
+    """Return (N,) codes and their palette, which begins with `start`; None if there are more than 256 values."""
     bits = values.view(np.uint32)
     palette = np.zeros(0, np.uint32) if start is None else start.view(np.uint32)
     factor, table = _hashed(palette)
