@@ -235,7 +235,11 @@ class _Slots:
         nearest = isinstance(mapping, ImageTexture) and mapping.filter == "nearest"
         wraps = (WRAPS.index(wrap) for wrap in mapping.wrap)
         record = (number, *wraps, nearest, *(tuple(row) for row in placement.tolist()))
-        levels = self._add_levels(number) if isinstance(mapping, ImageTexture) and mapping.has_levels else []
+        levels: list[int] = []
+        if isinstance(mapping, ImageTexture) and mapping.has_levels:
+            if number not in self._levels:
+                self._levels[number] = [self._add_pixels(level) for level in pyramid(pixels)]
+            levels = self._levels[number]
         key = (*record, len(levels))
         if key not in self._image_numbers:
             self._image_numbers[key] = len(self.images)
@@ -249,12 +253,6 @@ class _Slots:
         if number == len(self.pixels):
             self.pixels.append(pixels)
         return number
-
-    def _add_levels(self, number: int) -> list[int]:
-        """Return the numbers of the mip levels: the pixels at half the size, a quarter, and so on."""
-        if number not in self._levels:
-            self._levels[number] = [self._add_pixels(level) for level in pyramid(self.pixels[number])]
-        return self._levels[number]
 
     def add_normal_map(self, normal_map: NormalMap, filtered: bool) -> int:
         """Add a normal map and the images for filtering it, and return its number."""
