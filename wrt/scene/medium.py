@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from wrt import values
 from wrt.errors import InputError
-from wrt.linalg import determinant, gauss_legendre, product
+from wrt.linalg import gauss_legendre, product
 from wrt.scene.description import Color, Description, Vector, instance_of, optional
 from wrt.scene.mesh import Mesh
+from wrt.scene.motion import affine_matrix
 from wrt.scene.shapes import box
-from wrt.values import FLOAT32_MAX, ColorLike, Vec3, array, number, owned
+from wrt.values import FLOAT32_MAX, ColorLike, Vec3, number, owned
 
 MOST_CELLS = 2**29
 """The most cells of a grid: 2 GB of densities."""
@@ -38,16 +39,6 @@ def _cells(densities: Any, name: str, *, channels: tuple[int, ...]) -> NDArray[n
     if not np.isfinite(result).all() or float(result.min()) < 0.0:
         raise InputError(f"{name} must be finite and not negative")
     return result
-
-
-def _affine(value: Any, name: str) -> NDArray[np.float64]:
-    matrix = array(value, name, np.float64).copy()
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not np.array_equal(matrix[3], (0, 0, 0, 1)):
-        raise InputError(f"{name} must be a (4, 4) affine matrix")
-    if not abs(determinant(matrix[:3, :3])) > 0.0:
-        raise InputError(f"{name} must not flatten space")
-    matrix.flags.writeable = False
-    return matrix
 
 
 _Cells = NDArray[np.float32] | None
@@ -76,7 +67,7 @@ class DensityGrid(Description):
     values: Annotated[NDArray[np.float32], partial(_cells, channels=(0,))] = field(repr=False)
     lower: Vector = (0.0, 0.0, 0.0)
     upper: Vector = (1.0, 1.0, 1.0)
-    transform: Annotated[NDArray[np.float64] | None, optional(_affine)] = None
+    transform: Annotated[NDArray[np.float64] | None, optional(affine_matrix)] = None
     factor: Annotated[float, partial(number, minimum=0.0, maximum=FLOAT32_MAX)] = 1.0
     albedo: Annotated[_Cells, optional(partial(_cells, channels=(3,)))] = field(default=None, repr=False)
     emission: Annotated[_Cells, optional(partial(_cells, channels=(0, 3)))] = field(default=None, repr=False)

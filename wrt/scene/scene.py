@@ -26,7 +26,7 @@ from wrt.scene.materials.body import bodies_of
 from wrt.scene.materials.material import UnlimitedColor
 from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
-from wrt.scene.motion import Motion, check_affine
+from wrt.scene.motion import Motion, affine_matrix
 from wrt.scene.textures import ColorSource, shines
 from wrt.values import FLOAT32_MAX, Vec3, integer, number
 
@@ -50,18 +50,7 @@ MOST_JITTERED_RAYS = 16
 
 
 def _matrix_or_motion(value: object, name: str) -> NDArray[np.float64] | Motion:
-    """Return `value` as an affine (4, 4) matrix unless it is a motion, or raise InputError."""
-    if isinstance(value, Motion):
-        return value
-    try:
-        matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not {type(value).__name__}") from None
-    if matrix.shape != (4, 4):
-        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not an array of {matrix.shape}")
-    check_affine(matrix, name)
-    matrix.setflags(write=False)
-    return matrix
+    return value if isinstance(value, Motion) else affine_matrix(value, name, " or a wrt.Motion")
 
 
 _Mesh = Annotated[Mesh, instance_of(Mesh, "; wrt.load_mesh makes one of a file or a trimesh object")]
