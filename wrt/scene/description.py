@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Annotated, Any, ClassVar, TypeAlias
 
@@ -92,3 +92,9 @@ class Kind(Description):
     def model(self) -> str:
         """Name of the model in kernels, by default the type's own."""
         return self.type_name.replace("-", "_")
+
+
+def by_type_name(namespace: Mapping[str, Any], base: type[Any]) -> dict[str, type[Any]]:
+    """Return the classes of a module that have a base and a `type` in scene files, by that type, in order."""
+    classes = (cls for cls in namespace.values() if isinstance(cls, type) and issubclass(cls, base))
+    return {cls.type_name: cls for cls in classes if cls.type_name}
