@@ -20,7 +20,7 @@ from wrt.scene.materials.body import Null as Null
 from wrt.scene.materials.plastics import Plastic as Plastic
 from wrt.scene.materials.plastics import RoughPlastic as RoughPlastic
 from wrt.scene.materials.principled import Principled as Principled
-from wrt.scene.materials.burley import Burley as Burley
+from wrt.scene.materials.principled import Burley as Burley
 from wrt.scene.materials.measured import Measured as Measured
 from wrt.scene.materials.measured import Measurement as Measurement
 from wrt.scene.materials.composite import Mix as Mix
