@@ -25,7 +25,7 @@ from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.textures.textures import filtered_color, make_slot_color
 from wrt.scene.srgb import of_codes
 from wrt.scene.textures import WRAPS
-from wrt.upload.materials import describe_materials
+from wrt.upload.materials import MaterialTable
 from wrt.upload.scene_data import build_scene
 from wrt.upload.textures import texels
 from wrt.upload.textures.pyramid import pyramid
@@ -70,7 +70,7 @@ def looked_up(texture: wrt.ImageTexture, uvs: Pixels, device: str, footprints: P
 
 def uploaded(*materials: wrt.Material, device: str = "cpu") -> Any:
     data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()
-    describe_materials(list(materials)).upload(data, Device(device))
+    MaterialTable(list(materials)).upload(data, Device(device))
     return data
 
 

@@ -22,7 +22,7 @@ from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 from wrt.upload.accel.instancing import Layout, lay_out
 from wrt.upload.lights.environment import resolve_environment
 from wrt.upload.lights.table import texture_of
-from wrt.upload.materials import MaterialTable, describe_materials
+from wrt.upload.materials import MaterialTable
 
 UP_TO_ONE = frozenset(
     ["reflectance", "base_color", "specular_reflectance", "specular_transmittance", "sheen_color", "opacity", "weight"]
@@ -70,7 +70,7 @@ def prepare_scene(scene: Scene) -> PreparedScene:
     environment, sky_lights = resolve_environment(scene.environment)
     lights = [*scene.lights, *sky_lights]
     textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
-    materials = describe_materials(
+    materials = MaterialTable(
         [shape.material for shape in scene.shapes],
         [*(shape.emission for shape in scene.shapes), *textures.values()],
     )
