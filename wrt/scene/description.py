@@ -96,5 +96,5 @@ class Kind(Description):
 
 def by_type_name(namespace: Mapping[str, Any], base: type[Any]) -> dict[str, type[Any]]:
     """Return the classes of a module that have a base and a `type` in scene files, by that type, in order."""
-    classes = (cls for cls in namespace.values() if isinstance(cls, type) and issubclass(cls, base))
+    classes: list[Any] = [cls for cls in namespace.values() if isinstance(cls, type) and issubclass(cls, base)]
     return {cls.type_name: cls for cls in classes if cls.type_name}

@@ -175,4 +175,4 @@ class Microfacets(Material):
             return (*surface, None)
         if isinstance(self.alpha, (ImageTexture, VertexColor)):
             raise InputError("multiple_bounces needs an alpha that is a number, two numbers or a grey image")
-        return (*surface, self._shape)  # type: ignore[arg-type]
+        return (*surface, self._shape)
