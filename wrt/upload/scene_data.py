@@ -19,10 +19,10 @@ from wrt.upload.accel.bvh import build_bvh
 from wrt.upload.accel.geometry import joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
-from wrt.upload.bodies import BodyTable, describe_bodies, set_camera_bodies
+from wrt.upload.bodies import BodyTable, set_camera_bodies
 from wrt.upload.lights.choice import upload_lights
 from wrt.upload.lights.environment import environment_kind, upload_environment
-from wrt.upload.lights.table import LightTable, light_table
+from wrt.upload.lights.table import LightTable
 from wrt.upload.materials import MaterialTable
 from wrt.upload.memory import scene_memory, tree_memory
 from wrt.upload.prepare import PreparedScene, prepare_scene
@@ -107,12 +107,12 @@ def build_scene(
     places = _places(layout)
     first_triangles = places.of_shapes
     materials.upload(data, device)
-    bodies = describe_bodies(scene)
+    bodies = BodyTable(scene)
     bodies.upload(data, device)
 
     data.environment, flux = upload_environment(environment, device.name)
     slots = dict(zip(textures, materials.emission_slots[len(scene.shapes) :], strict=True))
-    table = light_table(scene.shapes, lights, layout, first_triangles, flux, slots)
+    table = LightTable(scene.shapes, lights, layout, first_triangles, flux, slots)
     light_tree = upload_lights(data, table, device, light_choice)
     records = _shape_records(scene, materials, bodies, table, first_triangles)
     data.shapes = backend.array(records, scene_data.ShapeRecord, device.name)
