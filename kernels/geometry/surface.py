@@ -28,7 +28,7 @@ from wrt.kernels.geometry.spheres import (
     point_on_sphere,
     sphere_coordinates,
 )
-from wrt.kernels.geometry.triangles import clearance_of, make_triangle_of, triangle_normal
+from wrt.kernels.geometry.triangles import clearance, make_triangle_of, triangle_normal
 
 # Rays leave a surface at most this many times its clearance from where one met it.
 _MOST_CLEARANCES = wp.constant(64.0)
@@ -165,7 +165,8 @@ def make_surface_at(geometry: str) -> wp.Function:
         surface.e1 = triangle.e1
         surface.e2 = triangle.e2
         normal = triangle_normal(triangle.e1, triangle.e2)
-        surface.clearance = clearance_of(triangle, normal)
+        sizes = wp.abs(triangle.p0) + wp.abs(triangle.e1) + wp.abs(triangle.e2)
+        surface.clearance = clearance(normal, sizes, triangle.slack)
         if wp.static(placed):
             surface.shape = scene.placed.instances[hit.instance].shape
             if surface.shape < 0:

@@ -26,9 +26,7 @@ struct Ray {
     int near_row[4], far_row[4], flip;
     float origin[3], shear[3];
     int kx, ky, kz;
-#if defined(WRT_QUADRICS)
-    Axes axes;
-#endif
+    [[no_unique_address]] Axes axes;
 };
 
 // Prepare a ray and return whether it can hit anything.

@@ -6,13 +6,6 @@
 // order from near to far is that of the ray's octant (Ylitie, Karras and Laine 2017, section 3.2), as in `boxes.h`.
 #include "triangles.h"
 
-// A comment in PTX, by which the emulator of the tests knows a place.
-#if defined(__CUDA_ARCH__)
-#define WRT_MARK(name) asm volatile("// mark: " name)
-#else
-#define WRT_MARK(name) ((void)0)
-#endif
-
 namespace wrt {
 #if !WRT_VECTORS
 // The numbers of a node or a leaf. `load` reads four from place i on, a multiple of four, by one load.

@@ -78,8 +78,8 @@ WRT_INLINE void find_hit_in_mesh(
 // predicate for the hits to skip in an instance; see `test_leaf`.
 template<Instances KIND, class Placed, class Vector, class Skipped>
 WRT_INLINE wp::vec_t<5, float> trace_instances(
-    const Placed& placed, const Vector& world_origin, const Vector& world_direction, const float time,
-    const float t_min, const float t_max, const bool any_hit, Skipped skipped) {
+    const Placed& placed, const Axes& axes, const Vector& world_origin, const Vector& world_direction,
+    const float time, const float t_min, const float t_max, const bool any_hit, Skipped skipped) {
     Nearest best = {t_max, 0.0f, 0.0f, -1};
     int best_instance = -1;
     // Of equal t the lower instance number wins: triangles of a later instance do not replace a hit of an earlier one,
@@ -111,9 +111,7 @@ WRT_INLINE wp::vec_t<5, float> trace_instances(
         }
         Ray ray;
         if (!set_up(ray, origin, direction)) return any_hit && best_instance >= 0;
-#if defined(WRT_QUADRICS)
-        ray.axes = placed.axes.from(instance.first_triangle);
-#endif
+        ray.axes = axes.from(instance.first_triangle);
         const int nothing_yet = best_instance >= 0 && best_instance < number ? -1 : NOTHING_HIT;
         Nearest nearest = {best.t, 0.0f, 0.0f, nothing_yet};
         const auto& mesh = placed.meshes.data[instance.mesh];
@@ -135,29 +133,31 @@ WRT_INLINE wp::vec_t<5, float> trace_instances(
         follow(tree, ray, 0, t_min, best.t, [&](int node) { return tree.node(node); }, visit);
     wp::vec_t<5, float> found;
     found[0] = float_of(best_instance);
-    found[1] = float_of(best.id);
+    found[1] = float_of(
+        best_instance >= 0 ? best.id + placed.instances.data[best_instance].first_triangle : -1);
     found[2] = best.t;
     found[3] = best.u;
     found[4] = best.v;
     return found;
 }
-// The nearest hit or any: its instance, the triangle by its number in the mesh, t, u and v.
+// The nearest hit or any: its instance, the triangle by its number through all instances, t, u and v.
 template<Instances KIND, class Placed, class Vector>
 WRT_INLINE wp::vec_t<5, float> closest_instance_hit(
-    const Placed& placed, const Vector& origin, const Vector& direction, float time, float t_min, float t_max,
-    bool any_hit) {
+    const Placed& placed, const Axes& axes, const Vector& origin, const Vector& direction, float time, float t_min,
+    float t_max, bool any_hit) {
     const auto skipped = [](int) { return NoneSkipped(); };
-    return trace_instances<KIND>(placed, origin, direction, time, t_min, t_max, any_hit, skipped);
+    return trace_instances<KIND>(placed, axes, origin, direction, time, t_min, t_max, any_hit, skipped);
 }
 // The hit that follows another one at t_min, ordered by distance, instance and triangle.
 template<Instances KIND, class Placed, class Vector>
 WRT_INLINE wp::vec_t<5, float> next_instance_hit(
-    const Placed& placed, const Vector& origin, const Vector& direction, float time, float t_min, float t_max,
-    int last_instance, int last_id) {
+    const Placed& placed, const Axes& axes, const Vector& origin, const Vector& direction, float time, float t_min,
+    float t_max, int last_instance, int last_id) {
+    const int last_of_mesh = last_id - placed.instances.data[last_instance].first_triangle;
     const auto skipped = [&](int number) {
-        const int id_min = number < last_instance ? NOTHING_HIT : number == last_instance ? last_id : -1;
+        const int id_min = number < last_instance ? NOTHING_HIT : number == last_instance ? last_of_mesh : -1;
         return [=](float t, int id) { return t == t_min && id <= id_min; };
     };
-    return trace_instances<KIND>(placed, origin, direction, time, t_min, t_max, false, skipped);
+    return trace_instances<KIND>(placed, axes, origin, direction, time, t_min, t_max, false, skipped);
 }
 } // namespace wrt

@@ -75,7 +75,8 @@ WRT_INLINE V error_of_distance(const Sheared<V>& s, const Distance<V>& d, const 
 }
 
 // Whether a ray goes on to a triangle's plane, in double precision: for a hit within the error of its distance. A ray in
-// a corner begins as near to the other wall as that, and would leave a closed room. All is in the order kx, ky, kz.
+// a corner begins as near to the other wall as that, and would leave a closed room. Of a ray that begins at a vertex the
+// height is 0 but for rounding, so the products are rounded alike on all devices. All is in the order kx, ky, kz.
 template<class Corner> WRT_INLINE bool is_ahead(Corner corner, const float* origin, const float* shear) {
     WRT_NO_CONTRACTION
     double to[3], e1[3], e2[3];
@@ -86,9 +87,10 @@ template<class Corner> WRT_INLINE bool is_ahead(Corner corner, const float* orig
         e2[k] = corner(2, k) - first;
     }
     const double n[3] = {
-        e1[1] * e2[2] - e1[2] * e2[1], e1[2] * e2[0] - e1[0] * e2[2], e1[0] * e2[1] - e1[1] * e2[0]};
-    const double height = n[0] * to[0] + n[1] * to[1] + n[2] * to[2];
-    const double rise = (n[0] * shear[0] + n[1] * shear[1] + n[2]) * shear[2];
+        product(e1[1], e2[2]) - product(e1[2], e2[1]), product(e1[2], e2[0]) - product(e1[0], e2[2]),
+        product(e1[0], e2[1]) - product(e1[1], e2[0])};
+    const double height = product(n[0], to[0]) + product(n[1], to[1]) + product(n[2], to[2]);
+    const double rise = (product(n[0], (double)shear[0]) + product(n[1], (double)shear[1]) + n[2]) * shear[2];
     return height * rise > 0.0;
 }
 

@@ -116,11 +116,6 @@ def bilinear(values: wp.array(dtype=float), first: int, width: int, height: int,
 def density_at(values: wp.array(dtype=float), grid: Grid, blend: Blend, point: wp.vec2) -> float:
     """Return a density at a point."""
     cell = cell_at(grid.width, grid.height, point)
-    return _density_in(values, grid, blend, cell)
-
-
-@wp.func
-def _density_in(values: wp.array(dtype=float), grid: Grid, blend: Blend, cell: Cell) -> float:
     ends = _column_ends(values, grid, blend, cell.row, cell.column, cell.y)
     return mixed(ends[0], ends[1], cell.x)
 

@@ -27,10 +27,9 @@ from support.ray_trees import (
 import wrt
 import wrt.upload.accel.bvh as module
 from wrt.backend.device import Device
-from wrt.upload.accel.binary_tree import CHUNK, SUBTREE, split_boxes
+from wrt.upload.accel.binary_tree import CHUNK, SUBTREE, levels_of, split_boxes
 from wrt.upload.accel.bvh import MORE_PIECES, build_bvh
 from wrt.upload.accel.gpu_tree import split_on_gpu
-from wrt.upload.accel.reinsertion import levels_of
 
 
 def slow_but(quick: set[Any], names: Any) -> list[Any]:

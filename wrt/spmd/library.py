@@ -25,7 +25,7 @@ A_NUMBER = "number"
 """The kind of a parameter that is a vector's element, of any type."""
 
 _WIDE = {
-    "_make_in_one_tree__locals__traverse": "closest_hit",
+    "_in_one_tree__locals__traverse": "closest_hit",
     "_sample_tree": "sample_light_tree",
     "reverse_bits": "reverse_bits",
     "further_dimension": "further_dimension",
