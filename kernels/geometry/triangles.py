@@ -125,10 +125,10 @@ def make_triangle_of(instances: str) -> wp.Function:
                 at = key_at(scene.placed.key_times, mesh.first_time, mesh.keys, time)
                 first = int(at[0]) * mesh.vertex_stride
                 second = wp.min(first + mesh.vertex_stride, (mesh.keys - 1) * mesh.vertex_stride)
-                rest = 1.0 - at[1]
-                p0 = scene.points[i0 + first] * rest + scene.points[i0 + second] * at[1]
-                p1 = scene.points[i1 + first] * rest + scene.points[i1 + second] * at[1]
-                p2 = scene.points[i2 + first] * rest + scene.points[i2 + second] * at[1]
+                first_share = 1.0 - at[1]
+                p0 = scene.points[i0 + first] * first_share + scene.points[i0 + second] * at[1]
+                p1 = scene.points[i1 + first] * first_share + scene.points[i1 + second] * at[1]
+                p2 = scene.points[i2 + first] * first_share + scene.points[i2 + second] * at[1]
         placement = instance_placement(scene.placed, record, time)
         result = Triangle()
         result.p0 = placement.linear * p0 + placement.offset

@@ -84,8 +84,8 @@ def blended(values: wp.array(dtype=float), first: int, size: int, place: int, bl
     found = mixed(values[at], values[at + blend.next_second * size], blend.second_weight)
     if blend.next_first > 0:
         at += blend.next_first * size
-        other = mixed(values[at], values[at + blend.next_second * size], blend.second_weight)
-        found = mixed(found, other, blend.first_weight)
+        next_value = mixed(values[at], values[at + blend.next_second * size], blend.second_weight)
+        found = mixed(found, next_value, blend.first_weight)
     return found
 
 
@@ -207,7 +207,7 @@ def invert_grid(values: wp.array(dtype=float), grid: Grid, blend: Blend, point: 
     ends = _column_ends(values, grid, blend, cell.row, cell.column, cell.y)
     x = _area(cell.x, ends[0], ends[1]) / float(last)
     x += _integral_along(values, grid, blend, cell.row, cell.column, cell.y)
-    whole = mixed(lower, upper, cell.y)
+    row_integral = mixed(lower, upper, cell.y)
     # A row without any density has no inverse: nothing is drawn there.
-    x = wp.where(whole > 0.0, x / wp.max(whole, 1.0e-30), 0.0)
+    x = wp.where(row_integral > 0.0, x / wp.max(row_integral, 1.0e-30), 0.0)
     return wp.vec3(wp.clamp(x, 0.0, 1.0), wp.clamp(y, 0.0, 1.0), mixed(ends[0], ends[1], cell.x))

@@ -115,7 +115,7 @@ def sort_children(nodes: wp.array(dtype=BinaryNode), index: int, i: int, childre
     for k in range(8):
         children_out[8 * i + k] = -1
     # Ylitie et al., section 3.2: a child goes to the place towards whose corner of the node it lies. Assign the best
-    # pair of a free place and an unassigned child, until none is left.
+    # pair of a free place and an unassigned child, until all are assigned.
     free = int(255)
     waiting = (1 << count) - 1
     while waiting != 0:
@@ -213,7 +213,7 @@ def summarize(
     costs: wp.array(dtype=float),
     numbers_out: wp.array(dtype=int),
 ):
-    """Write what the host needs, in one thread: number of leaves, cost, box, and the starts of the levels.
+    """Write a summary for the host, in one thread: number of leaves, cost, box, and the starts of the levels.
 
     Numbers other than integers are written as their bits. No node comes after `last`.
     """

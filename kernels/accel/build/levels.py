@@ -111,7 +111,7 @@ def part_boxes(
     centers: wp.array(dtype=vec8),
     boxes_out: wp.array(dtype=vec8),
 ):
-    """Write the boxes of each chunk to the side of their node that they go to, in their order."""
+    """Move the boxes of each chunk to the left or the right side of their node, in the same order."""
     c = first + wp.tid()
     if c >= chunks_of(level):
         return

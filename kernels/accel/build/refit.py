@@ -79,9 +79,9 @@ def smooth_normals(
     for i in range(begins[v], ends[v]):
         corner = corners[i]
         face = corner - corner % 3
-        here = points[indices[corner]]
-        u = points[indices[face + (corner + 1) % 3]] - here
-        w = points[indices[face + (corner + 2) % 3]] - here
+        point = points[indices[corner]]
+        u = points[indices[face + (corner + 1) % 3]] - point
+        w = points[indices[face + (corner + 2) % 3]] - point
         # Scaled, so that products of tiny or huge edges stay within float32.
         scale = wp.max(wp.length(u), wp.length(w))
         if scale > 0.0:

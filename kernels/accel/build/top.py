@@ -1,4 +1,4 @@
-"""The top of the binary tree: nodes over so many triangles that several threads share each.
+"""The top of the binary tree: nodes over many triangles, each split by several threads.
 
 Level by level, each thread sorts a chunk of a node's triangles into bins of its own, and nodes are split by the bins of
 all their chunks. The same kernels do this on the CPU and on a GPU. On the CPU each chunk is then partitioned in its
