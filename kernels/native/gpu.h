@@ -118,7 +118,8 @@ test_leaf(const Leaf& leaf, const Ray& ray, const float t_min, Nearest& nearest,
             const auto corner = [&](int vertex, int axis) { return corners[vertex][axis][k]; };
             const auto keep = [&](const float t, const float u, const float v) {
                 const int id = leaf.id(9 * LEAF_SIZE + first + k);
-                if (!skipped(t, id) && (t < nearest.t || (t == nearest.t && id < nearest.id))) nearest = {t, u, v, id};
+                if (!skipped(t, id) && (t < nearest.t || (t == nearest.t && id < nearest.id)))
+                    nearest = {t + 0.0f, u, v, id};
             };
 #if defined(WRT_SPHERES)
             if (corner(0, 0) == corner(2, 0) && corner(0, 1) == corner(2, 1) && corner(0, 2) == corner(2, 2)) {

@@ -214,7 +214,7 @@ WRT_INLINE void test_leaf(
             const float to[3] = {shear[0][n], shear[1][n], shear[2][n]};
             if (!is_ahead(corner, from, to)) better[n] = 0;
         }
-        best = better ? d.t : best;
+        best = better ? d.t + 0.0f : best;  // not -0, which `pop_child` would take for a negative distance
         best_u = better ? s.v * d.inverse_det : best_u;
         best_v = better ? s.w * d.inverse_det : best_v;
         best_id = better ? (Ints)ids[j] : best_id;

@@ -187,7 +187,7 @@ test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest
         const int k = lowest_bit(hits);
         if (skipped(ts[k], ids[k])) continue;
         if (ts[k] < nearest.t || (ts[k] == nearest.t && ids[k] < nearest.id)) {
-            nearest.t = ts[k];
+            nearest.t = ts[k] + 0.0f;  // not -0, which `pop_child` would take for a negative distance
             nearest.u = us[k];
             nearest.v = vs[k];
             nearest.id = ids[k];

@@ -1,6 +1,6 @@
 """The emulator of CUDA (`support/emulated_cuda`) refuses what it does not know, and its threads vote and wait.
 
-What it computes is compared with the CPU by films and trees (test_cuda_films.py, test_cuda_hits.py).
+Films and trees compare its results with the CPU (test_cuda_films.py, test_cuda_hits.py).
 """
 
 from __future__ import annotations
@@ -65,11 +65,11 @@ def kernel(body: str) -> str:
 """
 
 
-def run(body: str, threads: int, *, apart: bool = False) -> NDArray[np.uint32]:
+def run(body: str, threads: int, *, divides: bool = False) -> NDArray[np.uint32]:
     """Return the words that each of the threads of a block writes."""
     initialize_warp()
     library = Library(compiled(kernel(body), optimization=0))
-    library.set_apart(apart)
+    library.divide_warps(divides)
     block = -(-threads // 32) * 32
     out = np.zeros((block, WORDS), np.uint32)
     library.run("votes", threads, [ctypes.c_uint64(out.ctypes.data)], block=block, threads=range(threads))
@@ -78,7 +78,7 @@ def run(body: str, threads: int, *, apart: bool = False) -> NDArray[np.uint32]:
 
 def test_threads_that_have_ended_are_not_waited_for() -> None:
     """Odd ones leave before the vote."""
-    said = run(
+    words = run(
         """
     and.b32 %r1, %r0, 1;
     setp.ne.u32 %p0, %r1, 0;
@@ -90,8 +90,8 @@ $end:
     """,
         32,
     )
-    assert (said[::2, 0] == 0b01010101).all()
-    assert (said[1::2, 0] == 0).all()
+    assert (words[::2, 0] == 0b01010101).all()
+    assert (words[1::2, 0] == 0).all()
 
 
 BRANCHES = """
@@ -114,16 +114,16 @@ $met:
 """
 
 
-@pytest.mark.parametrize("apart", [False, True])
-def test_threads_that_are_active_together(apart: bool) -> None:
-    """Those of a branch; where that is asked for, odd and even ones apart, as the manual allows."""
-    said = run(BRANCHES, 12, apart=apart)
+@pytest.mark.parametrize("divides", [False, True])
+def test_threads_that_are_active_together(divides: bool) -> None:
+    """Those of a branch; with divided warps only the odd or the even ones, as the manual allows."""
+    words = run(BRANCHES, 12, divides=divides)
     for thread in range(12):
-        active = [t for t in range(12) if not apart or (t - thread) % 2 == 0]
+        active = [t for t in range(12) if not divides or (t - thread) % 2 == 0]
         branch = [t for t in active if t & 4 == thread & 4]
-        assert said[thread, 0] == sum(1 << t for t in branch)
-        assert said[thread, 1] == sum(1 << t for t in branch if t < 6)
-        assert said[thread, 2] == sum(1 << t for t in active)
+        assert words[thread, 0] == sum(1 << t for t in branch)
+        assert words[thread, 1] == sum(1 << t for t in branch if t < 6)
+        assert words[thread, 2] == sum(1 << t for t in active)
 
 
 @pytest.mark.parametrize(

@@ -84,26 +84,26 @@ def second_gpu(monkeypatch: pytest.MonkeyPatch) -> StandIn:
 def test_functions_of_warp_run_on_the_gpu_of_their_arrays(
     name: str, call: Callable[[Any], Any], expected: Any, second_gpu: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They take the thread's current GPU for that of the arrays."""
-    real, seen = getattr(wp.utils, name), []
+    """Warp runs them on the current GPU of the thread."""
+    real, calls = getattr(wp.utils, name), []
 
     def recorded(*arguments: Any, **options: Any) -> Any:
-        seen.append((second_gpu.inside, second_gpu.writes))
+        calls.append((second_gpu.inside, second_gpu.writes))
         return real(*arguments, **options)
 
     monkeypatch.setattr(wp.utils, name, recorded)
     assert call(current_backend()) == expected
-    assert seen == [(1, 0)]
+    assert calls == [(1, 0)]
     assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, 0)
 
 
 @pytest.mark.parametrize(
-    ("said", "figure"),
+    ("message", "figure"),
     [("Failed to allocate 2147483648 bytes on device 'cuda:1'", ": 2.15 GB more were needed"), (CUDA_SAYS, "")],
 )
-def test_memory_that_runs_out_is_told_once(said: str, figure: str, second_gpu: StandIn) -> None:
+def test_memory_that_runs_out_is_reported_once(message: str, figure: str, second_gpu: StandIn) -> None:
     with pytest.raises(NotEnoughMemory) as caught, on_device("cuda:1"):
-        raise RuntimeError(said)
+        raise RuntimeError(message)
     assert str(caught.value).startswith(f"memory ran out on cuda:1{figure}; ")
     assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, 1)
 
@@ -135,8 +135,8 @@ def test_no_tree_is_built_where_warp_finds_no_memory_of_its_own(
     with emulated_cuda(optimization=0):
         monkeypatch.setattr(wp.utils, name, lambda *_, **__: None)
         assert main(["render", "cornell-box", *options]) == 1
-    said = capfd.readouterr().err
+    printed = capfd.readouterr().err
     # Arrays of the emulated GPU say that they are on the CPU.
-    assert re.match(r"wrt: error: memory ran out on (cuda:0|cpu); ", said)
-    assert said.count("\n") == 1
+    assert re.match(r"wrt: error: memory ran out on (cuda:0|cpu); ", printed)
+    assert printed.count("\n") == 1
     assert not picture.exists()

@@ -9,7 +9,7 @@ struct Lane {
 
 extern "C" {
 u64 stuck;  // whether threads waited for others that never came
-u64 apart;  // whether threads with odd and even numbers are never active together
+u64 divided;  // whether threads with odd and even numbers are never active together
 }
 
 // The lanes that go on with lane k, none if it has to wait. No lane waits for one that has ended.
@@ -19,7 +19,7 @@ template<class T> static u32 group_of(const T* lanes, const u32 k, const u32 end
     for (u32 j = 0; j < 32; ++j) {
         const Lane& other = lanes[j];
         if (ended >> j & 1 || other.kind != one.kind) continue;
-        if (one.kind == ACTIVE_MASK ? other.at == one.at && !(apart && (j ^ k) & 1) : other.mask == one.mask)
+        if (one.kind == ACTIVE_MASK ? other.at == one.at && !(divided && (j ^ k) & 1) : other.mask == one.mask)
             group |= 1u << j;
     }
     if (one.kind == ACTIVE_MASK) return group;

@@ -45,7 +45,7 @@ class Registers(NamedTuple):
 class Variable(NamedTuple):
     """A variable in memory."""
 
-    space: str  # "param" for what a function is called with
+    space: str  # "param" for the arguments of a function
     align: int
     kind: str
     name: str

@@ -129,14 +129,7 @@ def _boxes(points: Any, indices: Any, device: Device) -> Any:
 
 
 def _cut_triangles(points: Any, indices: Any, tree: WideTree, device: Device) -> Any:
-    """Return the boxes of triangles after splitting the most wasteful, or None if that does not pay.
-
-    Args:
-        points: see `build_bvh`.
-        indices: see `build_bvh`.
-        tree: the tree over whole triangles.
-        device: the device.
-    """
+    """Return the boxes of triangles after splitting the most wasteful, or None if that costs more than `tree`."""
     presplit = current_backend().kernels("wrt.kernels.accel.build.presplit")
 
     count, (low, high) = len(indices) // 3, tree.box

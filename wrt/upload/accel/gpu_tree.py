@@ -46,7 +46,7 @@ def split_on_gpu(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool)
     parents, visits = find_parents(nodes, device), backend.zeros(2 * count, int, name)
     if reinserts:
         _reinsert(nodes, parents, visits, device)
-    device.launch(upwards.price_upwards, 2 * count, [nodes, parents, visits, costs], waits=False)
+    device.launch(upwards.sweep_upwards, 2 * count, [nodes, parents, visits, costs], waits=False)
     return nodes, costs
 
 
@@ -150,6 +150,7 @@ def _reinsert(nodes: Any, parents: Any, visits: Any, device: Device) -> None:
     moves.locks, moves.mover = (backend.zeros(size, "int64", name) for _ in range(2))
     moves.touched = backend.zeros(size, int, name)
     moves.found = backend.empty(2, int, name)
+    no_costs = backend.empty(0, float, name)
     keys, numbers = backend.empty(2 * size, float, name), backend.empty(2 * size, int, name)
 
     def launch(kernel: Any, threads: int, *inputs: Any) -> None:
@@ -172,4 +173,4 @@ def _reinsert(nodes: Any, parents: Any, visits: Any, device: Device) -> None:
             launch(kernels.choose_moves, count, moves, nodes, parents, number, turns)
         launch(kernels.exclude_cycles, count, moves, parents, number)
         launch(kernels.make_moves, count, moves, nodes, parents)
-        launch(upwards.refit_from_leaves, size, nodes, parents, visits)
+        launch(upwards.sweep_upwards, size, nodes, parents, visits, no_costs)
