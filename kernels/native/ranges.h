@@ -1,5 +1,5 @@
 #pragma once
-// Ranges of boxes during the build (`kernels/accel/build/ranges.py`). A box is eight floats; the component-wise minimum
+// Ranges of boxes during the build (`kernels/accel/build/boxes.py`). A box is eight floats; the component-wise minimum
 // of several is the box around them.
 #include "vectors.h"
 

@@ -7,8 +7,7 @@ order, so a tree is the same each time.
 
 import warp as wp
 
-from wrt.kernels.accel.build.boxes import low_of, vec8
-from wrt.kernels.accel.build.ranges import centers_of_range
+from wrt.kernels.accel.build.boxes import centers_of_range, low_of, vec8
 from wrt.kernels.accel.build.split import LARGE, BinaryNode, bin_scale, build_subtree
 from wrt.kernels.accel.build.top import (
     AXIS_BINS,

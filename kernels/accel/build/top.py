@@ -7,8 +7,7 @@ place, and triangles on the wrong side of their node are swapped; what a GPU doe
 
 import warp as wp
 
-from wrt.kernels.accel.build.boxes import low_of, vec8
-from wrt.kernels.accel.build.ranges import centers_of_range, fill_bins, part_range, swap_ranges
+from wrt.kernels.accel.build.boxes import centers_of_range, fill_bins, low_of, part_range, swap_ranges, vec8
 from wrt.kernels.accel.build.split import LARGE, BinaryNode, Split, add_children, bin_scale, choose_split, set_box
 from wrt.kernels.native.constants import BINS
 

@@ -89,10 +89,10 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
     tree = _wide_tree(_boxes(points, indices, device), device, constants.MAX_DEPTH)
     pieces = _cut_triangles(points, indices, tree, device)
     if pieces is not None:
-        other = _wide_tree(pieces, device, constants.MAX_DEPTH)
-        if other.cost < WORTH_CUTTING * tree.cost:
-            tree = other
-        del pieces, other
+        cut_tree = _wide_tree(pieces, device, constants.MAX_DEPTH)
+        if cut_tree.cost < WORTH_CUTTING * tree.cost:
+            tree = cut_tree
+        del pieces, cut_tree
     starts, leaf_count, references = tree.level_starts, tree.leaf_count, len(tree.boxes)
     if max(leaf_count * constants.LEAF_FLOATS, starts[-1] * constants.NODE_FLOATS) >= 2**31:
         raise InputError(f"a ray tree of {leaf_count} leaves is larger than 32-bit offsets reach")
@@ -195,9 +195,9 @@ def _worth_cutting(points: Any, indices: Any, scene: list[Any], cut: _Cut, devic
     count = len(cut.triangles)
     corners = backend.empty(3 * count, int, device.name)
     device.launch(presplit.pick_corners, count, [indices, cut.triangles, corners], waits=False)
-    whole = _wide_tree(_boxes(points, corners, device), device, constants.MAX_DEPTH)
-    split = _wide_tree(_pieces(points, corners, scene, cut.counts, device), device, constants.MAX_DEPTH)
-    return split.cost < WORTH_CUTTING * whole.cost
+    whole_tree = _wide_tree(_boxes(points, corners, device), device, constants.MAX_DEPTH)
+    cut_tree = _wide_tree(_pieces(points, corners, scene, cut.counts, device), device, constants.MAX_DEPTH)
+    return cut_tree.cost < WORTH_CUTTING * whole_tree.cost
 
 
 def refit_bvh(built: BuiltBvh, points: Any, indices: Any, device: Device) -> None:

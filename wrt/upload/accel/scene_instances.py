@@ -88,7 +88,7 @@ def _shared_tree(mesh: SharedMesh, first_vertex: int, first_time: int, points: A
 
 
 def _records(layout: Layout, pools: list[tuple[int, int]], has_world: bool) -> tuple[NDArray[Any], list[Motion]]:
-    """Return the InstanceRecords, that of the world first, and their motions."""
+    """Return the InstanceRecords, the first for the world, and their motions."""
     transforms = [np.eye(4)] if has_world else []
     motions: list[Motion] = []
     motion_numbers: dict[int, int] = {}
@@ -101,14 +101,14 @@ def _records(layout: Layout, pools: list[tuple[int, int]], has_world: bool) -> t
         else:
             transforms.append(instance.transform)
     records = instance_records(np.stack(transforms))
-    own = records
+    placed = records
     if has_world:
         records["round_trip"][0] = 0.0
-        own = records[1:]
-    own["mesh"] = [instance.mesh + has_world for instance in layout.instances]
-    own["shape"] = [instance.shape for instance in layout.instances]
-    own["first_triangle"] = [pools[instance.mesh][1] for instance in layout.instances]
-    for record, instance in zip(own, layout.instances, strict=True):
+        placed = records[1:]
+    placed["mesh"] = [instance.mesh + has_world for instance in layout.instances]
+    placed["shape"] = [instance.shape for instance in layout.instances]
+    placed["first_triangle"] = [pools[instance.mesh][1] for instance in layout.instances]
+    for record, instance in zip(placed, layout.instances, strict=True):
         if isinstance(instance.transform, Motion):
             record["motion"] = motion_numbers[id(instance.transform)]
             linear = instance.transform.at(np.linspace(*layout.shutter, 65))[:, :3, :3]
