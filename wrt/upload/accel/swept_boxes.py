@@ -54,10 +54,7 @@ def swept_boxes(
 
     def path_bounds(box: FloatArray) -> FloatArray:
         """Return (steps, 2, 3) bounds of the path of a box, given at the times of the grid."""
-        box = np.stack(
-            [np.minimum(box[:-1, 0], box[1:, 0]), np.maximum(box[:-1, 1], box[1:, 1])],
-            axis=1,
-        )
+        box = np.stack([np.minimum(box[:-1, 0], box[1:, 0]), np.maximum(box[:-1, 1], box[1:, 1])], axis=1)
         picks = np.array([[i >> 0 & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
         corners = box[:, picks, np.arange(3)] - np.array(motion.center)  # (steps, 8, 3)
         sizes = [
@@ -70,10 +67,7 @@ def swept_boxes(
         low, high = np.minimum(ends[0][:, 0], ends[1][:, 0]), np.maximum(ends[0][:, 1], ends[1][:, 1])
         return np.stack([low - margin[:, None], high + margin[:, None]], axis=1)
 
-    around_box, around_center = (
-        path_bounds(box),
-        path_bounds(np.repeat(box.mean(axis=1, keepdims=True), 2, axis=1)),
-    )
+    around_box, around_center = path_bounds(box), path_bounds(np.repeat(box.mean(axis=1, keepdims=True), 2, axis=1))
     stretch = singular_values(matrices[:, :3, :3])[:, 0]
     reach = (1.0 + 1e-5) * radius * np.maximum(stretch[:-1], stretch[1:])[:, None]
     low = np.maximum(around_box[:, 0], around_center[:, 0] - reach)
