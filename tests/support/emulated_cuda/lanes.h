@@ -1,5 +1,5 @@
 // Threads of a warp that wait for one another (PTX ISA, NVIDIA, sections 9.7.13 and 9.7.14).
-enum : u32 { ACTIVE_MASK, BALLOT, ANY, ALL, UNIFORM, BARRIER };
+enum : u32 { ACTIVE_MASK, BALLOT, BARRIER };
 constexpr u32 ENDED = ~0u;
 
 // A thread: its place, the kind of stop, the threads it waits for, its vote, and the answer.
@@ -26,15 +26,6 @@ template<class T> static u32 group_of(const T* lanes, const u32 k, const u32 end
     const u32 named = one.mask & ~ended;
     return (group & named) == named && one.mask >> k & 1 ? named : 0;
 }
-static u32 answer_of(const u32 kind, const u32 votes, const u32 group) {
-    switch (kind) {
-    case ACTIVE_MASK: return group;
-    case ANY: return votes != 0;
-    case ALL: return votes == group;
-    case UNIFORM: return votes == 0 || votes == group;
-    default: return votes;
-    }
-}
 // Run the threads of a warp that are `there`. Each runs to its next stop; then all that can go on do.
 template<class T, class Run> static void run_warp(T* lanes, const u32 there, Run run) {
     u32 ended = ~there, ready = there;
@@ -52,7 +43,7 @@ template<class T, class Run> static void run_warp(T* lanes, const u32 there, Run
             u32 votes = 0;
             for (u32 j = 0; j < 32; ++j) votes |= (group >> j & 1 && lanes[j].value) << j;
             for (u32 j = 0; j < 32; ++j)
-                if (group >> j & 1) lanes[j].result = answer_of(lanes[j].kind, votes, group);
+                if (group >> j & 1) lanes[j].result = lanes[j].kind == ACTIVE_MASK ? group : votes;
             ready |= group;
         }
     }
