@@ -75,7 +75,7 @@ def _expanded() -> str:
     macros = {m[1]: (_split(m[2]), m[3].replace("\\\n", "\n")) for m in _MACRO.finditer(text)}
     out = [text := _MACRO.sub("", text)]
     for m in re.finditer(r"^(LANES_\w+)\((.*)\)$", text, re.MULTILINE):
-        if m[1] in macros and not m[1].startswith("LANES_CONSTANT"):  # those do not add functions for lanes
+        if m[1] in macros:
             names, body = macros[m[1]]
             for name, value in zip(names, _split(m[2]), strict=True):
                 body = re.sub(rf"\b{name}\b", value, body)
