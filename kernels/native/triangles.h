@@ -155,7 +155,7 @@ test_spheres(const float* leaf, const Ray& ray, const float t_min, Nearest& near
 template<class Skipped = NoneSkipped>
 WRT_INLINE void
 test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest, Skipped skipped = {}) {
-    static_assert(LEAF_SIZE == 8, "as many as a vector has");
+    static_assert(LEAF_SIZE == 8, "a leaf fills a vector");
 #if defined(WRT_SPHERES)
     if (test_spheres(leaf, ray, t_min, nearest, skipped)) return;
 #endif

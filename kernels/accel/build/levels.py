@@ -1,7 +1,7 @@
 """The top of the binary tree on a GPU: what `top.py` does on the CPU, with all counters on the device.
 
-The host does not wait to learn how many nodes a level has: it launches as many threads as there may be, and those
-without work end. Bins and bounds of chunks are joined by atomic minima and sums, which give the same result in any
+The host does not wait to learn how many nodes a level has: it launches threads for the most that it can have, and
+threads without work end. Bins and bounds of chunks are joined by atomic minima and sums, which give the same result in any
 order, so a tree is the same each time.
 """
 

@@ -2,7 +2,7 @@
 
 Meister and Bittner, "Parallel Reinsertion for Bounding Volume Hierarchy Optimization" (2018), section 3.3. The rules
 are those of `kernels/accel/build/reinsert.py`, where one thread takes the moves by their gain: a move locks five nodes,
-and of two that need the same the one with more gain wins. Repeated for the moves that are neither chosen nor excluded,
+and where two need the same node, the one with more gain wins. Repeated for the moves that are neither chosen nor excluded,
 this chooses what one thread would choose.
 """
 

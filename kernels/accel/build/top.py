@@ -156,7 +156,7 @@ def split_nodes(
 
 @wp.kernel(enable_backward=False)
 def count_left(first: int, level: Level, chunks: Chunks, nodes: wp.array(dtype=BinaryNode)):
-    """Count the boxes of each chunk that go left; none for chunks that there are not."""
+    """Count the boxes of each chunk that go left; 0 for threads beyond the last chunk."""
     c = first + wp.tid()
     n = int(0)
     if c < chunks_of(level):

@@ -29,7 +29,7 @@ NEAR_ROOT = 8 * LARGEST
 """These nodes are searched for in the top levels that hold this many: areas shrink further down."""
 
 ANY_VISITS = 2**31 - 1
-"""Nodes that a search may visit: as many as there are."""
+"""Nodes that a search may visit: all."""
 
 LEAST = 32
 """Smaller trees are not worth optimising."""

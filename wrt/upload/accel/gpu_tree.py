@@ -1,7 +1,7 @@
 """Build the binary tree on a GPU: the host side of `levels.py`, `upwards.py` and `moves.py` in `kernels/accel/build`.
 
-The host does not know how many nodes a level has, so it launches as many threads as there may be. It reads one number
-every few levels: whether there is another. By the model a small mesh would else pay mostly for launches without work.
+The host does not know how many nodes a level has, so it launches threads for the most that it can have. Every few
+levels it reads whether there is another one; otherwise a small mesh would pay mostly for launches without work.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from wrt.backend.device import Device
 from wrt.upload.accel.binary_tree import LARGEST, LEAST, ROUNDS, empty_bins
 
 LEVELS_PER_READ = 2
-"""Levels between two looks at whether there are more, once there may be none. A level costs nine launches, of about
-15 us each, and a look 20 us (estimated for an H100)."""
+"""Levels between two reads of whether there are more, from the first level that may be the last. A level costs nine
+launches, of about 15 us each, and a read 20 us (estimated for an H100)."""
 
 MOST_BUILDERS = 1 << 17
 """Threads that build subtrees at most; each has bins of 2 KB."""
@@ -102,8 +102,8 @@ def _split_all(nodes: Any, boxes: Any, centers: Any, device: Device, sah_depth: 
     launch(levels.bound_centers, -(-count // levels.CHUNK), levels.CHUNK, boxes, centers)
     sorted_boxes = backend.empty(count if depths else 0, "vec8", name)
     for depth in range(depths):
-        looks = depth >= least and (depth - least) % LEVELS_PER_READ == 0
-        if looks and not backend.fetch(counts[depth : depth + 1])[0]:
+        reads = depth >= least and (depth - least) % LEVELS_PER_READ == 0
+        if reads and not backend.fetch(counts[depth : depth + 1])[0]:
             break
         level.depth, following.depth = depth, depth + 1
         launch(levels.clear_bins, most_nodes * top.AXIS_BINS, level)
