@@ -1,8 +1,8 @@
 """The top of the binary tree on a GPU: what `top.py` does on the CPU, with all counters on the device.
 
 The host does not wait to learn how many nodes a level has: it launches threads for the most that it can have, and
-threads without work end. Bins and bounds of chunks are joined by atomic minima and sums, which give the same result in any
-order, so a tree is the same each time.
+threads without work end. Bins and bounds of chunks are joined by atomic minima and sums, which give the same result in
+any order, so a tree is the same each time.
 """
 
 import warp as wp

@@ -1,9 +1,9 @@
-"""Reinsertion on a GPU: moves that exclude one another are sorted out by locks, the others happen at once.
+"""Reinsertion on a GPU: locks decide between moves that exclude one another; the others happen at once.
 
 Meister and Bittner, "Parallel Reinsertion for Bounding Volume Hierarchy Optimization" (2018), section 3.3. The rules
-are those of `kernels/accel/build/reinsert.py`, where one thread takes the moves by their gain: a move locks five nodes,
-and where two need the same node, the one with more gain wins. Repeated for the moves that are neither chosen nor excluded,
-this chooses what one thread would choose.
+are those of `kernels/accel/build/reinsert.py`, where one thread takes the moves by their gain. A move locks five nodes;
+where two need the same node, the one with more gain wins. Repeated for the moves that are neither chosen nor excluded,
+this makes the choice of one thread.
 """
 
 import warp as wp
