@@ -68,9 +68,9 @@ template<class Boxes> WRT_INLINE float begin_of(const Boxes& boxes, const Ray& r
 //
 // Each lane of a warp goes on through nodes to a leaf, then all test their leaves together (Aila and Laine 2009). There
 // is no other way out of the loops than the one at their ends: lanes that took it would meet the others behind the loops.
-template<class Tree, class Boxes, class Visit>
-WRT_INLINE void follow(
-    const Tree& tree, const Ray& ray, int current, const float t_min, const float& t_max, Boxes boxes, Visit visit) {
+template<class Nodes, class Visit>
+WRT_INLINE void
+follow(const Nodes& tree, const Ray& ray, int current, const float t_min, const float& t_max, Visit visit) {
     constexpr int NOTHING_LEFT = -2147483647 - 1;
     int2 stack[MAX_DEPTH];
     int top = 0, parent = 0;
@@ -80,7 +80,7 @@ WRT_INLINE void follow(
         if (current < 0 && visit(current)) top = 0, waiting = 0;
         do {
             if (current >= 0) {
-                const unsigned met = children_met(boxes(current), ray, t_min, t_max);
+                const unsigned met = children_met(tree.node(current), ray, t_min, t_max);
                 if (met) {
                     if (waiting) stack[top++] = make_int2(parent, (int)waiting);
                     parent = current;
@@ -96,7 +96,7 @@ WRT_INLINE void follow(
                 }
                 const int k = lowest_bit(waiting) ^ ray.flip;
                 waiting &= waiting - 1;
-                if (!(t_max < reach && begin_of(boxes(parent), ray, k) > t_max * (float)BOX_PAD))
+                if (!(t_max < reach && begin_of(tree.node(parent), ray, k) > t_max * (float)BOX_PAD))
                     current = tree.children(parent)[k];
             }
         } while (current >= 0);

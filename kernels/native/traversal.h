@@ -27,31 +27,29 @@ template<class Bvh> WRT_INLINE Tree tree_of(const Bvh& bvh) {
 }
 
 #if WRT_VECTORS
-// Trace a ray from node `current` on. `boxes(node)` returns the boxes of a node; `visit(leaf)` processes a leaf, may
-// shorten `t_max`, and returns whether the ray is done.
-template<class Boxes, class Visit>
-WRT_INLINE void follow(
-    const Tree& tree, const Ray& ray, int current, const float t_min, const float& t_max, Boxes boxes, Visit visit) {
+// Trace a ray from node `current` on. `visit(leaf)` processes a leaf, may shorten `t_max`, and returns whether the ray is
+// done.
+template<class Nodes, class Visit>
+WRT_INLINE void
+follow(const Nodes& tree, const Ray& ray, int current, const float t_min, const float& t_max, Visit visit) {
     int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8], top = 0;
     const Stack stack = {begins, waiting, top};
     do {
-        if (current >= 0) push_children(boxes(current), tree.children(current), ray, t_min, t_max, stack);
+        if (current >= 0) push_children(tree.node(current), tree.children(current), ray, t_min, t_max, stack);
         else if (visit(current)) return;
     } while (pop_child(current, t_max, stack));
 }
 #endif
 
 // Find the nearest hit of a ray below node `current`, or any hit; `skipped` as in `test_leaf`.
-template<class Skipped = NoneSkipped>
+template<class Nodes, class Skipped = NoneSkipped>
 WRT_INLINE void find_hit(
-    const Tree& tree, const Ray& ray, const int current, const float t_min, const bool any_hit, Nearest& nearest,
+    const Nodes& tree, const Ray& ray, const int current, const float t_min, const bool any_hit, Nearest& nearest,
     Skipped skipped = {}) {
-    follow(
-        tree, ray, current, t_min, nearest.t, [&](int node) { return tree.node(node); },
-        [&](int leaf) {
-            test_leaf(tree.leaf(leaf), ray, t_min, nearest, skipped);
-            return any_hit && nearest.id != NOTHING_HIT;
-        });
+    follow(tree, ray, current, t_min, nearest.t, [&](int leaf) {
+        test_leaf(tree.leaf(leaf), ray, t_min, nearest, skipped);
+        return any_hit && nearest.id != NOTHING_HIT;
+    });
 }
 
 // `axes` is where the vectors of disks and cylinders are, as in all functions below.
