@@ -35,8 +35,8 @@ LEAST = 32
 """Smaller trees are not worth optimising."""
 
 
-def split_boxes(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) -> tuple[Any, Any]:
-    """Return the binary tree and the costs for collapsing it, arrays on the device; reorder the boxes to match.
+def split_boxes(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) -> tuple[Any, Any, int]:
+    """Return the binary tree, the costs for collapsing it, and a bound on inner nodes; reorder the boxes to match.
 
     Args:
         boxes: array of vec8, as in `kernels/accel/build/boxes.py`.
@@ -92,9 +92,10 @@ def split_boxes(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) 
     device.launch(split.build_subtrees, len(subtrees), inputs)
     if reinserts:
         _reinsert(nodes, device)
-    for numbers in reversed(levels_of(nodes)):
+    levels = levels_of(nodes)
+    for numbers in reversed(levels):
         device.launch(collapse.price_nodes, len(numbers), [backend.array(numbers, int, name), nodes, costs])
-    return nodes, costs
+    return nodes, costs, sum(map(len, levels)) // 2
 
 
 def _level_of(numbers: np.ndarray, counts: np.ndarray, name: str) -> tuple[Any, Any]:

@@ -247,8 +247,8 @@ def _wide_tree(boxes: Any, device: Device, max_depth: int) -> WideTree:
     """Return the wide tree over boxes, and reorder them to match."""
     split = split_boxes if device.is_cpu else split_on_gpu
     for sah_depth in SAH_DEPTHS:
-        nodes, costs = split(boxes, device, sah_depth, reinserts=sah_depth == SAH_DEPTHS[0])
-        tree = collapse(nodes, costs, boxes, device, max_depth)
+        nodes, costs, inner_nodes = split(boxes, device, sah_depth, reinserts=sah_depth == SAH_DEPTHS[0])
+        tree = collapse(nodes, costs, max(1, inner_nodes), boxes, device, max_depth)
         if len(tree.level_starts) - 1 <= max_depth:
             break
     return tree

@@ -28,8 +28,8 @@ TURNS = 6
 """Turns in which the moves of a round are chosen. Moves still undecided then wait for the next round."""
 
 
-def split_on_gpu(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) -> tuple[Any, Any]:
-    """Return the binary tree and the costs for collapsing it, arrays on the device; reorder the boxes to match.
+def split_on_gpu(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool) -> tuple[Any, Any, int]:
+    """Return the binary tree, the costs for collapsing it, and a bound on inner nodes; reorder the boxes to match.
 
     For the arguments see `split_boxes` in `binary_tree.py`.
     """
@@ -47,7 +47,7 @@ def split_on_gpu(boxes: Any, device: Device, sah_depth: int, *, reinserts: bool)
     if reinserts:
         _reinsert(nodes, parents, visits, device)
     device.launch(upwards.sweep_upwards, 2 * count, [nodes, parents, visits, costs], waits=False)
-    return nodes, costs
+    return nodes, costs, count
 
 
 def find_parents(nodes: Any, device: Device) -> Any:

@@ -52,12 +52,13 @@ class WideTree(NamedTuple):
         return leaf_ranges
 
 
-def collapse(nodes: Any, costs: Any, boxes: Any, device: Device, max_depth: int) -> WideTree:
+def collapse(nodes: Any, costs: Any, most: int, boxes: Any, device: Device, max_depth: int) -> WideTree:
     """Collapse a binary tree at the least cost; stop at one level more than `max_depth`.
 
     Args:
         nodes: array of BinaryNode.
         costs: the costs of collapsing them.
+        most: bound on the wide nodes: each replaces one inner node at least.
         boxes: the boxes that the tree is over, for the result.
         device: the device.
         max_depth: levels that the tree may have.
@@ -65,7 +66,7 @@ def collapse(nodes: Any, costs: Any, boxes: Any, device: Device, max_depth: int)
     backend = current_backend()
     kernels = backend.kernels("wrt.kernels.accel.build.collapse")
 
-    name, most = device.name, len(nodes) // 2  # a wide node replaces one inner node at least
+    name = device.name
     wide = kernels.WideNodes()
     wide.root, wide.inner_before, wide.leaves_before = (backend.empty(most, int, name) for _ in range(3))
     wide.inner, wide.leaves = (backend.zeros(most, int, name) for _ in range(2))
