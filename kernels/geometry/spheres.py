@@ -93,8 +93,8 @@ def make_sphere_of(geometry: str) -> wp.Function:
 @specialised()
 def make_sphere_axes(geometry: str) -> wp.Function:
     """Return the device function (scene, triangle, instance, time) -> Frame of a sphere's axes."""
-    still = instances_of(geometry) == "none"
-    instance_placement = make_instance_placement("still" if still else instances_of(geometry))
+    in_one_tree = instances_of(geometry) == "none"
+    instance_placement = make_instance_placement("still" if in_one_tree else instances_of(geometry))
 
     @wp.func
     def sphere_axes(scene: SceneData, triangle: int, instance: int, time: float) -> Frame:
@@ -102,7 +102,7 @@ def make_sphere_axes(geometry: str) -> wp.Function:
         x = scene.normals[corners[0]]
         y = scene.normals[corners[1]]
         z = scene.normals[corners[2]]
-        if wp.static(not still):
+        if wp.static(not in_one_tree):
             linear = instance_placement(scene.placed, scene.placed.instances[instance], time).linear
             x = linear * x
             y = linear * y

@@ -3,7 +3,7 @@
 //
 // A thread's stack is in device memory, as are all arrays that are indexed at run time; arrays are in registers if the
 // loops over them are unrolled. So children are not sorted, and wait together in one entry: their node, and a mask. The
-// order from near to far is that of the ray's octant (Ylitie, Karras and Laine 2017, section 3.2), as in `boxes.h`.
+// octant of the ray gives the order from near to far (Ylitie, Karras and Laine 2017, section 3.2), as in `boxes.h`.
 #include "triangles.h"
 
 namespace wrt {

@@ -76,7 +76,7 @@ WRT_INLINE V error_of_distance(const Sheared<V>& s, const Distance<V>& d, const 
 
 // Whether a ray goes on to a triangle's plane, in double precision: for a hit within the error of its distance. A ray in
 // a corner begins as near to the other wall as that, and would leave a closed room. Of a ray that begins at a vertex the
-// height is 0 but for rounding, so the products are rounded alike on all devices. All is in the order kx, ky, kz.
+// height is 0 apart from rounding, so the products are rounded alike on all devices. All is in the order kx, ky, kz.
 template<class Corner> WRT_INLINE bool is_ahead(Corner corner, const float* origin, const float* shear) {
     WRT_NO_CONTRACTION
     double to[3], e1[3], e2[3];

@@ -55,7 +55,7 @@ template<class V> WRT_INLINE V product(V a, V b) {
     WRT_NO_CONTRACTION
     return a * b;
 }
-// a * b - c and a - b * c, rounded once where that is one instruction.
+// a * b - c and a - b * c, rounded once if the processor has an instruction for it.
 template<class V, class B> WRT_INLINE V product_less(V a, B b, B c) {
 #if defined(__FMA__)
     return __builtin_elementwise_fma(a, (V)b, -(V)c);

@@ -171,11 +171,11 @@ def sample_grid(values: wp.array(dtype=float), grid: Grid, blend: Blend, u: wp.v
             row = middle
         else:
             high = middle
-    rest = (u[1] - blended(values, grid.rows, grid.height, row, blend)) * float(grid.height - 1)
+    remainder = (u[1] - blended(values, grid.rows, grid.height, row, blend)) * float(grid.height - 1)
     last = grid.width - 1
     lower = _integral_along(values, grid, blend, row, last, 0.0)
     upper = _integral_along(values, grid, blend, row, last, 1.0)
-    y = _of_area(rest, lower, upper)
+    y = _of_area(remainder, lower, upper)
 
     along = u[0] * mixed(lower, upper, y)
     column = int(0)
@@ -186,9 +186,9 @@ def sample_grid(values: wp.array(dtype=float), grid: Grid, blend: Blend, u: wp.v
             column = middle
         else:
             high = middle
-    rest = (along - _integral_along(values, grid, blend, row, column, y)) * float(last)
+    remainder = (along - _integral_along(values, grid, blend, row, column, y)) * float(last)
     ends = _column_ends(values, grid, blend, row, column, y)
-    x = _of_area(rest, ends[0], ends[1])
+    x = _of_area(remainder, ends[0], ends[1])
     return wp.vec3(
         (float(column) + x) / float(last), (float(row) + y) / float(grid.height - 1), mixed(ends[0], ends[1], x)
     )

@@ -96,7 +96,7 @@ def key_of(moves: Moves, i: int, turn: int) -> wp.int64:
 
 
 @wp.func
-def nodes_needed(moves: Moves, nodes: wp.array(dtype=BinaryNode), parents: wp.array(dtype=int), i: int) -> _five_nodes:
+def locked_nodes(moves: Moves, nodes: wp.array(dtype=BinaryNode), parents: wp.array(dtype=int), i: int) -> _five_nodes:
     """Return the nodes that a move changes or relies on: itself, its place, the parents of both, and its sibling."""
     node = moves.node[i]
     place = moves.place[i]
@@ -122,13 +122,13 @@ def lock_nodes(
             wp.atomic_add(moves.found, 0, 1)
     if moves.state[i] != UNDECIDED:
         return
-    needed = nodes_needed(moves, nodes, parents, i)
+    lock_set = locked_nodes(moves, nodes, parents, i)
     for k in range(5):
-        if moves.touched[needed[k]] == round:
+        if moves.touched[lock_set[k]] == round:
             moves.state[i] = EXCLUDED
             return
     for k in range(5):
-        wp.atomic_max(moves.locks, needed[k], key_of(moves, i, turn))
+        wp.atomic_max(moves.locks, lock_set[k], key_of(moves, i, turn))
 
 
 @wp.kernel(enable_backward=False)
@@ -144,14 +144,14 @@ def choose_moves(
     i = first + wp.tid()
     if moves.state[i] != UNDECIDED:
         return
-    needed = nodes_needed(moves, nodes, parents, i)
+    lock_set = locked_nodes(moves, nodes, parents, i)
     for k in range(5):
-        if moves.locks[needed[k]] != key_of(moves, i, turn):
+        if moves.locks[lock_set[k]] != key_of(moves, i, turn):
             return
     moves.state[i] = CHOSEN
-    moves.mover[needed[0]] = key_of(moves, i, round)
+    moves.mover[lock_set[0]] = key_of(moves, i, round)
     for k in range(5):
-        moves.touched[needed[k]] = round
+        moves.touched[lock_set[k]] = round
 
 
 @wp.kernel(enable_backward=False)
@@ -187,13 +187,13 @@ def make_moves(first: int, moves: Moves, nodes: wp.array(dtype=BinaryNode), pare
     i = first + wp.tid()
     if moves.state[i] != CHOSEN:
         return
-    needed = nodes_needed(moves, nodes, parents, i)
-    place = needed[1]
-    parent = needed[2]
+    lock_set = locked_nodes(moves, nodes, parents, i)
+    place = lock_set[1]
+    parent = lock_set[2]
     # The parent moves along and joins both.
-    replace_child(nodes, parents, parents[parent], parent, needed[4])
+    replace_child(nodes, parents, parents[parent], parent, lock_set[4])
     # The place may be above: its parent is then what it was.
-    replace_child(nodes, parents, needed[3], place, parent)
+    replace_child(nodes, parents, lock_set[3], place, parent)
     nodes[parent].left = place
-    nodes[parent].right = needed[0]
+    nodes[parent].right = lock_set[0]
     parents[place] = parent

@@ -143,7 +143,7 @@ def split_nodes(
     set_box(nodes, index, split.bounds)
     if nodes[index].depth >= max_sah_depth:
         split.axis = -1
-    # Chunks join the bounds of those that go left and right; halves have those of all.
+    # Chunks bound the centres on both sides of a plane; halves keep the bounds of the whole node.
     start = vec8(LARGE)
     if split.axis < 0:
         split.left = count // 2

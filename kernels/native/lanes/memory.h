@@ -170,7 +170,7 @@ template<class S, class V> LANES_INLINE V gather_one_by_one(const char* base, in
 }
 
 // Four bytes of each lane's record. The processor's gather takes 40 cycles for sixteen numbers (Zen 4); a load per lane
-// and a transposition give four neighbours in less, and the compiler removes those that are not used.
+// and a transposition give four neighbours in less, and the compiler removes unused ones.
 template<int OFFSET, int SIZE> LANES_INLINE floats row(const char* base, ints record, Mask exec) {
     const ints safe = choose(exec, record, (ints)0);
     if constexpr (SIZE == 4) {
