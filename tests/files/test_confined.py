@@ -101,18 +101,18 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 
 @pytest.mark.parametrize("name", CASES)
 def test_files_may_lie_anywhere_or_in_the_folder_of_the_scene_alone(name, folders, recwarn):
-    """A refusal does not tell whether the file is there; a warning would show that it was left out."""
+    """A refusal reads the same whether or not the file exists; a warning would show that it was left out."""
     scene, outside = folders
     (scene / "link").symlink_to(outside)
     messages = {}
-    for named in ("../outside", str(outside), "link", "../none"):
-        path = written(name, scene, named)
-        if named != "../none":
+    for prefix in ("../outside", str(outside), "link", "../none"):
+        path = written(name, scene, prefix)
+        if prefix != "../none":
             assert wrt.load(path).shapes
-            assert not [str(warning.message) for warning in recwarn], named
+            assert not [str(warning.message) for warning in recwarn], prefix
         with pytest.raises(wrt.InputError, match="outside the scene's folder") as caught:
             wrt.load(path, confined=True)
-        messages[named] = str(caught.value).replace(named, "").replace(escaped(named), "")
+        messages[prefix] = str(caught.value).replace(prefix, "").replace(escaped(prefix), "")
         recwarn.clear()
     assert messages["../none"] == messages["../outside"]
     (scene / "link").unlink()
@@ -126,8 +126,8 @@ def test_the_command_line_confines(command, folders, tmp_path, monkeypatch, caps
     scene, _ = folders
     monkeypatch.chdir(tmp_path)
     path = str(written("TOML's mesh", scene, "../outside"))
-    more = {"render": ["--size", "8x8", "-o", "a.png"], "info": [], "convert": ["a.toml"]}[command]
-    assert main([command, path, *more, "--confined"]) == 2
+    options = {"render": ["--size", "8x8", "-o", "a.png"], "info": [], "convert": ["a.toml"]}[command]
+    assert main([command, path, *options, "--confined"]) == 2
     assert "outside the scene's folder" in capsys.readouterr().err.splitlines()[-1]
     assert not list(tmp_path.glob("a.*"))
 
@@ -182,7 +182,7 @@ def test_a_mitsuba_scene_does_not_learn_which_files_exist_outside(exists, folder
 
 
 def test_nothing_is_downloaded(folders, tmp_path, monkeypatch):
-    """A server that nobody asks: not for what a scene names, nor for the scene itself."""
+    """No request reaches a server, neither for files that a scene names nor for the scene itself."""
     scene, _ = folders
     monkeypatch.chdir(tmp_path)
     with socket.create_server(("127.0.0.1", 0)) as server:

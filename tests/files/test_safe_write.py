@@ -26,7 +26,7 @@ SAVE = "import sys, wrt, numpy; wrt.save_image(sys.argv[1], numpy.full((4, 8, 3)
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Renders trace nothing: what they write is black."""
+    """Renders trace nothing, so their pictures are black."""
     monkeypatch.setattr(RenderKernel, "compile", lambda *_: None)
     monkeypatch.setattr(RenderKernel, "launch", lambda *_: None)
     monkeypatch.chdir(tmp_path)
@@ -234,8 +234,8 @@ def test_leftovers_of_killed_writes_are_removed_and_no_others(folder):
         killed.wait()
         assert len(list(folder.glob(".wrt-????????-????????.part.png"))) == 2
         write_atomically(folder / "b.png", lambda file: file.write_bytes(b"whole"), PICTURE)
-        left = [path.name for path in folder.glob(".wrt-*.part*")]
+        remaining = [path.name for path in folder.glob(".wrt-*.part*")]
         living.kill()
-    assert len(left) == 2  # the file that is still being written, and the file that is not wrt's
-    assert ".wrt-notes.part" in left
+    assert len(remaining) == 2  # the file that is still being written, and the file that is not wrt's
+    assert ".wrt-notes.part" in remaining
     assert (folder / "b.png").read_bytes() == b"whole"

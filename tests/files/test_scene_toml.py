@@ -1,4 +1,4 @@
-"""Scene files give the scene they describe; every mistake in them is told by file and key, in one line."""
+"""Scene files give the scene they describe; messages about mistakes name file and key, in one line."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_file_that_uses_everything_gives_the_scene_it_describes(folder):
     assert (point.position, point.power) == ((1.0, 2.0, 3.0), (10.0, 20.0, 30.0))
     assert sun == wrt.DirectionalLight((0, -1, 0), 3.0)
 
-    floor, box, ball, pentagon, several, own, flat = scene.shapes
+    floor, box, ball, pentagon, several, smooth, flat = scene.shapes
     assert (floor.name, floor.emission, floor.two_sided_emission) == ("floor", (4.0, 4.0, 4.0), True)
     np.testing.assert_allclose(floor.material.reflectance.pixels, linear_from_srgb(100 / 255), rtol=1e-6)
     assert box.material == wrt.Conductor((0.1, 0.4, 1.4), (4, 2.4, 1.6))
@@ -49,8 +49,8 @@ def test_a_file_that_uses_everything_gives_the_scene_it_describes(folder):
     assert pentagon.material == flat.material == wrt.Mirror((0.9, 0.8, 0.7))
     assert len(pentagon.mesh.faces) == len(several.mesh.faces) == 3
     assert several.material.reflectance == wrt.VertexColor()
-    ridge = np.abs(own.mesh.vertices[:, 0]) < 1e-6
-    np.testing.assert_allclose(own.mesh.normals[ridge], [[0, -1, 0]] * ridge.sum(), atol=1e-6)
+    ridge = np.abs(smooth.mesh.vertices[:, 0]) < 1e-6
+    np.testing.assert_allclose(smooth.mesh.normals[ridge], [[0, -1, 0]] * ridge.sum(), atol=1e-6)
     assert flat.mesh.normals is None
 
 
@@ -106,8 +106,8 @@ def test_a_mesh_keeps_its_own_materials_unless_given_one(folder):
     (folder / "roof.obj").write_text(f"mtllib roof.mtl\nusemtl a\n{ROOF}")
     shape = '[[shapes]]\ntype = "mesh"\nfile = "roof.obj"\n'
     assert scene_of(folder, shape).shapes[0].material == wrt.Diffuse((0.1, 0.2, 0.3))
-    given = scene_of(folder, shape + 'material = "m"\n[materials.m]\ntype = "mirror"\n')
-    assert given.shapes[0].material == wrt.Mirror()
+    painted = scene_of(folder, shape + 'material = "m"\n[materials.m]\ntype = "mirror"\n')
+    assert painted.shapes[0].material == wrt.Mirror()
 
 
 def test_a_camera_that_moves(folder):

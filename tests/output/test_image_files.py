@@ -74,10 +74,10 @@ def test_jpeg_shows_what_png_does(tmp_path):
     np.testing.assert_array_equal(codes_of(path), codes_of(tmp_path / "expected.jpg"))
     developed_by = {"Tone": "aces", "Exposure": "0.5 stops"}
     assert printed == {"Software": f"wrt {wrt.__version__}", "spp": "12", "scène": "boîte", **developed_by}
-    other = tmp_path / "b.jpg"
-    refused(r"b\.jpg: a JPEG has no alpha; .* \.png or \.exr", save_image, other, np.ones((4, 4, 4)))
-    refused(r"b\.jpg: the metadata of a JPEG", save_image, other, NOISE, metadata={"long": "x" * 70_000})
-    assert not other.exists()
+    jpeg = tmp_path / "b.jpg"
+    refused(r"b\.jpg: a JPEG has no alpha; .* \.png or \.exr", save_image, jpeg, np.ones((4, 4, 4)))
+    refused(r"b\.jpg: the metadata of a JPEG", save_image, jpeg, NOISE, metadata={"long": "x" * 70_000})
+    assert not jpeg.exists()
 
 
 def test_dither_keeps_the_mean_and_leaves_no_bands():
@@ -206,9 +206,9 @@ def test_png_files_cannot_have_more_pixels_than_their_bytes_stand_for(tmp_path, 
     path = tmp_path / "even.png"
     Image.new(mode, (1500, 1000)).save(path, optimize=True)  # nothing packs better
     assert load_image(path).shape == (1000, 1500, 3)
-    whole = path.read_bytes()
+    data = path.read_bytes()
     # Twice the rows: Pillow would read the missing half as black.
-    path.write_bytes(whole[:8] + chunk(b"IHDR", whole[16:20] + struct.pack(">I", 2000) + whole[24:29]) + whole[33:])
+    path.write_bytes(data[:8] + chunk(b"IHDR", data[16:20] + struct.pack(">I", 2000) + data[24:29]) + data[33:])
     refused(r"even\.png: the file is too short for 1500x2000 pixels", load_image, path)
 
 

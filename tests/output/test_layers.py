@@ -40,9 +40,9 @@ def _two_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def render(scene: wrt.Scene, spp: int = 1, *, centred: bool = True, **options: Any) -> wrt.Renderer:
     """Render layers, by default with all samples in the middle of their pixels."""
-    given = {"layers": tuple(LAYERS), "width": 32, "height": 24, "sampler": "independent"}
+    defaults = {"layers": tuple(LAYERS), "width": 32, "height": 24, "sampler": "independent"}
     scene.environment = scene.environment or wrt.ConstantEnvironment(1.0)
-    renderer = wrt.Renderer(scene, **{**given, **options})
+    renderer = wrt.Renderer(scene, **{**defaults, **options})
     if centred:
         renderer._inputs[2].zero_()
     for _ in renderer.passes(spp=spp):
@@ -246,8 +246,8 @@ def block(material: wrt.Material) -> wrt.Scene:
 
 
 def seen(scene: wrt.Scene, spp: int = 4, **options: Any) -> wrt.Renderer:
-    given = {"layers": (), "width": 24, "height": 18, "transparent": True}
-    return render(scene, spp, centred=False, **{**given, **options})
+    defaults = {"layers": (), "width": 24, "height": 18, "transparent": True}
+    return render(scene, spp, centred=False, **{**defaults, **options})
 
 
 def test_the_environment_is_hidden_but_lights_the_scene_and_mirrors_show_it(device: str) -> None:
@@ -291,16 +291,16 @@ def test_a_lamp_without_a_mesh_hides_nothing(integrator: str) -> None:
 
 def test_a_checkpoint_keeps_coverage_and_is_refused_by_other_layers(device: str, tmp_path: Path) -> None:
     scene = block(wrt.Diffuse(0.5))
-    whole = seen(scene, 13, device=device)
+    unbroken = seen(scene, 13, device=device)
     seen(scene, 5, device=device).save_checkpoint(tmp_path / "a.ckpt")
     resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", scene, device=device)
     for _ in resumed.passes(spp=13):
         pass
-    np.testing.assert_array_equal(resumed.alpha(), whole.alpha())
-    for name, given in (("layers", {"layers": ("uv",), "transparent": True}), ("transparent", {})):
-        other = wrt.Renderer(scene, width=24, height=18, sampler="independent", device=device, **given)
+    np.testing.assert_array_equal(resumed.alpha(), unbroken.alpha())
+    for name, options in (("layers", {"layers": ("uv",), "transparent": True}), ("transparent", {})):
+        renderer = wrt.Renderer(scene, width=24, height=18, sampler="independent", device=device, **options)
         with pytest.raises(wrt.InputError, match=name):
-            other.load_checkpoint(tmp_path / "a.ckpt")
+            renderer.load_checkpoint(tmp_path / "a.ckpt")
 
 
 # --- Files -----------------------------------------------------------------------------------------
