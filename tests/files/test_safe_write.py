@@ -61,16 +61,6 @@ def test_the_environment_is_not_replaced_under_any_name(folder, capsys):
         check_refused(message, folder, capsys, "render", "a.toml", "-o", name, *SMALL)
 
 
-def test_python_keeps_to_the_rule_as_well(folder):
-    mesh = write_obj(folder)
-    before = contents(folder)
-    renderer = wrt.Renderer(wrt.load(mesh), width=8, height=8)
-    for write in (lambda: renderer.save("fuze.png", force=True), lambda: renderer.save_checkpoint(mesh)):
-        with pytest.raises(wrt.InputError, match="would replace a file that was read"):
-            write()
-    assert_only_added(before, folder)
-
-
 def test_what_was_read_and_is_gone_or_empty_may_be_written(folder):
     np.save("a.npy", np.zeros((2, 2, 3), np.float32))
     wrt.load_image("a.npy")

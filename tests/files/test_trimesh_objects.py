@@ -137,19 +137,6 @@ def test_the_file_of_an_object_says_which_way_is_up(suffix, axis, tmp_path):
     assert not np.allclose(bounds["y"], bounds["z"], rtol=1e-5)
 
 
-def test_values_of_objects():
-    (shape,) = load_object(MADE["colours that multiply"][0]).shapes  # linear, and the alphas apart
-    expected = np.array([200, 100 * 128 / 255, 50 * 64 / 255, 128]) / 255
-    np.testing.assert_allclose(shape.mesh.colors[0], expected, rtol=1e-6)
-    made = load_object(MADE["simple material"][0]).shapes[0].material
-    assert made.roughness == pytest.approx(0.5)
-    np.testing.assert_allclose(made.specular_color, 0.4)
-    assert load_object(MADE["alpha that is zero everywhere"][0]).shapes[0].material.opacity == 1.0
-    assert len(from_trimesh(turned())[0].mesh.vertices) == 24
-    normals = np.tile([0.0, 0.6, 0.8], (8, 1))
-    np.testing.assert_allclose(from_trimesh(box(vertex_normals=normals))[0].mesh.normals, normals, atol=1e-6)
-
-
 TRIANGLE = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n"
 
 

@@ -92,6 +92,9 @@ def test_a_render_is_developed_with_its_options(capsys):
     [
         (("--tone", "ocio:none.ocio"), "none.ocio: no such OpenColorIO configuration"),
         (("--transparent",), "c.jpg: a JPEG has no alpha; give it a name that ends in .png or .exr"),
+        (("--layers", "albedo"), "c.jpg: layers go into OpenEXR files"),
+        (("--layers", "nomal"), "there is no layer 'nomal' (did you mean 'normal'?)"),
+        (("--integrator", "aov"), "integrator aov renders only layers; name some"),
         (("--size", "65536x1"), "c.jpg: a JPEG has 65535 pixels a side at most, not 65536x1"),
     ],
 )

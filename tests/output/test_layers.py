@@ -361,18 +361,3 @@ def test_layers_alone_make_files_without_light(tmp_path: Path, capsys: pytest.Ca
     for name in LAYERS:
         assert main([*render_it, "-o", str(tmp_path / "a.png"), "--layers", name]) == 0
         assert wrt.load_image(tmp_path / "a.png").any()
-
-
-@pytest.mark.usefixtures("render_kernels_when_launched")
-def test_what_layers_cannot_do_is_said_before_rendering(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for arguments, message in (
-        ("-o a.png --layers albedo", "a.png: layers go into OpenEXR files"),
-        ("-o a.exr --integrator aov", "integrator aov renders only layers; name some"),
-        ("-o a.exr --layers albedo,nomal", "there is no layer 'nomal' (did you mean 'normal'?)"),
-    ):
-        assert main(["render", "cornell-box", *arguments.split()]) == 2
-        assert f"wrt: error: {message}" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())

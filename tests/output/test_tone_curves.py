@@ -90,14 +90,6 @@ def test_the_contrast_of_agx_is_the_published_table():
     np.testing.assert_allclose(agx_contrast(np.arange(0, 4096, 273) / 4095.0), table, atol=1e-7)
 
 
-def test_aces_is_close_to_the_transform_that_it_fits():
-    """OpenColorIO has the output transform of ACES 1.x itself; Hill's fit is within 4 % for greys."""
-    config = "ocio:ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3,sRGB - Display,ACES 1.0 - SDR Video"
-    grey = greys(-4.0, 3.0, 30)[None].astype(np.float32)
-    ocio, ours = (wrt.develop_image(grey, tone=tone, exposure=0.0).astype(float) for tone in (config, "aces"))
-    assert np.abs(ours - ocio).max() < 0.04 * 255.0
-
-
 def test_ocio_is_what_its_processor_gives(tmp_path):
     """The un-tone-mapped view of the built-in configuration is the sRGB curve, so our own curve is its reference."""
     image = COLORS[None].clip(0.0, 1.0).astype(np.float32)
