@@ -24,7 +24,7 @@ SEEDS = ROOT / "tests" / "corpus" / "seeds"
 
 
 SAMPLES: dict[str, dict[str, float]] = {
-    **{name: {} for name in ("teapot.ply", "big.ply", "strips.ply", "text.ply", "text.stl", "box.stl", "box.off")},
+    **{name: {} for name in ("teapot.ply", "big.ply", "text.ply", "text.stl", "box.stl", "box.off")},
     # trimesh has the second triangles of all quads behind the first ones; they are compared by their number.
     "quads.off": {"vertices": 1.0, "normals": 2.0},
     # trimesh takes options before the image's name as part of the name, and so finds no image for map_Kd.
