@@ -38,7 +38,7 @@ def test_planted_faults_are_noticed():
 
 
 @pytest.mark.slow
-def test_what_once_failed_does_not_any_more_and_every_seed_is_read_without_a_warning():
+def test_earlier_failures_and_seeds_are_read():
     files = [file for folder in ("failures", "seeds") for file in sorted((CORPUS / folder).iterdir())]
     inputs = ((number, file.suffix[1:], file.read_bytes()) for number, file in enumerate(files))
     # As textures of a mesh NumPy files are left out with a warning.

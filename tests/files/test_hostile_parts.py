@@ -59,7 +59,7 @@ def test_impossible_headers_are_refused(
     assert "\n" not in str(found.value)
 
 
-def test_a_file_of_tone_curves_is_opened_only_where_the_person_names_it(
+def test_a_part_cannot_name_a_file_of_tone_curves(
     part: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -111,7 +111,7 @@ def agrees(case: Case, result: ImageTest) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_file_looks_as_in_mitsuba_and_a_changed_one_does_not(name: str, folder: Path, report: Report) -> None:
+def test_pictures_agree_with_mitsuba_and_notice_a_change(name: str, folder: Path, report: Report) -> None:
     case, path = CASES[name], folder / f"{name}.xml"
     expected = render_by_mitsuba(path, spp=case.spp, variant=case.variant)
     result = compare(path, expected, spp=case.spp)

@@ -96,7 +96,7 @@ def test_a_sensor_is_chosen_by_its_number(tmp_path: Path) -> None:
             wrt.load("cornell-box", **option)
 
 
-def test_materials_and_defaults_are_mitsuba_s(tmp_path: Path) -> None:
+def test_default_materials_agree_with_mitsuba(tmp_path: Path) -> None:
     assert isinstance(material(tmp_path, '<bsdf type="conductor"/>'), wrt.Mirror)
     unknown = '<bsdf type="conductor"><string name="material" value="Uuo"/></bsdf>'
     with pytest.warns(InputWarning, match="'Uuo' is not known; aluminium stands in"):
@@ -162,7 +162,9 @@ FLIP = '<boolean name="flip_normals" value="true"/>'
         ("sphere", 'x="1" y="2" z="1"', "", None, None),
     ],
 )
-def test_round_shapes_stay_such(kind: str, size: str, extra: str, front: float, area: float, tmp_path: Path) -> None:
+def test_round_shapes_are_exact_where_possible(
+    kind: str, size: str, extra: str, front: float, area: float, tmp_path: Path
+) -> None:
     """A disk under any map, spheres and cylinders as long as they are round; others are triangles."""
     (shape,) = loaded(tmp_path, f'<shape type="{kind}">{PLACE.format(size)}{extra}</shape>', strict=True).shapes
     mesh = shape.mesh
@@ -199,7 +201,7 @@ SPECTRA = [
 
 
 @pytest.mark.parametrize("text", SPECTRA)
-def test_colours_are_mitsuba_s(text: str, tmp_path: Path, report: Report) -> None:
+def test_colours_agree_with_mitsuba(text: str, tmp_path: Path, report: Report) -> None:
     pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
     from support.mitsuba_scene import load_mitsuba
 
@@ -220,7 +222,7 @@ def test_colours_are_mitsuba_s(text: str, tmp_path: Path, report: Report) -> Non
         assert np.array(ours) == pytest.approx(expected, rel=error, abs=error)
 
 
-def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
+def test_named_conductors_agree_with_mitsuba(report: Report) -> None:
     """All that Mitsuba comes with, to the four digits that are kept; and a name that only `materials.presets` has."""
     mi = pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
     mi.set_variant("scalar_rgb")
@@ -272,7 +274,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         check_refused("scene.xml: ", wrt.load, write(tmp_path, "scene.xml", text))
 
 
-def test_what_multiplies_is_refused(tmp_path: Path) -> None:
+def test_exponential_references_are_refused(tmp_path: Path) -> None:
     for i in range(12):
         written(tmp_path, f'<include filename="{i + 1}.xml"/>' * 3, f"{i}.xml")
     written(tmp_path, BALL, "12.xml")
@@ -356,7 +358,7 @@ NESTED = [body(0.5, ("exterior", HAZE), ("interior", SMOKE)), body(1.0, ("interi
         ([seen_from(0.75, HAZE), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
     ],
 )
-def test_the_space_around_has_the_medium_that_is_in_no_body(parts: list[str], around: str, tmp_path: Path) -> None:
+def test_the_surrounding_medium_is_not_inside_any_body(parts: list[str], around: str, tmp_path: Path) -> None:
     scene = loaded(tmp_path, "".join(parts) + BALL, strict=True)
     media = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
     assert scene.medium == media[around]

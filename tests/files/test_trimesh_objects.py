@@ -110,7 +110,7 @@ MADE = {  # An object, and the type of its file
 
 
 @pytest.mark.parametrize("case", MADE)
-def test_an_object_is_what_its_file_is(case, tmp_path):
+def test_objects_load_like_their_files(case, tmp_path):
     mesh, suffix = MADE[case]
     path = tmp_path / f"box.{suffix}"
     mesh.export(path)
@@ -120,7 +120,7 @@ def test_an_object_is_what_its_file_is(case, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["glb", "ply", "obj"])
-def test_normals_of_an_object_are_those_of_the_file_that_it_was_loaded_from(suffix, tmp_path):
+def test_normals_are_those_of_the_file(suffix, tmp_path):
     turned().export(path := tmp_path / f"box.{suffix}", **({} if suffix == "ply" else {"include_normals": True}))
     reloaded = trimesh.load(path, process=False)
     found = differences(wrt.load(path), wrt.load(reloaded))
@@ -129,7 +129,7 @@ def test_normals_of_an_object_are_those_of_the_file_that_it_was_loaded_from(suff
 
 
 @pytest.mark.parametrize(("suffix", "axis"), [("stl", "z"), ("off", "z"), ("obj", "y"), ("ply", "y"), ("glb", "y")])
-def test_the_file_of_an_object_says_which_way_is_up(suffix, axis, tmp_path):
+def test_the_up_axis_follows_the_file_type(suffix, axis, tmp_path):
     ball().export(path := tmp_path / f"ball.{suffix}")
     reloaded = trimesh.load(path)
     bounds = {up: wrt.load(reloaded, up=up).shapes[0].bounds for up in ("y", "z", None)}
@@ -140,7 +140,7 @@ def test_the_file_of_an_object_says_which_way_is_up(suffix, axis, tmp_path):
 TRIANGLE = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n"
 
 
-def test_what_is_changed_after_loading_counts(tmp_path):
+def test_changes_after_loading_count(tmp_path):
     write(tmp_path, "a.mtl", "newmtl a\nKd 0.123 0.456 0.789\nKs 0.5 0.5 0.5\nNs 10\nillum 2\nd 0.5\n")
     mesh = trimesh.load(write(tmp_path, "a.obj", TRIANGLE))
     before = load_object(mesh).shapes[0].material
@@ -153,7 +153,7 @@ def test_what_is_changed_after_loading_counts(tmp_path):
     assert changed.roughness == 0.0
 
 
-def test_maps_besides_the_color_come_from_beside_the_file(tmp_path):
+def test_other_maps_are_read_beside_the_file(tmp_path):
     image((128, 128, 255)).save(tmp_path / "n.png")
     write(tmp_path, "a.mtl", "newmtl a\nKd 1 1 1\nnorm n.png\nmap_Ke gone.png\n")
     path = write(tmp_path, "a.obj", TRIANGLE)
@@ -181,7 +181,7 @@ def test_several_materials_of_one_mesh_and_one_image_of_several():
         from_trimesh(mesh)
 
 
-def test_codes_are_decoded_and_transforms_that_mirror_keep_fronts_in_front():
+def test_colors_are_decoded_and_mirrored_meshes_keep_their_fronts():
     (shape,) = from_trimesh(box(vertex_colors=np.full((8, 4), 128, np.uint8)))
     np.testing.assert_allclose(shape.mesh.colors, [[linear_from_srgb(128 / 255)] * 3 + [128 / 255]] * 24, rtol=1e-6)
     assert shape.material.opacity.alpha
@@ -226,7 +226,7 @@ def test_cameras_and_lights_of_a_scene():
     np.testing.assert_allclose(sun.irradiance, 3.0)
 
 
-def test_what_has_no_triangles_or_coordinates_is_told():
+def test_objects_without_triangles_or_uvs_are_warned_of():
     cloud = trimesh.PointCloud(np.zeros((3, 3)))
     scene = trimesh.Scene(box())
     scene.add_geometry(cloud, geom_name="dust")

@@ -62,7 +62,7 @@ def test_png_keeps_every_code_and_clips(tmp_path):
     np.testing.assert_array_equal(codes_of(path), [[[0, 0, 255], [255, 255, 0]]])
 
 
-def test_jpeg_shows_what_png_does(tmp_path):
+def test_jpeg_has_the_codes_of_png(tmp_path):
     """At quality 95, without chroma subsampling: colours that change from pixel to pixel stay."""
     path, image = tmp_path / "a.JPEG", NOISE.copy()
     image[:, ::2, 2] = 0.0
@@ -128,7 +128,7 @@ def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypa
     refused(r"^a picture is written to a path, not to BytesIO; .*wrt.develop_image", save_image, io.BytesIO(), NOISE)
 
 
-def test_codes_are_not_taken_for_light(tmp_path):
+def test_integer_codes_are_refused_as_radiance(tmp_path):
     codes = np.full((2, 2, 3), 200, np.uint8)
     for name in ("a.png", "a.exr", "a.npy"):
         refused(f"{name}: an image must be linear numbers, not codes up to 200", save_image, tmp_path / name, codes)
@@ -169,7 +169,7 @@ def test_radiance_hdr_decodes_shared_exponents(tmp_path):
     np.testing.assert_allclose(load_image(tmp_path / "a.hdr"), expected, rtol=0.005)
 
 
-def test_files_that_are_no_images_are_refused(tmp_path, capfd):
+def test_other_files_are_refused_as_images(tmp_path, capfd):
     refused("^an image is read from a path, not from BytesIO$", load_image, io.BytesIO())
     for suffix in ("png", "jpg", "exr", "hdr", "npy", "txt"):
         path = tmp_path / f"a.{suffix}"

@@ -69,7 +69,7 @@ def two_panes() -> wrt.Scene:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", "aov"])
-def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) -> None:
+def test_layers_of_panes_agree_with_geometry(integrator: str, device: str) -> None:
     scene = two_panes()
     layers = render(scene, integrator=integrator, device=device).layers()
     middles = np.stack(np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5), axis=-1)
@@ -111,7 +111,7 @@ def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS, ids=lambda material: material.type_name)
-def test_albedo_is_what_a_white_sky_shows(material: wrt.Material, device: str) -> None:
+def test_albedo_equals_radiance_under_a_white_sky(material: wrt.Material, device: str) -> None:
     """The share of light from everywhere that is sent to the viewer: by the same samples, so to the last digits."""
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     scene.camera = wrt.PerspectiveCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=20.0)
@@ -224,7 +224,7 @@ def test_a_moving_shape_moves_on_the_film(device: str) -> None:
 
 
 @pytest.mark.slow
-def test_layers_change_nothing_of_the_picture(device: str) -> None:
+def test_layers_do_not_change_the_picture(device: str) -> None:
     scene = two_panes()
     plain = render(scene, 8, centred=False, layers=(), device=device)
     with_layers = render(scene, 8, centred=False, device=device)
@@ -250,7 +250,7 @@ def seen(scene: wrt.Scene, spp: int = 4, **options: Any) -> wrt.Renderer:
     return render(scene, spp, centred=False, **{**defaults, **options})
 
 
-def test_the_environment_is_hidden_but_lights_the_scene_and_mirrors_show_it(device: str) -> None:
+def test_a_hidden_environment_still_lights_the_scene(device: str) -> None:
     """Light leaves a convex body after one reflection: each covered sample has a radiance of ρ times 0.8."""
     for material, radiance in ((wrt.Diffuse(0.5), 0.4), (wrt.Mirror(), 0.8)):
         renderer = seen(block(material), device=device)
@@ -273,7 +273,7 @@ def test_the_environment_is_hidden_but_lights_the_scene_and_mirrors_show_it(devi
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", "whitted"])
-def test_a_lamp_without_a_mesh_hides_nothing(integrator: str) -> None:
+def test_a_hidden_lamp_covers_no_pixels(integrator: str) -> None:
     """It hangs before a wall and is hidden, but it lights the wall if it faces that."""
     across, up, pictures = (0.8, 0.0, 0.0), (0.0, 0.8, 0.0), []
     for edges in ((up, across), (across, up)):
