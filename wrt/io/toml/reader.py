@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from wrt.errors import InputError, did_you_mean
 from wrt.io import memory_limits
 from wrt.io.file_type import hinting
-from wrt.io.images import read_image
-from wrt.io.safe_read import PathLike, naming_file, require_file
+from wrt.io.images import load_environment, read_image
+from wrt.io.safe_read import PathLike, require_file
 from wrt.io.toml.placement import after, joined, read_deformation, read_density, read_motion, read_places
 from wrt.io.toml.scene_keys import (
     BOOLEAN,
@@ -30,6 +30,7 @@ from wrt.io.toml.scene_keys import (
     SHAPE,
     TEXT,
     TEXTURE,
+    TRANSFORM,
     VERTEX_COLORS,
     Keys,
     array_of,
@@ -163,10 +164,7 @@ class _SceneReader(TableReader):
         keys = {key: value for key, value in table.items() if key != "type"}
         options = self.fields_of(keys, IMAGE_ENVIRONMENT, ImageEnvironment)
         with self.at("file"):
-            file = self.file(table["file"])
-            pixels = sealed(read_image(file))
-            with naming_file(file):
-                return ImageEnvironment(pixels, name=file.name, **options)
+            return load_environment(self.file(table["file"]), **options)
 
     def medium(self, name: Any) -> Medium:
         """Return a medium by its name."""
@@ -252,7 +250,7 @@ class _SceneReader(TableReader):
     def shape(self, table: Table) -> list[Shape]:
         """Return a shape, or the several of a mesh file that keeps its own materials."""
         made = self.meshes(table)
-        matrix = self.transform(table)
+        matrix = self.transform(table) if TRANSFORM.keys() & table.keys() else None
         material = self.read(table, "material", lambda name: found("materials", name, self.materials))
         places = read_places(self, table)
         if "deformation" in table or any(isinstance(place, Motion) and not place.is_rigid for place in places):

@@ -187,10 +187,8 @@ class TableReader:
             raise InputError(f"{text!r}: a file's name has no NUL character")
         return self.path.parent / text
 
-    def transform(self, table: Table) -> NDArray[np.float64] | None:
+    def transform(self, table: Table) -> NDArray[np.float64]:
         """Return the (4, 4) matrix of scale, then rotations in order, then translation."""
-        if not any(key in table for key in TRANSFORM):
-            return None
         matrix = np.eye(4)
         scale = table.get("scale", 1.0)
         factors = vector(scale, "scale") if isinstance(scale, list) else [number(scale, "scale")] * 3
