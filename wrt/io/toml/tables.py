@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, did_you_mean
 from wrt.io.safe_read import as_utf8, read_file
-from wrt.io.toml.scene_keys import TRANSFORM, TURN, Keys
+from wrt.io.toml.scene_keys import TURN, Keys
 from wrt.linalg import product
 from wrt.scene.motion import rotation_matrix
 from wrt.values import number, vector
