@@ -84,9 +84,6 @@ def load_file(
             then moved there unless it has lights or cameras: positions are exact to a part of its size, not of the
             distance.
             Arrays have the material of mesh files instead of a shape's default.
-
-    Raises:
-        InputError: see `load_mesh`; also when a time is given and the file has no animation.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -165,21 +162,11 @@ def animation_of(path: PathLike) -> tuple[float, float] | None:
 
 
 def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, standalone: bool = False) -> Scene:
-    """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file.
+    """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file; see `wrt.io.trimesh_objects`.
 
-    Materials, textures, colours with alpha, cameras and lights are those of the file, as far as trimesh keeps them:
-    see `wrt.io.trimesh_objects`. Instances become shapes that share a mesh, each with a transform; all others are in
-    world space. Vertex and face colours are sRGB, or linear if the object was loaded from glTF or has a PBRMaterial.
-    Given normals are kept; normals that trimesh computes are not, because they smooth every edge. Points and paths are
-    left out with a warning.
-
-    Args:
-        source: the object.
-        smooth_degrees: see `load_mesh`.
-        standalone: see `load_file`.
-
-    Raises:
-        InputError: when it is another type, or has no triangles.
+    Instances become shapes that share a mesh, each with a transform; all others are in world space. Vertex and face
+    colours are sRGB, or linear if the object was loaded from glTF or has a PBRMaterial. Given normals are kept; normals
+    that trimesh computes are not, because they smooth every edge. Points and paths are left out with a warning.
     """
     from wrt.io.trimesh_objects import read_object
 

@@ -45,9 +45,7 @@ def file_type(source: Any) -> str:
 def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     """Return a part for each mesh and material of a `trimesh.Trimesh` or a `trimesh.Scene`, its camera and its lights.
 
-    Args:
-        source: the object.
-        name: what messages call it.
+    Messages call the object by `name`.
     """
     import trimesh
 
