@@ -53,7 +53,7 @@ class Output:
         from wrt.rendering.checkpoint import CHECKPOINT
 
         if self.is_default:
-            self.picture = free_path(Path(self.name), PICTURE, taken=self.pictures, force=self.force)
+            self.picture = free_path(Path(self.name), PICTURE, reserved=self.pictures, force=self.force)
         else:
             self.picture = check_output(self.name, force=self.force)
         if self.checkpoint is not None:
@@ -122,7 +122,7 @@ class Output:
 
         for folder in (self.picture.parent, Path(), Path(tempfile.gettempdir())):
             with contextlib.suppress(InputError):
-                path = free_path(folder / self.picture.name, PICTURE, taken=self.pictures)
+                path = free_path(folder / self.picture.name, PICTURE, reserved=self.pictures)
                 developed = renderer.save(path)
                 self.picture = path
                 return developed
