@@ -14,7 +14,7 @@ from support.meshes import write
 import wrt
 from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_file
-from wrt.io.usd import message, process
+from wrt.io.usd import process
 
 pytest.importorskip("pxr")
 
@@ -191,10 +191,10 @@ def test_the_end_of_the_reading_process_is_told(tmp_path, monkeypatch):
 def test_messages_hold_numbers_and_nothing_else(tmp_path):
     values = [np.arange(6, dtype=kind).reshape(2, 3) for kind in ("i1", "<i4", "<i8", "<f2", "<f4", "<f8")]
     with (tmp_path / "message").open("wb") as file:
-        message.write(file, {"rows": [{"array": i} for i in range(6)]}, [memoryview(each) for each in values])
+        process.write_message(file, {"rows": [{"array": i} for i in range(6)]}, [memoryview(each) for each in values])
     data = (tmp_path / "message").read_bytes()
-    for one, other in itertools.zip_longest(message.read(data)["rows"], values):
+    for one, other in itertools.zip_longest(process.read_message(data)["rows"], values):
         assert one.dtype == other.dtype
         np.testing.assert_array_equal(one, other)
     with pytest.raises(ValueError, match="unknown type of numbers 'O'"):
-        message.read(data.replace(b'"i"', b'"O"'))
+        process.read_message(data.replace(b'"i"', b'"O"'))

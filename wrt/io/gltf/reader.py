@@ -259,7 +259,7 @@ def _part(
 ) -> Part:
     """Return a primitive with its material."""
     number = primitive.get("material")
-    uv_sets = [] if number is None else materials.coordinate_sets(number)
+    uv_sets = [] if number is None else materials.uv_sets(number)
     if len(uv_sets) > 2:
         warn(
             f"{buffers.path}: textures of material {number} lie by more than two sets of coordinates; all but those of "

@@ -15,7 +15,7 @@ from wrt.scene.camera import Camera
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
 from wrt.scene.srgb import linear_from_srgb
-from wrt.scene.textures import ColorSource
+from wrt.scene.textures import ImageTexture
 from wrt.values import array
 
 DEFAULT_REFLECTANCE = (0.62, 0.60, 0.57)
@@ -37,11 +37,11 @@ class Part:
         uvs: (N, 2), (N, 4) for two sets, or None; v up.
         colors: (N, 3), (N, 4) with alpha, or None; linear Rec. 709; need not be finite.
         face_colors: (M, 3), (M, 4) or None, like `colors`.
-        reflectance: a constant, or an image laid over `uvs`; None where the file names none.
-        material: the full material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
+        reflectance: an image mapped by `uvs`, if the file names one.
+        material: the material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
         two_sided: whether emission is two-sided.
         vertex_format: names a vertex by its number in messages; loaders of some formats renumber vertices.
-        places: (4, 4) transforms of its instances, if there are several; otherwise it lies in world space.
+        places: (4, 4) transforms of its instances, if there are several; otherwise it is in world space.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Part:
     uvs: FloatArray | None = None
     colors: FloatArray | None = None
     face_colors: FloatArray | None = None
-    reflectance: ColorSource | None = None
+    reflectance: ImageTexture | None = None
     material: Material | None = None
     places: list[NDArray[np.float64]] = field(default_factory=list)
     two_sided: bool = False
@@ -98,6 +98,19 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
             normals = product(np.asarray(normals, np.float64), cofactors.T) * (-1.0 if mirrored else 1.0)
         vertices = product(np.asarray(part.vertices, np.float64), linear.T) + matrix[:3, 3]
     return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
+
+
+def split_vertices(
+    vertices: FloatArray, faces: IntArray, values: FloatArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return vertices, faces and values per vertex, given (3M, K) values at the corners of (M, 3) faces.
+
+    Vertices with several values become several.
+    """
+    corners = faces.reshape(-1)
+    rows = np.column_stack([corners, values])
+    _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return vertices[corners[first]], inverse.reshape(-1, 3), values[first]
 
 
 def rows_of(path: str | Path, value: Any, what: str, width: int) -> NDArray[Any]:

@@ -6,6 +6,7 @@ as triangles by `ply_polygons.py` first.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,14 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.io.encodings import as_utf8
 from wrt.io.mesh.parts import Part, only_points
-from wrt.io.mesh.ply_polygons import with_triangles
+from wrt.io.mesh.ply_polygons import fields_with_triangles
 from wrt.io.mesh.polygons import split_strips
-from wrt.io.mesh.trimesh_loaders import is_stand_in, load, part_of
+from wrt.io.mesh.sidecars import Sidecars
+from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.texture_images import TextureImages
 from wrt.scene.textures import ImageTexture
+
+_TEXTURE_FILE = re.compile(rb"^comment\b.*texturefile(.*)$", re.IGNORECASE | re.MULTILINE)
 
 
 def read_ply(path: Path, data: bytes) -> list[Part]:
@@ -31,7 +35,7 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     data = as_utf8(data)
     header = data[: data.find(b"end_header")]
     if b"<this>" in header:  # MeshLab's placeholder for the name of the file itself
-        data = header.replace(b"<this>", path.stem.encode()) + data[len(header) :]
+        header = header.replace(b"<this>", path.stem.encode("utf-8", "surrogateescape"))
     try:
         fields = _load(path, data)
     except InputError as error:
@@ -40,11 +44,10 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         if "unexpected length" not in str(error) and not ragged:
             raise
         try:
-            data = with_triangles(path, data)
+            fields = fields_with_triangles(path, data)
         except ValueError as reason:
             raise InputError(f"{path}: the data are not as long as the PLY header says: {reason}") from None
-        fields = _load(path, data)
-    elements = fields["metadata"]["_ply_raw"]
+    elements = fields.get("metadata", {}).get("_ply_raw", {})
     if b"format ascii" in data[: data.find(b"end_header")]:
         _check_text_is_complete(path, elements)
     strips = strips_of(elements)
@@ -56,10 +59,10 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         if count := len(fields.get("vertices", ())):
             raise only_points(path, count)
         return []
-    image = getattr(getattr(fields.get("visual"), "material", None), "image", None)
-    if image is not None and not is_stand_in(image):
-        pixels = TextureImages(path).pixels(0, "color", f"texture {path.name} image", lambda: image)
-        part.reflectance = None if pixels is None else ImageTexture(pixels, f"{path.name} image")
+    if part.uvs is not None and (names := _TEXTURE_FILE.findall(header)):
+        name = names[-1].strip().decode("utf-8", "surrogateescape")
+        pixels = TextureImages(path).pixels(0, "color", f"texture {name}", lambda: Sidecars(path).find(name))
+        part.reflectance = None if pixels is None else ImageTexture(pixels, name)
     return [part]
 
 
@@ -68,7 +71,7 @@ def _load(path: Path, data: bytes) -> dict[str, Any]:
     # trimesh reads text where "ascii" stands anywhere, and its reader of text cannot use views. Coordinates at corners
     # split vertices; for coordinates at vertices that is not needed, and trimesh would drop the normals and colours.
     views = b"ascii" not in header.lower()
-    return load(path, data, "ply", views=views, fix_texture=b"texcoord" in header)
+    return load(path, data, "ply", views=views, fix_texture=b"texcoord" in header, skip_materials=True)
 
 
 def _check_text_is_complete(path: Path, elements: dict[str, Any]) -> None:

@@ -18,7 +18,6 @@ import numpy as np
 from wrt.errors import InputError
 from wrt.io.mesh.parts import Part, decoded, matching, rows_of
 from wrt.io.mesh.polygons import triangulate
-from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.safe_read import first_line
 from wrt.values import array
 
@@ -71,17 +70,14 @@ class _Views(io.BytesIO):
         return self._view[start:stop]
 
 
-def load(
-    path: Path, data: bytes | str, kind: str, *, views: bool = False, sidecars: Sidecars | None = None, **options: Any
-) -> Fields:
+def load(path: Path, data: bytes | str, kind: str, *, views: bool = False, **options: Any) -> Fields:
     """Return the output of a trimesh loader.
 
     Args:
-        path: the file.
+        path: the file, for messages.
         data: its content.
         kind: the type of the file, such as "obj".
         views: whether reads may return memoryviews, which not all loaders accept.
-        sidecars: finds the files that it names; a new one by default.
         options: further arguments of the loader.
 
     Raises:
@@ -89,11 +85,9 @@ def load(
     """
     from trimesh.exchange.load import mesh_loaders
 
-    sidecars = sidecars or Sidecars(path)
     file = io.StringIO(data) if isinstance(data, str) else (_Views if views else io.BytesIO)(data)
     with reading_with_trimesh(path, kind):
-        loaded: Fields = mesh_loaders[kind](file_obj=file, resolver=sidecars, **options)
-    sidecars.warn_of_changes()
+        loaded: Fields = mesh_loaders[kind](file_obj=file, **options)
     return loaded
 
 
@@ -121,13 +115,10 @@ def part_of(path: Path, name: str, fields: Fields) -> Part | None:
         triangles, owner = triangulate(path, vertices, corners, np.full(count, size))
         faces = corners[triangles]
     part = Part(name, vertices, faces)
-    visual = fields.get("visual")
-    colors = fields.get("vertex_colors")
-    if colors is None and visual is not None:
-        colors = visual.vertex_attributes.get("color")
     part.normals = matching(fields.get("vertex_normals"), len(vertices))
-    part.uvs = matching(getattr(visual, "uv", None), len(vertices))
-    colors, face_colors = matching(colors, len(vertices)), matching(fields.get("face_colors"), count)
+    part.uvs = matching(getattr(fields.get("visual"), "uv", None), len(vertices))
+    colors = matching(fields.get("vertex_colors"), len(vertices))
+    face_colors = matching(fields.get("face_colors"), count)
     if colors is not None:
         part.colors = decoded(colors)
     elif face_colors is not None:
