@@ -1,9 +1,7 @@
 """Materials of glTF files.
 
-Formats: Khronos Group 2021, "glTF 2.0 Specification", section 3.9, and the extensions KHR_materials_anisotropy,
-_clearcoat, _dispersion, _emissive_strength, _ior, _iridescence, _pbrSpecularGlossiness, _sheen, _specular,
-_transmission, _unlit and _volume. Ignored: the occlusion texture, since a path tracer computes occlusion, and backface
-culling.
+Formats: Khronos Group 2021, "glTF 2.0 Specification", section 3.9, and EXTENSIONS. Ignored: the occlusion texture,
+since a path tracer computes occlusion, and backface culling.
 """
 
 from __future__ import annotations
@@ -40,6 +38,12 @@ TEXTURED: dict[str, tuple[tuple[str, str, str, Any], ...]] = {
 """Values of KHR_materials_... that are a factor times a texture. For each attribute of a Principled: the name before
 "Factor" and "Texture" in the file, the channels of the texture, and the factor where the file gives none."""
 
+EXTENSIONS = (
+    *TEXTURED,
+    *("anisotropy", "dispersion", "emissive_strength", "ior", "pbrSpecularGlossiness", "unlit", "volume"),
+)
+"""The extensions KHR_materials_... that are read."""
+
 _LEAST_TRANSMITTANCE = 1e-6
 """Of a medium; 0 would need infinite absorption."""
 
@@ -74,7 +78,7 @@ class _Description:
         self.base_texture: Tree | None = base.get(f"{name}Texture")
         self.has_alpha = tree.get("alphaMode", "OPAQUE") in ("MASK", "BLEND")  # section 3.9.4
         self.textures = _texture_references(tree)
-        # The first set of coordinates is that of the normal texture, whose tangents follow it.
+        # The normal texture, whose tangents follow its coordinates, has the first set.
         first = tree.get("normalTexture") or self.pbr.get("baseColorTexture")
         by_rank = sorted(self.textures, key=lambda info: info is not first)
         self.uv_sets = list(dict.fromkeys(_uv_set(info) for info in by_rank))

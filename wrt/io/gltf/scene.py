@@ -41,7 +41,7 @@ def nodes_of(tree: Tree, *, last_child_first: bool = False) -> Iterator[tuple[in
             raise InputError("the nodes form a circle, or share a child")
         visited.add(number)
         node = nodes[number]
-        with np.errstate(all="ignore"):  # infinite places are reported by whatever is there
+        with np.errstate(all="ignore"):  # infinite places are reported by their meshes, cameras and lights
             world = product(parent, local_matrix(node))
         yield number, node, world
         waiting += [(child, world) for child in node.get("children", [])[::order]]

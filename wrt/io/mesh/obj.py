@@ -86,9 +86,9 @@ def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, St
     if used and not names:
         guess = in_any_case(path.parent, [own_name])
         names = [] if guess is None else [guess.name]
-        more = f" and {len(used) - 1} more" if len(used) > 1 else ""
+        first = f"{used[0]!r} and {len(used) - 1} more" if len(used) > 1 else repr(used[0])
         instead = "they are left out" if guess is None else f"{str(guess)!r} is taken"
-        warn(f"{path}: it names no file (mtllib) that describes its materials, {used[0]!r}{more}; {instead}")
+        warn(f"{path}: it names no file (mtllib) that describes its materials, {first}; {instead}")
     found: dict[str, Statements] = {}
     for name in names:
         try:
@@ -180,7 +180,7 @@ class _PlainText:
         self.lines.append(lines)
 
     def _absolute(self, number: int, corner: str) -> str:
-        """Return a face corner whose indices count from the beginning; `number` is that of the line."""
+        """Return a face corner on a line, whose indices count from the beginning."""
         indices = []
         for word, (key, count) in zip(corner.split("/"), self.counts.items(), strict=False):
             index = int(word) if _INTEGER.fullmatch(word) else None

@@ -36,8 +36,11 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     header = data[: data.find(b"end_header")]
     if b"<this>" in header:  # MeshLab's placeholder for the name of the file itself
         header = header.replace(b"<this>", path.stem.encode("utf-8", "surrogateescape"))
+    # Coordinates at corners split vertices; for coordinates at vertices that is not needed, and trimesh would drop the
+    # normals and colours.
+    by_corner = b"texcoord" in header
     try:
-        fields = _load(path, data)
+        fields = load(path, data, "ply", fix_texture=by_corner, skip_materials=True)
     except InputError as error:
         # NumPy's words where coordinates at corners differ in number from face to face
         ragged = "array element with a sequence" in str(error) and b"format ascii" in header
@@ -64,14 +67,6 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         pixels = TextureImages(path).pixels(0, "color", f"texture {name}", lambda: Sidecars(path).find(name))
         part.reflectance = None if pixels is None else ImageTexture(pixels, name)
     return [part]
-
-
-def _load(path: Path, data: bytes) -> dict[str, Any]:
-    header = data[: data.find(b"end_header")]
-    # trimesh reads text where "ascii" stands anywhere, and its reader of text cannot use views. Coordinates at corners
-    # split vertices; for coordinates at vertices that is not needed, and trimesh would drop the normals and colours.
-    views = b"ascii" not in header.lower()
-    return load(path, data, "ply", views=views, fix_texture=b"texcoord" in header, skip_materials=True)
 
 
 def _check_text_is_complete(path: Path, elements: dict[str, Any]) -> None:

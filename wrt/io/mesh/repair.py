@@ -175,20 +175,20 @@ def _smooth(meshes: list[Mesh], crease_degrees: float, separate: set[int]) -> li
     if len(together) < 2:
         return [with_normals(mesh, crease_degrees) for mesh in meshes]
     result = [mesh if i in together else with_normals(mesh, crease_degrees) for i, mesh in enumerate(meshes)]
-    whole = with_normals(merge([meshes[i] for i in together], "mesh"), crease_degrees)
-    assert whole.normals is not None
+    merged = with_normals(merge([meshes[i] for i in together], "mesh"), crease_degrees)
+    assert merged.normals is not None
     stop = 0
     for i in together:
         start, stop = stop, stop + len(meshes[i].faces)
-        used, faces = _used(whole.faces[start:stop], len(whole.vertices))
-        uvs = None if meshes[i].uvs is None or whole.uvs is None else whole.uvs[used]
-        colors = None if meshes[i].colors is None or whole.colors is None else whole.colors[used]
-        result[i] = Mesh.taking(whole.vertices[used], faces, whole.normals[used], uvs, colors, meshes[i].name)
+        used, faces = _used(merged.faces[start:stop], len(merged.vertices))
+        uvs = None if meshes[i].uvs is None or merged.uvs is None else merged.uvs[used]
+        colors = None if meshes[i].colors is None or merged.colors is None else merged.colors[used]
+        result[i] = Mesh.taking(merged.vertices[used], faces, merged.normals[used], uvs, colors, meshes[i].name)
     return result
 
 
 def _shape(part: Part, mesh: Mesh) -> Shape:
-    """Choose the material: that of the part, or its image if there are coordinates, else colours, else a constant."""
+    """Choose the part's material, or its image if there are coordinates, else colours, else a constant."""
     if part.material is not None:
         return Shape(mesh, part.material, two_sided_emission=part.two_sided, name=mesh.name)
     image = part.reflectance

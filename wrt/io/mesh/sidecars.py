@@ -20,7 +20,7 @@ class Sidecars:
     """Finds the files that a mesh file names.
 
     Attributes:
-        folders: where to look, that of the mesh file first; readers may add more.
+        folders: where to look, the mesh file's own first; readers may add more.
     """
 
     def __init__(self, path: Path) -> None:
@@ -33,7 +33,7 @@ class Sidecars:
 
         Args:
             name: its name.
-            instead: names of files beside the mesh file, one of which is taken if there is none of that name.
+            instead: names of files beside the mesh file, to take if no file has that name.
 
         Raises:
             InputError: where there is no such file.
@@ -57,8 +57,8 @@ class Sidecars:
             found = found or in_any_case(folder, names)
         for usual in (folder / below for folder in self.folders for below in _TEXTURE_FOLDERS):
             found = found or (in_any_case(usual, plain.split("/")[-1:]) if is_inside(usual) else None)
-        for other in instead:
-            found = found or in_any_case(self._path.parent, [other])
+        for substitute in instead:
+            found = found or in_any_case(self._path.parent, [substitute])
         if found:
             return found, f"{self._path}: {name.strip()!r}, which it refers to, is not there; {str(found)!r} is taken"
         file = self._path.parent / unquote(plain)

@@ -254,11 +254,11 @@ class _Reader:
                 part.vertices, part.faces, part.colors = split_vertices(vertices, part.faces, colors)
             yield part
 
-    def _corners(self, model: _Model, given: _Property | None) -> tuple[str, list[Any]] | None:
+    def _corners(self, model: _Model, assigned: _Property | None) -> tuple[str, list[Any]] | None:
         """Return the image and the coordinates, or "" and the colours, of a triangle's corners; None if it has none."""
-        if given is None:
+        if assigned is None:
             return None
-        group, entries = model.groups.get(given[0]), given[1:]
+        group, entries = model.groups.get(assigned[0]), assigned[1:]
         if group is not None and group.kind == "multiproperties" and max(entries) < len(group.values):
             rows = [group.values[index] for index in entries]
             for k in reversed(range(len(group.members))):  # the last is laid over the others

@@ -55,29 +55,13 @@ def reading_with_trimesh(path: Path, kind: str) -> Iterator[None]:
         log.disabled = disabled
 
 
-class _Views(io.BytesIO):
-    """A file whose reads return views of its bytes instead of copies."""
-
-    def __init__(self, data: bytes) -> None:
-        super().__init__(data)
-        self._view = memoryview(data)
-
-    def read(self, size: int | None = -1, /) -> Any:
-        """Return up to `size` bytes, or all bytes up to the end."""
-        start = self.tell()
-        stop = self.seek(0, io.SEEK_END) if size is None or size < 0 else min(start + size, len(self._view))
-        self.seek(stop)
-        return self._view[start:stop]
-
-
-def load(path: Path, data: bytes | str, kind: str, *, views: bool = False, **options: Any) -> Fields:
+def load(path: Path, data: bytes | str, kind: str, **options: Any) -> Fields:
     """Return the output of a trimesh loader.
 
     Args:
         path: the file, for messages.
         data: its content.
         kind: the type of the file, such as "obj".
-        views: whether reads may return memoryviews, which not all loaders accept.
         options: further arguments of the loader.
 
     Raises:
@@ -85,7 +69,7 @@ def load(path: Path, data: bytes | str, kind: str, *, views: bool = False, **opt
     """
     from trimesh.exchange.load import mesh_loaders
 
-    file = io.StringIO(data) if isinstance(data, str) else (_Views if views else io.BytesIO)(data)
+    file = io.StringIO(data) if isinstance(data, str) else io.BytesIO(data)
     with reading_with_trimesh(path, kind):
         loaded: Fields = mesh_loaders[kind](file_obj=file, **options)
     return loaded

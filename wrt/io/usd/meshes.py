@@ -98,14 +98,14 @@ def _revolved(profile: NDArray[np.float64]) -> Mesh:
     rings = np.stack(np.broadcast_arrays(radius * np.cos(angle), radius * np.sin(angle), height), 2)
     ends = np.array([(0.0, 0.0, z) for z in profile[[0, -1], 1]])
     this = np.arange(_ROUND_SEGMENTS)
-    after = np.roll(this, -1)
+    following = np.roll(this, -1)
     bottom, top = rings.shape[0] * _ROUND_SEGMENTS + np.zeros_like(this) + [[0], [1]]
-    faces = [np.stack([after, this, bottom], axis=1)]
+    faces = [np.stack([following, this, bottom], axis=1)]
     for lower in range(0, bottom[0] - _ROUND_SEGMENTS, _ROUND_SEGMENTS):
-        a, b, upper = lower + this, lower + after, lower + _ROUND_SEGMENTS
-        faces += [np.stack([a, b, upper + after], axis=1), np.stack([a, upper + after, upper + this], axis=1)]
+        a, b, upper = lower + this, lower + following, lower + _ROUND_SEGMENTS
+        faces += [np.stack([a, b, upper + following], axis=1), np.stack([a, upper + following, upper + this], axis=1)]
     last = bottom[0] - _ROUND_SEGMENTS
-    faces.append(np.stack([last + this, last + after, top], axis=1))
+    faces.append(np.stack([last + this, last + following, top], axis=1))
     return Mesh(np.concatenate([rings.reshape(-1, 3), ends]), np.concatenate(faces))
 
 

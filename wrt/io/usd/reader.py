@@ -1,7 +1,7 @@
 """USD files: meshes, instances, materials, cameras and lights, read by Pixar's library in a process of its own.
 
-Format: OpenUSD 26, UsdGeom, UsdShade with UsdPreviewSurface, and UsdLux. The file says which way is up and how long its
-unit is: the scene has y up and metres. Values are those of the stage's default time.
+Format: OpenUSD 26, UsdGeom, UsdShade with UsdPreviewSurface, and UsdLux. Up axis and unit of the file become y
+and metres. Values are taken at the stage's default time.
 """
 
 from __future__ import annotations
