@@ -23,6 +23,7 @@ from wrt.linalg import norm
 from wrt.scene import shapes
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import disk
 from wrt.scene.lights import (
     DirectionalLight,
     DiskLight,
@@ -40,8 +41,6 @@ from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
 
 GLB_SUFFIX = ".glb"
 _FLOAT, _UNSIGNED = 5126, 5125
-_SEGMENTS = 96
-"""Sides of the polygon that stands for a disk light."""
 _NEAR = 0.01
 
 GLB = Kind("", lambda _: False)
@@ -81,7 +80,7 @@ class _Writer(Store):
         """Return the content of the file."""
         nodes: list[Tree] = []
         time = 0.0 if scene.camera is None else scene.camera.shutter_open
-        for shape in [*scene.shapes, *self._meshes_of_lights(scene.lights)]:
+        for shape in [*scene.shapes, *(shape for light in scene.lights for shape in self._shapes_of(light))]:
             if isinstance(shape.material, Null):
                 self.note("boundaries of media without a surface")
             else:
@@ -162,23 +161,19 @@ class _Writer(Store):
             "material": self.once("materials", described),
         }
 
-    def _meshes_of_lights(self, lights: list[Light]) -> list[Shape]:
-        """Return meshes for the lights that have a surface."""
-        found = []
-        for light in lights:
-            if isinstance(light, RectangleLight):
-                mesh = shapes.quad(light.origin, light.edge_u, light.edge_v)
-            elif isinstance(light, DiskLight):
-                mesh = _disk(light)
-            elif isinstance(light, SphereLight):
-                mesh = shapes.sphere(light.center, light.radius, subdivisions=4)
-            else:
-                continue
-            if not isinstance(light, RectangleLight):
-                self.note("round lights: meshes stand for them")
-            two_sided = bool(getattr(light, "two_sided", False))
-            found.append(Shape(mesh, Diffuse(0.0), light.radiance, two_sided, name=light.type_name))  # type: ignore[arg-type]
-        return found
+    def _shapes_of(self, light: Light) -> list[Shape]:
+        """Return the shape of a light that has a surface, or none."""
+        mesh: Mesh
+        if isinstance(light, RectangleLight):
+            mesh = shapes.quad(light.origin, light.edge_u, light.edge_v)
+        elif isinstance(light, DiskLight):
+            mesh = disk(light.center, light.normal, light.radius)
+        elif isinstance(light, SphereLight):
+            mesh = shapes.sphere(light.center, light.radius, exact=True)
+        else:
+            return []
+        two_sided = bool(getattr(light, "two_sided", False))
+        return [Shape(mesh, Diffuse(0.0), light.radiance, two_sided, name=light.type_name)]  # type: ignore[arg-type]
 
     # --- Lights and cameras -------------------------------------------------------------------------
 
@@ -249,17 +244,6 @@ def _of_unit_length(normals: NDArray[Any]) -> NDArray[np.float32]:
     """Return normals of length 1, as glTF wants them; those of no length point up."""
     length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
     return np.where(length > 0.0, normals / np.maximum(length, 1e-300), (0.0, 1.0, 0.0)).astype(np.float32)
-
-
-def _disk(light: DiskLight) -> Mesh:
-    """Return a polygon of the area of a disk."""
-    normal = np.array(light.normal)
-    x = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    x /= norm(x)
-    angles = 2.0 * math.pi * np.arange(_SEGMENTS) / _SEGMENTS
-    reach = light.radius * math.sqrt(2.0 * math.pi / (_SEGMENTS * math.sin(2.0 * math.pi / _SEGMENTS)))
-    rim = np.cos(angles)[:, None] * x + np.sin(angles)[:, None] * np.cross(normal, x)
-    return shapes.polygon(np.array(light.center) + reach * rim)
 
 
 def _amount(value: Any) -> Tree:

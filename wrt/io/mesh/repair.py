@@ -105,9 +105,9 @@ def _box_corners(part: Part) -> NDArray[np.float64]:
 def _repaired(path: str, part: Part) -> Part:
     """Return a part with finite, used vertices only, and faces that have three distinct corners."""
     count = len(rows_of(path, part.vertices, "vertices", 3))
-    faces = np.ascontiguousarray(part.faces)  # once, since rows of files are strided
-    checked_faces(path, faces, count)
-    faces = faces.astype(np.int32, copy=False)
+    indices = np.ascontiguousarray(part.faces)  # once, since rows of files are strided
+    checked_faces(path, indices, count)
+    faces = indices.astype(np.int32, copy=False)
     vertices = positions_of(path, part.vertices, faces, part.vertex_format)
     solid = _solid(vertices, faces)
     used, faces = _used(faces if solid.all() else faces[solid], count)
