@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.linalg import determinant, product
+from wrt.linalg import determinant, norm, product
 from wrt.scene.camera import Camera
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
 from wrt.scene.srgb import linear_from_srgb
 from wrt.scene.textures import ImageTexture
-from wrt.values import array
+from wrt.values import array, vec3
 
 DEFAULT_REFLECTANCE = (0.62, 0.60, 0.57)
 """Reflectance of a mesh that brings no colour: unglazed clay, light enough to show its shading."""
@@ -98,6 +98,15 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
             normals = product(np.asarray(normals, np.float64), cofactors.T) * (-1.0 if mirrored else 1.0)
         vertices = product(np.asarray(part.vertices, np.float64), linear.T) + matrix[:3, 3]
     return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
+
+
+def viewpoint(matrix: NDArray[np.float64]) -> dict[str, Any]:
+    """Return `origin`, `target` and `up` of a camera that looks along the −z axis of a (4, 4) transform."""
+    origin, up, back = matrix[:3, 3], matrix[:3, 1], matrix[:3, 2]
+    length = norm(back)
+    if length == 0.0:
+        raise InputError("a camera hangs on a node that is scaled to nothing")
+    return {"origin": vec3(origin), "target": vec3(origin - back / length), "up": vec3(up)}
 
 
 def split_vertices(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.io.mesh.parts import viewpoint
 from wrt.linalg import norm, product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.lights import DirectionalLight, DiskLight, Light, PointLight, RectangleLight, SphereLight
@@ -105,9 +106,7 @@ def light_of(values: Values, kind: str, matrix: Matrix) -> Light:
 
 def camera_of(values: Values, matrix: Matrix, scale: float) -> Camera:
     """Return a camera that looks along −z of its node; its apertures and focal length are in tenths of a unit."""
-    origin, back, up = matrix[:3, 3], matrix[:3, 2], matrix[:3, 1]
-    forward = -back / norm(back)
-    place: dict[str, Any] = {"origin": vec3(origin), "target": vec3(origin + forward), "up": vec3(up)}
+    place = viewpoint(matrix)
     height = values.number("verticalAperture")
     if values.word("projection") == "orthographic":
         return OrthographicCamera(**place, view_height=0.1 * height * scale)
