@@ -34,13 +34,9 @@ class GltfImages:
         self._images = TextureImages(path)
 
     def texture(self, info: Tree | None, kind: str, *, placed: bool, **options: Any) -> ImageTexture | None:
-        """Return the texture of a reference, or None if there is none.
+        """Return the texture of a reference with further attributes, or None if there is none; for `kind` see `pixels`.
 
-        Args:
-            info: the reference.
-            kind: content of the image, see `pixels`.
-            placed: whether the texture applies the transform of the reference, rather than the coordinates of the mesh.
-            **options: further attributes of the ImageTexture.
+        If `placed`, the texture applies the transform of the reference, otherwise the coordinates of the mesh do.
         """
         pixels = self.pixels(info, kind)
         if pixels is None or info is None:

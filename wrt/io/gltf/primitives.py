@@ -68,10 +68,7 @@ class Primitive:
     def part(self, name: str, uv_sets: list[int], deformation: Deformation | None) -> tuple[Part, NDArray[Any] | None]:
         """Return the primitive without its material, and a second set of texture coordinates, v down, or None.
 
-        Args:
-            name: of the part.
-            uv_sets: numbers of the sets of texture coordinates to read, two at most.
-            deformation: how a node moves its vertices, if it does.
+        `uv_sets` are the numbers of the sets of texture coordinates to read, two at most.
 
         Raises:
             InputError: on damaged data.

@@ -62,14 +62,7 @@ class MtlMaterials:
         self._made: dict[tuple[str, bool, bool], Material] = {}
 
     def material(self, name: str, statements: Statements, *, has_uvs: bool, has_colors: bool) -> Material:
-        """Return a material.
-
-        Args:
-            name: the material's.
-            statements: what describes it.
-            has_uvs: whether the mesh has texture coordinates.
-            has_colors: whether the mesh has colours.
-        """
+        """Return the material of a name, for meshes with or without texture coordinates and colours."""
         key = name, has_uvs, has_colors
         if key not in self._made:
             self._made[key] = _Reader(self._images, self._find, statements, has_uvs).material(has_colors)

@@ -67,7 +67,9 @@ def fields_with_triangles(path: Path, data: bytes) -> Fields:
         raise ValueError("its faces name no vertices")
     memory_limits.take(memory_limits.MESHES, 32 * len(corners))
     corners = corners.astype(np.int64)
-    vertices = np.column_stack([vertex[axis][0] for axis in "xyz"])
+    vertices = _stacked(vertex, "xyz")
+    if vertices is None:
+        raise ValueError("its vertices have no x, y and z")
     triangles, owner = triangulate(path, vertices, corners, counts)
     faces = corners[triangles]
     fields: Fields = {"vertices": vertices, "faces": faces, "vertex_normals": _stacked(vertex, ("nx", "ny", "nz"))}
@@ -83,8 +85,8 @@ def fields_with_triangles(path: Path, data: bytes) -> Fields:
             fields |= {"vertices": vertices, "faces": faces, "visual": SimpleNamespace(uv=uvs)}
             return fields | dict.fromkeys(("vertex_normals", "vertex_colors"))  # trimesh drops them, too
     for names in (("texture_u", "texture_v"), ("u", "v"), ("s", "t")):
-        if {*names} <= vertex.keys():
-            return {**fields, "visual": SimpleNamespace(uv=_stacked(vertex, names))}
+        if (coordinates := _stacked(vertex, names)) is not None:
+            return {**fields, "visual": SimpleNamespace(uv=coordinates)}
     return fields
 
 
@@ -163,5 +165,7 @@ def _columns(rows: int, properties: _Properties, take: _Take) -> _Columns:
 
 
 def _stacked(columns: _Columns, names: Sequence[str]) -> NDArray[Any] | None:
-    """Return (N, K) numbers of some properties, or None if one is missing."""
-    return np.column_stack([columns[name][0] for name in names]) if columns.keys() >= {*names} else None
+    """Return (N, K) numbers of some properties, or None if one is missing or a list."""
+    if any(name not in columns or (columns[name][1] != 1).any() for name in names):
+        return None
+    return np.column_stack([columns[name][0] for name in names])

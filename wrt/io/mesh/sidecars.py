@@ -31,9 +31,7 @@ class Sidecars:
     def find(self, name: str, instead: Sequence[str] = ()) -> Path:
         """Return the path of a file that may be read, with a warning if its name differs.
 
-        Args:
-            name: its name.
-            instead: names of files beside the mesh file, to take if no file has that name.
+        If there is none of its name, the first of the names `instead` beside the mesh file is taken.
 
         Raises:
             InputError: where there is no such file.

@@ -56,13 +56,7 @@ def reading_with_trimesh(path: Path, kind: str) -> Iterator[None]:
 
 
 def load(path: Path, data: bytes | str, kind: str, **options: Any) -> Fields:
-    """Return the output of a trimesh loader.
-
-    Args:
-        path: the file, for messages.
-        data: its content.
-        kind: the type of the file, such as "obj".
-        options: further arguments of the loader.
+    """Return the output of trimesh's loader of a kind of file, such as "obj", with further arguments of that loader.
 
     Raises:
         InputError: where the loader fails for any reason.
@@ -76,12 +70,7 @@ def load(path: Path, data: bytes | str, kind: str, **options: Any) -> Fields:
 
 
 def part_of(path: Path, name: str, fields: Fields) -> Part | None:
-    """Return a loader's mesh as a part without a material, or None if it has no triangles.
-
-    Args:
-        path: the file, for messages.
-        name: of the part.
-        fields: output of the loader; polygons of more than three corners are triangulated here.
+    """Return a loader's mesh, its polygons triangulated, as a part without a material; None if it has no triangles.
 
     Raises:
         InputError: where faces name missing vertices.

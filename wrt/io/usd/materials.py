@@ -45,13 +45,7 @@ class UsdMaterials:
         self._made: dict[tuple[str, bool, bool], Material | None] = {}
 
     def bound_to(self, name: str | None, *, has_uvs: bool, has_colors: bool) -> Material | None:
-        """Return the material that is bound to a mesh or a part of one, or None.
-
-        Args:
-            name: its path.
-            has_uvs: whether the mesh has texture coordinates.
-            has_colors: whether it has display colours.
-        """
+        """Return the material of a path, or None, for meshes with or without texture coordinates and colours."""
         if name is None:
             return None
         key = (name, has_uvs, has_colors)
