@@ -183,7 +183,7 @@ def test_a_conversion_that_replaces_another_leaves_that_whole_until_its_end(fold
         patch.setattr("wrt.io.toml.writer._write_text", interrupted)
         with pytest.raises(KeyboardInterrupt):
             wrt.save_scene("a.toml", wrt.load("fuze.obj"), force=True)
-    assert {name: contents(folder)[name] for name in before} == before
+    assert contents(folder) == before
     wrt.load("a.toml")
 
 
@@ -193,10 +193,3 @@ def test_a_conversion_that_fails_leaves_nothing(folder):
     with pytest.raises(wrt.InputError, match="cannot hold materials of one's own"):
         wrt.save_scene("a.toml", scene)
     assert os.listdir(folder) == []
-
-
-def test_an_error_of_the_progress_display_loses_nothing_that_was_rendered(monkeypatch, capsys):
-    monkeypatch.setattr("wrt.progress.bar.ProgressBar.update", fail_with(OSError(5, "Input/output error")))
-    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
-    assert capsys.readouterr().err == "wrt: error: Input/output error; stopped at 1 samples per pixel; a.png saved\n"
-    assert wrt.load_image("a.png").shape == (8, 8, 3)

@@ -119,7 +119,7 @@ MISTAKES = {
     QUAD * 3 + 'materal = "x"': "shapes[2].materal: unknown key (did you mean 'material'?)",
     "[cammera]": "cammera: unknown key (did you mean 'camera'?)",
     "[camera]\nfov = 40": "camera.fov: unknown key",
-    "[camera]\nfov_degrees = 200": "camera: camera fov_degrees must be less than 180, not 200",
+    "[camera]\nfov_degrees = 200": "camera: camera fov_degrees must be at most 179, not 200",
     '[camera]\ntype = "fish"': "camera: type must be one of 'perspective', 'orthographic', 'panorama', 'fisheye', not",
     "[camera]\norigin = [0, 0, 0]": "camera: camera origin and target must differ",
     "[settings]\ncrop = [0, 0, 4]": "settings: crop must be four whole numbers (x0, y0, x1, y1), not [0, 0, 4]",

@@ -78,8 +78,8 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
         packed: the scene by `wrt.distributed.cluster.pack`; None to ask whether it is built.
     """
     from wrt._version import __version__
-    from wrt.backend.arithmetic import arithmetic_of
     from wrt.backend.device import Device
+    from wrt.backend.processor import arithmetic_of
 
     device = Device(job.options["device"])
     kind = {"wrt": __version__, "warp": device.backend.version, **arithmetic_of(device)}

@@ -28,8 +28,7 @@ from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
 from wrt.scene.normals import corner_weighted_normals
 
-_LINEAR_FILES = ("glb", "gltf")
-"""File types whose vertex colours are linear."""
+_LINEAR_FILES = ("glb", "gltf")  # file types whose vertex colours are linear
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
 """Normals count as computed by trimesh if a share of at least _MOSTLY is within _COMPUTED of the normals of faces.
@@ -50,9 +49,6 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     Args:
         source: the object.
         name: what messages call it.
-
-    Raises:
-        InputError: where it is another type, or a node is at no finite place.
     """
     import trimesh
 
@@ -234,11 +230,7 @@ class _Reader:
         return next(label for label in labels if self._maps.setdefault(label, image) is image)
 
     def _find(self, name: str) -> Source:
-        """Return the image with a label from `_label`, or an image file beside the object's file.
-
-        Raises:
-            InputError: where there is no such image.
-        """
+        """Return the image with a label from `_label`, or an image file beside the object's file."""
         if name in self._maps:
             image: Source = self._maps[name]
             return image

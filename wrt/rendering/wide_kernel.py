@@ -19,7 +19,7 @@ from typing import Any
 from wrt.backend import cache_folders
 from wrt.backend.arrays import Array, Struct
 from wrt.backend.device import Device
-from wrt.backend.lanes import lanes_here
+from wrt.backend.processor import lanes_here
 from wrt.compiling import kernel as compiler
 from wrt.compiling import later
 
@@ -159,32 +159,26 @@ class WideKernel:
     def _compile(self) -> None:
         """Start compiling the kernel in another process."""
         try:
-            given = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
-        except OSError:  # no folder has room
-            self._possible = False
-            return
-        nothing = subprocess.DEVNULL
-        try:
-            command = compiler.command(compiler.__name__, *given)
-            self._compiler = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
-        except OSError:
+            environment = {**os.environ, "TMPDIR": str(cache_folders.work_folder())}  # which this process removes
+            arguments = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
+            self._compiler = compiler.start(compiler.__name__, *arguments, env=environment)
+        except OSError:  # no folder has room, for instance
             self._possible = False
             return
         self._compiling_since = time.perf_counter()
         weakref.finalize(self, _end, self._compiler, self._features, self._lanes)  # nothing else would end it
 
     def _folders(self) -> list[str]:
-        """Return the folders for the compiler's work, for its kernels, and for notes if their usual folder fails."""
-        work = cache_folders.work_folder()
-        folders = [work, work / "warp", work / "wrt"]
+        """Return the folders for compiled kernels, and for the table of artefacts if its usual folder fails."""
+        kernels, table = (cache_folders.work_folder() / name for name in ("warp", "wrt"))
         try:
-            kernels = cache_folders.kernels_folder()
-            cache_folders.require_writable(kernels / self._device.backend.version)
-            folders[1] = kernels
+            usual = cache_folders.kernels_folder()
+            cache_folders.require_writable(usual / self._device.backend.version)
+            kernels = usual
         except OSError as error:
-            cache_folders.say_unwritable(Path(error.filename or folders[1]).parent, error)
-        self._device.backend.artefacts.folders.append(folders[2])
-        return [str(folder) for folder in folders]
+            cache_folders.say_unwritable(Path(error.filename or kernels).parent, error)
+        self._device.backend.artefacts.folders.append(table)
+        return [str(kernels), str(table)]
 
     def _compiled(self) -> None:
         """Record the result of compiling."""

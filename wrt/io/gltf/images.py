@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import warn
-from wrt.io import ktx2
 from wrt.io.gltf.buffers import Buffers, Tree
-from wrt.io.texture_images import Source, TextureImages
+from wrt.io.texture_images import KTX2_HINT, Source, TextureImages, has_ktx2_decoder
 from wrt.scene.textures import ImageTexture
 
 WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -103,8 +102,8 @@ class GltfImages:
     @functools.cached_property
     def _has_ktx2(self) -> bool:
         """Whether KTX2 images can be decoded; warns once if not."""
-        if not (has_decoder := ktx2.has_decoder()):
-            warn(f"{self._path}: textures in KTX2 images are left out, which need a decoder: {ktx2.HINT}")
+        if not (has_decoder := has_ktx2_decoder()):
+            warn(f"{self._path}: textures in KTX2 images are left out, which need a decoder: {KTX2_HINT}")
         return has_decoder
 
     def _bytes(self, number: int) -> Source:

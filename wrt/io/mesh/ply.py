@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.encodings import as_utf8
 from wrt.io.mesh.parts import Part, only_points, split_vertices
 from wrt.io.mesh.polygons import split_strips, triangulate
 from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.trimesh_loaders import Fields, load, part_of
+from wrt.io.safe_read import as_utf8
 from wrt.io.texture_images import TextureImages
 from wrt.scene.textures import ImageTexture
 

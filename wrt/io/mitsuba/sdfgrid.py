@@ -16,15 +16,9 @@ from wrt.scene.mesh import Mesh
 
 Array = NDArray[np.float64]
 
-MOST_CELLS = 2_000_000
-"""Most parts of cells that are examined."""
-
-_PARTS = 4
-"""Parts of a cell along each axis; fewer for large grids."""
-
-_NEWTON = 3
-"""Steps by which vertices are moved onto the surface."""
-
+MOST_CELLS = 2_000_000  # most parts of cells that are examined
+_PARTS = 4  # parts of a cell along each axis; fewer for large grids
+_NEWTON = 3  # steps by which vertices are moved onto the surface
 _LEAST_GRADIENT = 1e-12
 
 # The six tetrahedra of a cube around its diagonal from (0, 0, 0) to (1, 1, 1): Kuhn's subdivision, which meets that of
@@ -36,13 +30,9 @@ _CORNERS = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
 
 
 def read_sdfgrid(plugin: Plugin) -> Mesh:
-    """Return the surface of an `sdfgrid` in its unit cube.
-
-    Raises:
-        InputError: when its file cannot be read, or has no surface.
-    """
+    """Return the surface of an `sdfgrid` in its unit cube."""
     path = plugin.file()
-    smooth = plugin.choice("normals", "smooth", "smooth", "analytic") == "smooth"
+    smooth = plugin.choice("normals", "smooth", "analytic") == "smooth"
     plugin.ignore("watertight")
     with plugin.locating():
         values = read_volume(path).values
@@ -62,9 +52,6 @@ def isosurface(values: Array, parts: int, *, smooth: bool) -> Mesh:
         parts: subdivisions of a cell along each axis.
         smooth: whether normals are those of Hansson-Söderlund, Evans and Akenine-Möller (2022), section 4: at each
             point the gradients of the eight cells around the nearest corner, interpolated; otherwise the triangles'.
-
-    Raises:
-        InputError: if the values have one sign, or the surface takes too many triangles.
     """
     if min(values.shape) < 2:
         raise InputError("a grid of distances needs two values at least along each axis")

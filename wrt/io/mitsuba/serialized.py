@@ -33,8 +33,7 @@ _PACKED_NORMALS, _PACKED_TANGENTS, _PACKED_UVS = 0x1, 0x2, 0x4
 _LONGEST_NAME = 4096
 _MOST_ATTRIBUTES = 256
 _CHUNK = 2**16
-_DEFLATED = 1032
-"""Most bytes that deflate can make of one byte."""
+_DEFLATED = 1032  # most bytes that deflate can make of one byte
 
 
 @dataclass
@@ -53,11 +52,7 @@ class SerializedMesh:
 
 
 def read_serialized(path: Path, data: bytes, index: int = 0) -> SerializedMesh:
-    """Return the mesh with a number, from 0, of a file's content.
-
-    Raises:
-        InputError: when there is no such mesh, or it is damaged or truncated.
-    """
+    """Return the mesh with a number, from 0, of a file's content."""
     if len(data) < 8 or struct.unpack_from("<H", data)[0] != MAGIC:
         raise InputError(f"{path}: not a serialized mesh of Mitsuba: it does not begin with 1C 04")
     start = _offset(path, data, index)

@@ -14,27 +14,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.io.encodings import as_utf8
 from wrt.io.measured.observer import D65, OBSERVER, RESPONSE, WAVELENGTHS
 from wrt.io.mitsuba.document import Document, Element
-from wrt.io.mitsuba.plugin import Plugin
+from wrt.io.mitsuba.plugin import Plugin, plugin_of
 from wrt.io.mitsuba.transforms import numbers_of, vector_of
-from wrt.io.safe_read import read_file
+from wrt.io.safe_read import as_utf8, read_file
 from wrt.linalg import product
 from wrt.scene.srgb import linear_from_srgb
 from wrt.values import Vec3, vec3
 
-COLOR_TAGS = ("rgb", "spectrum", "float", "integer", "srgb", "color", "blackbody")
-"""Elements that give a colour."""
-
-LUMINOUS = float(OBSERVER[:, 1].sum())
-"""∫ y dλ, nm, which normalises radiance summed over wavelengths."""
+COLOR_TAGS = ("rgb", "spectrum", "float", "integer", "srgb", "color", "blackbody")  # elements that give a colour
+LUMINOUS = float(OBSERVER[:, 1].sum())  # ∫ y dλ, nm, which normalises radiance summed over wavelengths
 
 # Planck's constant, J s; the speed of light, m/s; Boltzmann's constant, J/K (SI, exact since 2019).
 _PLANCK, _LIGHT, _BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
 
-Spectrum = NDArray[np.float64]
-"""(N,) values at WAVELENGTHS."""
+Spectrum = NDArray[np.float64]  # (N,) values at WAVELENGTHS
 
 
 def emitted(spectrum: Spectrum) -> Vec3:
@@ -59,16 +54,7 @@ def blackbody(kelvin: float) -> Spectrum:
 
 
 def color_of(element: Element, document: Document, *, emits: bool) -> Vec3:
-    """Return the linear Rec. 709 colour of an element.
-
-    Args:
-        element: one of COLOR_TAGS.
-        document: the document, to find files.
-        emits: whether it is emission rather than reflectance.
-
-    Raises:
-        InputError: when its numbers cannot be read.
-    """
+    """Return the linear Rec. 709 colour of an element with one of COLOR_TAGS, as emission or as reflectance."""
     if element.tag in ("rgb", "color", "srgb"):
         return _rgb(element)
     if element.tag == "blackbody":
@@ -77,7 +63,7 @@ def color_of(element: Element, document: Document, *, emits: bool) -> Vec3:
         return emitted(scale * _blackbody(element, kelvin))
     color_from = emitted if emits else reflected
     if element.attributes.get("type"):
-        return _by_plugin(Plugin(element, document), color_from)
+        return _by_plugin(plugin_of(element, document), color_from)
     if "filename" in element.attributes:
         return color_from(_from_file(element, document.file(element, element.get("filename"))))
     words = element.get("value").replace(",", " ").split()
@@ -154,6 +140,5 @@ def _by_plugin(plugin: Plugin, color_from: Callable[[Spectrum], Vec3]) -> Vec3:
         result = color_from(_interpolated(element, wavelengths, values))
     else:
         plugin.warn("this kind of spectrum is not known; 0.5 stands in for it")
-        return 0.5, 0.5, 0.5
-    plugin.finish()
+        result = (0.5, 0.5, 0.5)
     return result

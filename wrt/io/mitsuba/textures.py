@@ -34,20 +34,12 @@ class Textures:
     def __init__(self) -> None:
         self._pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
         self._measurements: dict[Path, Measurement] = {}
-        self._textures: dict[tuple[int, str], ColorSource] = {}
+        self._textures: dict[tuple[Plugin, str], ColorSource] = {}
 
     def color(
         self, plugin: Plugin, name: str, default: float | Vec3, *, emits: bool = False, most: float = 1.0
     ) -> ColorSource:
-        """Return a colour that may vary over the surface.
-
-        Args:
-            plugin: the object with the parameter.
-            name: name of the parameter.
-            default: value if it is not given.
-            emits: whether it is emitted light.
-            most: larger constants are clipped to this, with a warning.
-        """
+        """Return a colour that may vary over the surface; constants above `most` are clipped with a warning."""
         texture = plugin.named(name)
         if texture is not None:
             return self._texture(texture, "color")
@@ -127,7 +119,7 @@ class Textures:
 
     def _texture(self, texture: Plugin, use: str) -> ColorSource:
         """Return a texture as a "color", a "number" (its luminance), or "data" (its linear pixels)."""
-        key = (id(texture.element), use)
+        key = texture, use
         if key not in self._textures:
             made = self._made(texture, use)
             if use == "number" and isinstance(made, ImageTexture):
@@ -148,8 +140,7 @@ class Textures:
             made = VertexColor(texture.number("scale", 1.0))
         else:
             texture.warn("this kind of texture is not known; 0.5 stands in for it")
-            return (0.5, 0.5, 0.5)
-        texture.finish()
+            made = (0.5, 0.5, 0.5)
         return made
 
     def _bitmap(self, texture: Plugin) -> ImageTexture:
@@ -164,9 +155,9 @@ class Textures:
                 texture.warn(f"{file.name} has negative or non-finite values; they are set to 0")
                 pixels = np.maximum(np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
             self._pixels[file, raw] = sealed(np.ascontiguousarray(pixels[::-1]))
-        wrap = texture.choice("wrap_mode", "repeat", "repeat", "mirror", "clamp")
+        wrap = texture.choice("wrap_mode", "repeat", "mirror", "clamp")
         # Two filters are of version 0.6.
-        kind = texture.choice("filter_type", "bilinear", "bilinear", "nearest", "trilinear", "ewa")
+        kind = texture.choice("filter_type", "bilinear", "nearest", "trilinear", "ewa")
         kind = "trilinear" if kind == "ewa" else kind
         return _placed(texture, ImageTexture(self._pixels[file, raw], file.name, wrap=wrap, filter=kind))
 

@@ -46,8 +46,7 @@ _ARRAYS = re.compile(
 
 _MOST_FOLDERS = 100
 
-SCENE = Kind("", lambda _: False)
-"""A scene file; a person may have written or edited it."""
+SCENE = Kind("", lambda _: False)  # a scene file; a person may have written or edited it
 
 
 def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
@@ -83,11 +82,7 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
         raise InputError(f"{file}: there are {_MOST_FOLDERS} folders for its arrays already; name another file")
     with new_folder(arrays) as folder:
         text = tomli_w.dumps(_Writer(folder, arrays.name).scene(scene))
-    try:
         write_atomically(file, lambda temporary: _write_text(temporary, text), SCENE, force=force)
-    except InputError:
-        _remove_arrays(arrays)
-        raise
     if replaces:
         for folder in _folders(file):
             if folder != arrays:
