@@ -163,30 +163,3 @@ def checked_faces(path: str | Path, faces: IntArray, count: int) -> None:
     if len(faces) and (faces.min() < 0 or faces.max() >= count):
         bad = faces.min() if faces.min() < 0 else faces.max()
         raise InputError(f"{path}: a face names vertex {bad}, but there are {count} (counted from 0)")
-
-
-def positions_of(
-    path: str | Path, vertices: FloatArray, faces: IntArray, vertex_format: str, *, per: int = 1
-) -> NDArray[np.float32]:
-    """Return positions as float32.
-
-    Args:
-        path: the file, for messages.
-        vertices: (N, 3) positions.
-        faces: the faces that use them; unused vertices are not checked.
-        vertex_format: names a vertex by its number in messages.
-        per: vertices per number.
-
-    Raises:
-        InputError: where a used vertex is not finite.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):
-        result = np.ascontiguousarray(vertices, np.float32)
-    if np.isfinite(result).all():
-        return result
-    bad = np.flatnonzero(~np.isfinite(result).all(axis=1))
-    for index in bad[np.isin(bad, faces)][:1]:
-        values = " ".join(f"{x:g}" for x in np.asarray(vertices)[index])
-        name = vertex_format.format(index // per)
-        raise InputError(f"{path}: {name} is at {values}; positions must be finite and at most 3.4e38")
-    return result

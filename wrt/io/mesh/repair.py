@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, positions_of, rows_of
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, rows_of
 from wrt.linalg import norm, product
 from wrt.scene.materials import Diffuse
 from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, Mesh, box_around, far_away, merge
@@ -108,7 +108,7 @@ def _repaired(path: str, part: Part) -> Part:
     indices = np.ascontiguousarray(part.faces)  # once, since rows of files are strided
     checked_faces(path, indices, count)
     faces = indices.astype(np.int32, copy=False)
-    vertices = positions_of(path, part.vertices, faces, part.vertex_format)
+    vertices = _positions(path, part, faces)
     solid = _solid(vertices, faces)
     used, faces = _used(faces if solid.all() else faces[solid], count)
 
@@ -134,6 +134,20 @@ def _repaired(path: str, part: Part) -> Part:
         face_colors=rows("face_colors", solid, "face colours"),
         uvs=rows("uvs", used, "texture coordinates"),
     )
+
+
+def _positions(path: str, part: Part, faces: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return positions in single precision, or raise InputError where a vertex that is used is not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        positions = np.ascontiguousarray(part.vertices, np.float32)
+    if np.isfinite(positions).all():
+        return positions
+    bad = np.flatnonzero(~np.isfinite(positions).all(axis=1))
+    for index in bad[np.isin(bad, faces)][:1]:
+        values = " ".join(f"{x:g}" for x in np.asarray(part.vertices)[index])
+        name = part.vertex_format.format(index)
+        raise InputError(f"{path}: {name} is at {values}; positions must be finite and at most 3.4e38")
+    return positions
 
 
 def _used(faces: NDArray[np.int32], count: int) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
