@@ -13,7 +13,7 @@ from wrt.io.mesh.mtl import MtlMaterials, Statements, statements_of
 from wrt.io.mesh.parts import Part, only_points
 from wrt.io.mesh.sidecars import Sidecars, in_any_case
 from wrt.io.mesh.trimesh_loaders import load, part_of
-from wrt.io.safe_read import as_text, read_file
+from wrt.io.safe_read import as_text, naming_file, read_file
 
 _INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
 _BETWEEN_FILES = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
@@ -65,9 +65,8 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
             label = " ".join(statements["map_kd"])
             warn(f"{path}: texture {label} cannot be laid: its faces name texture coordinates that are not there")
         if statements:
-            part.material = materials.material(
-                name, statements, has_uvs=part.uvs is not None, has_colors=part.colors is not None
-            )
+            has_uvs, has_colors = part.uvs is not None, part.colors is not None
+            part.material = materials.material(name, statements, has_uvs=has_uvs, has_colors=has_colors)
         parts.append(part)
     if not parts and (count := text.counts["v"]):
         raise only_points(path, count)
@@ -93,7 +92,8 @@ def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, St
         try:
             is_alone = len(names) == 1 and name.lower().rstrip('" ').endswith(".mtl")
             file = sidecars.find(name, [own_name] if is_alone else [])
-            content = as_text(read_file(file))
+            with naming_file(file):
+                content = as_text(read_file(file))
         except InputError as error:
             warn(f"{error}; it is left out")
             continue
