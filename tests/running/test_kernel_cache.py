@@ -158,7 +158,7 @@ def test_nobody_waits_for_ever_for_a_stopped_compiler_or_writes_beside_it(
     monkeypatch.setattr(kernel_cache, "COMPILING_SECONDS", 0.1)
     flip(files[0], 0)
     half_written = files[0].read_bytes()
-    with locked(files[0].parent):
+    with locked(files[0].parent, seconds=1.0):
         found = SmallBuild().provide()
         assert state(*SmallBuild().files_in(found)) is State.WHOLE
     assert found.parent == work_folder() / "kernels"

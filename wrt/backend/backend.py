@@ -24,7 +24,7 @@ from wrt.backend import arrays
 from wrt.backend.arrays import Array, Layout, Struct
 from wrt.backend.artefacts import Artefacts
 from wrt.backend.cache_folders import remove_leftovers
-from wrt.backend.cuda.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.gpus import CudaVersions
 from wrt.backend.cuda.staging import LARGEST_PINNED, Staging
 from wrt.backend.cuda.warp_errors import on_device, plain, ran_out
 from wrt.backend.describe import COOPERATIVE, call_name, describe, describe_arguments
@@ -405,10 +405,11 @@ class Backend:
         """Return the number of GPUs."""
         return int(self._wp.get_cuda_device_count())
 
-    def gpu(self, name: str) -> Gpu:
-        """Return what a GPU is."""
-        device = self._wp.get_device(name)
-        return Gpu(name, str(device.name), int(device.arch), int(device.total_memory), int(device.free_memory))
+    def describe_gpu(self, name: str) -> str:
+        """Return the model, the architecture and the memory of a GPU in words."""
+        gpu = self._wp.get_device(name)
+        memory = f"{gpu.total_memory / 1e9:.1f} GB of memory, {gpu.free_memory / 1e9:.1f} GB free"
+        return f"{gpu.name}, sm_{gpu.arch}, {memory}"
 
     def cuda_versions(self) -> CudaVersions:
         """Return the versions of CUDA of Warp and of the driver."""

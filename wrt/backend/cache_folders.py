@@ -21,9 +21,6 @@ ROOM = 32 << 20
 """Free bytes that a folder needs for kernels to be compiled in it: Warp's headers take 5 MB a thread, the code of a
 large kernel 4 MB. LLVM ends the process when the disk is full."""
 
-LOCK_SECONDS = 2.0
-"""Longest wait for a lock. Processes hold it for milliseconds, so a longer hold means that the process is stopped."""
-
 ABANDONED_SECONDS = 3600.0
 """Age from which a file that `put` has begun was left by a killed process."""
 
@@ -265,7 +262,7 @@ def keep_latest(folder: Path, pattern: str, count: int) -> None:
 
 
 @contextlib.contextmanager
-def locked(folder: Path, *, seconds: float | None = None) -> Iterator[bool]:
+def locked(folder: Path, *, seconds: float) -> Iterator[bool]:
     """Within the context, hold an exclusive lock on a folder, if its file system has locks.
 
     Yields False if another process still held the lock after these seconds.
@@ -279,7 +276,7 @@ def locked(folder: Path, *, seconds: float | None = None) -> Iterator[bool]:
         return
     try:
         is_free = True
-        until = time.monotonic() + (LOCK_SECONDS if seconds is None else seconds)
+        until = time.monotonic() + seconds
         while True:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
