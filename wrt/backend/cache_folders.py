@@ -42,8 +42,8 @@ def user_folder() -> Path:
     Raises:
         FileNotFoundError: when this user has no home folder.
     """
-    if os.path.isabs(named := os.environ.get("XDG_CACHE_HOME", "")):
-        return Path(named, f"uid-{os.getuid()}") if _is_shared(named) else Path(named)
+    if os.path.isabs(cache := os.environ.get("XDG_CACHE_HOME", "")):
+        return Path(cache, f"uid-{os.getuid()}") if _is_shared(cache) else Path(cache)
     home = os.environ.get("HOME", "")
     if not os.path.isabs(home):
         import pwd
@@ -78,20 +78,16 @@ def warp_folder() -> Path:
 
 
 def make_private(folder: Path) -> None:
-    """Create a folder of the cache that others cannot write to, whatever the umask, unless it is there.
+    """Create a folder of the cache that others cannot write to, whatever the umask, unless it exists.
 
     Raises:
         OSError: if it cannot be created.
     """
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-    except FileNotFoundError:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        folder.mkdir(mode=0o700, exist_ok=True)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
 
 
 def is_private(folder: Path) -> bool:
-    """Return whether nobody but this user and root can replace what lies in a folder."""
+    """Return whether only this user and root can replace what is in a folder."""
     try:
         return not _why_untrusted(folder.absolute())
     except OSError:
@@ -99,11 +95,10 @@ def is_private(folder: Path) -> bool:
 
 
 def _is_shared(folder: str) -> bool:
-    try:
+    with contextlib.suppress(OSError):
         mode = os.stat(folder).st_mode
-    except OSError:
-        return False
-    return bool(mode & stat.S_ISVTX and mode & stat.S_IWOTH)
+        return bool(mode & stat.S_ISVTX and mode & stat.S_IWOTH)
+    return False
 
 
 def _trusted(folder: Path, name: str) -> Path:
@@ -119,10 +114,11 @@ def _trusted(folder: Path, name: str) -> Path:
 
 
 def _why_untrusted(folder: Path) -> str:
-    """Return who besides this user and root could replace a folder or what lies in it, or what else is wrong; or "".
+    """Return why a folder must not be used: who else could replace it or what is in it, or a path that is not UTF-8.
 
-    As with sshd's StrictModes, each folder on the way must belong to the user or to root, and others must not be able
-    to write to it, unless it is sticky as /tmp is: there they cannot replace what belongs to the user.
+    Return "" if it may be. As with sshd's StrictModes, the folder and each above it must belong to the user or to root,
+    and others must not be able to write to it, unless it is sticky as /tmp is: there they cannot replace the user's
+    files.
     """
     resolved = Path(os.path.realpath(folder))
     if not is_utf8(folder) or not is_utf8(resolved):
@@ -160,8 +156,8 @@ def kernels_folder() -> Path:
         FileNotFoundError: see `user_folder`.
     """
     warp = sys.modules.get("warp")
-    known = warp and warp.config.kernel_cache_dir
-    return Path(known).parent if known else warp_folder()  # Warp adds its version to the path
+    folder = warp and warp.config.kernel_cache_dir
+    return Path(folder).parent if folder else warp_folder()  # Warp adds its version to the path
 
 
 def choose_warp_folder() -> None:
@@ -328,8 +324,9 @@ def _make_work_folder() -> Path:
 
 def _places() -> list[str]:
     """Return folders for temporary files, the best first."""
-    named = os.environ.get("TMPDIR", "")
-    return [*([named] if os.path.isabs(named) and is_utf8(named) else []), "/tmp", "/var/tmp", "/dev/shm"]
+    temporary = os.environ.get("TMPDIR", "")
+    usual = ["/tmp", "/var/tmp", "/dev/shm"]
+    return [temporary, *usual] if os.path.isabs(temporary) and is_utf8(temporary) else usual
 
 
 def _place_with_room() -> str:

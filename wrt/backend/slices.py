@@ -21,7 +21,7 @@ FIRST_SLICE = 1.0 / 256.0
 """Size of the first slices relative to the others, while the time of an index is still unknown."""
 
 SLICE_GROWTH = 8
-"""Largest ratio of a slice's size to that of a slice that has ended."""
+"""Largest growth of slices from one that has ended to a new one."""
 
 SLICE_SECONDS = 0.2
 """Longest time that a slice should take, estimated from earlier slices, because an interrupt waits for running slices.

@@ -71,10 +71,12 @@ class EmulatedBackend(Backend):
         else:
             self.library(declared(kernel))
 
-    def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
+    def launch(
+        self, kernel: Any, first: int, count: int, inputs: list[Any], device: str, *, waits: bool = True
+    ) -> None:
         """Run threads `first` to first + count − 1 of a kernel; on the GPU too they are done afterwards."""
         if device == "cpu":
-            super().queue(kernel, first, count, inputs, device)
+            super().launch(kernel, first, count, inputs, device)
         else:
             self.run(declared(kernel), (count,), [first, *inputs])
 
