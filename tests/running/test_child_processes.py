@@ -1,4 +1,4 @@
-"""Python processes that wrt starts import nothing from the current folder, where somebody's upload may lie."""
+"""Python processes that wrt starts import nothing from the current folder, where an upload may be."""
 
 from __future__ import annotations
 
