@@ -125,19 +125,20 @@ def _why_untrusted(folder: Path) -> str:
         return "its path is not UTF-8, which the compiler needs"
     for place in (resolved, *resolved.parents):
         try:
-            found = place.stat()
+            status = place.stat()
         except FileNotFoundError:  # it will be created, by this user
             continue
-        if found.st_uid not in (0, os.getuid()):
-            return f"{place} belongs to another user (uid {found.st_uid})"
-        is_writable = found.st_mode & stat.S_IWOTH or (found.st_mode & stat.S_IWGRP and not _is_private(found.st_gid))
-        if is_writable and (place == resolved or not found.st_mode & stat.S_ISVTX):
+        if status.st_uid not in (0, os.getuid()):
+            return f"{place} belongs to another user (uid {status.st_uid})"
+        mode = status.st_mode
+        is_writable = mode & stat.S_IWOTH or (mode & stat.S_IWGRP and not _is_private(status.st_gid))
+        if is_writable and (place == resolved or not mode & stat.S_ISVTX):
             return f"others can write to {place}"
     return ""
 
 
 def _is_private(group: int) -> bool:
-    """Return whether a group is root's, or the user's own one without other members, as many systems have it."""
+    """Return whether a group is root's, or a group of this user alone, as many systems make."""
     import grp
     import pwd
 
@@ -263,30 +264,31 @@ def locked(folder: Path, *, seconds: float) -> Iterator[bool]:
 
     Yields False if another process still held the lock after these seconds.
     """
-    import fcntl
-
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError:
         yield True
         return
     try:
-        is_free = True
         until = time.monotonic() + seconds
-        while True:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                if time.monotonic() > until:
-                    is_free = False
-                    break
-                time.sleep(0.005)
-            except OSError:  # a file system without locks
-                break
+        while not (is_free := _lock_open(handle)) and time.monotonic() < until:
+            time.sleep(0.005)
         yield is_free
     finally:
         os.close(handle)
+
+
+def _lock_open(handle: int) -> bool:
+    """Lock an open folder; return False if another process holds the lock."""
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        pass
+    return True
 
 
 def work_folder() -> Path:
@@ -304,7 +306,6 @@ def work_folder() -> Path:
 
 
 def _make_work_folder() -> Path:
-    import fcntl
     import tempfile
 
     while True:
@@ -314,9 +315,7 @@ def _make_work_folder() -> Path:
         except FileNotFoundError:  # another process removed it as a leftover before it was locked
             continue
         # The lock shows that this process is alive; process ids would not, as they differ between containers.
-        with contextlib.suppress(OSError):
-            fcntl.flock(handle, fcntl.LOCK_EX)
-        if folder.is_dir():  # no other process removed it as a leftover before it was locked
+        if _lock_open(handle) and folder.is_dir():  # else another process is removing it as a leftover
             _locks_of_work.append(handle)
             return folder
         os.close(handle)
