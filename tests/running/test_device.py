@@ -16,6 +16,7 @@ import wrt
 from wrt.backend.backend import Backend
 from wrt.backend.device import Device
 from wrt.backend.slices import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, Slices
+from wrt.backend.warp_start import initialize_warp
 from wrt.cli import main
 
 
@@ -151,6 +152,13 @@ def test_one_line_says_that_the_system_allows_no_more_threads(monkeypatch: pytes
     for command in ["render", "cornell-box", "--size", "8x8"], ["view", "cornell-box", "--no-browser"]:
         assert main(command) == 1
         assert capsys.readouterr().err.endswith(f"the system allows no more threads or processes {limits}\n")
+
+
+def test_versions_of_cuda_start_warp(monkeypatch: pytest.MonkeyPatch) -> None:
+    starts: list[None] = []
+    monkeypatch.setattr("wrt.backend.backend.initialize_warp", lambda: starts.append(initialize_warp()))
+    assert Backend().cuda_versions().toolkit >= (12, 0)
+    assert starts
 
 
 def test_gpus_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

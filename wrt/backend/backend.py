@@ -407,6 +407,7 @@ class Backend:
 
     def cuda_versions(self) -> CudaVersions:
         """Return the versions of CUDA of Warp and of the driver."""
+        _ = self._wp
         from warp._src.context import runtime
 
         toolkit = runtime.toolkit_version or (0, 0)
