@@ -23,12 +23,10 @@ _LOADING: dict[str, threading.Lock] = {}
 os.register_at_fork(after_in_child=_LOADING.clear)  # a fork lacks the threads that hold these locks
 
 _COMPILER = Threads(1, "wrt-compile")
-"""The thread that compiles in the background. A single thread, because Warp precompiles its headers once per thread,
-which takes nearly half the time of compiling an ordinary render kernel."""
+"""The thread that compiles for the CPU in the background."""
 
 _GPU_COMPILERS = Threads(min(available_threads(), 8), "wrt-nvrtc")
-"""The threads that compile for GPUs in the background: NVRTC needs no headers of a thread, and runs in several at
-once."""
+"""The threads that compile for GPUs in the background."""
 
 _LOADER = Threads(1, "wrt-load")
 """The thread that compiles while the caller waits, so that the caller can be interrupted; native code cannot."""
