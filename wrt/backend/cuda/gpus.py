@@ -32,8 +32,8 @@ class CudaVersions(NamedTuple):
         if self.driver is None:
             return "no NVIDIA driver was found; use cpu"
         if self.driver < self.required:
-            versions = f"{dotted(self.driver)} instead of {dotted(self.required)}"
-            return f"the NVIDIA driver is too old, for CUDA {versions}; update it, or use cpu"
+            has, needs = dotted(self.driver), dotted(self.required)
+            return f"the NVIDIA driver is too old, for CUDA {has} instead of {needs}; update it, or use cpu"
         return ""
 
 
