@@ -83,7 +83,7 @@ class Artefacts:
             path = folder / self.path.name
             with contextlib.suppress(OSError):
                 if (text := read_checked(path)) is None:
-                    warn_once(path, "the table of compiled kernels was damaged; it is replaced")
+                    warn_once(f"{path}: the table of compiled kernels was damaged; it is replaced")
                 else:
                     for part, entries in json.loads(text).items():
                         self.table[part] |= entries | self._added[part]

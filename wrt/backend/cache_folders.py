@@ -30,7 +30,7 @@ _PREFIX = "wrt-work-"
 _lock = threading.Lock()
 _work: tuple[int, Path] | None = None
 _locks_of_work: list[int] = []
-_warned_of: set[Path] = set()
+_warnings_given: set[str] = set()
 
 
 def user_folder() -> Path:
@@ -109,7 +109,7 @@ def _trusted(folder: Path, name: str) -> Path:
         return folder
     if not why:
         return folder
-    warn_once(folder, f"not used as a cache of machine code: {why}; {_kept_for_now()}")
+    warn_once(f"{folder}: not used as a cache of machine code: {why}; {_kept_for_now()}")
     return work_folder() / name
 
 
@@ -181,18 +181,18 @@ def choose_warp_folder() -> None:
 
 def say_unwritable(folder: Path, error: OSError) -> None:
     """Warn, once for each folder, that compiled kernels will not outlive this process."""
-    warn_once(folder, f"cannot be written: {error.strerror or error}; {_kept_for_now()}")
+    warn_once(f"{folder}: cannot be written: {error.strerror or error}; {_kept_for_now()}")
 
 
 def _kept_for_now() -> str:
     return f"compiled kernels are kept in {work_folder()} until this process ends"
 
 
-def warn_once(path: Path, text: str) -> None:
-    """Warn of a file or a folder, unless that was done before."""
-    if path not in _warned_of:
-        _warned_of.add(path)
-        warnings.warn(f"{path}: {text}", stacklevel=3)
+def warn_once(text: str) -> None:
+    """Give a warning, unless this process has given it before."""
+    if text not in _warnings_given:
+        _warnings_given.add(text)
+        warnings.warn(text, stacklevel=3)
 
 
 def require_writable(folder: Path) -> None:
