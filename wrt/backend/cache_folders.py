@@ -56,7 +56,7 @@ def user_folder() -> Path:
 
 
 def wrt_folder() -> Path:
-    """Return the folder of wrt's notes and precompiled headers.
+    """Return the folder of the table of artefacts, requests and precompiled headers.
 
     It is inside the work folder if the user has no home, or if others can write to the usual folder.
     """
