@@ -52,7 +52,7 @@ def state(binary: Path, meta: Path | None = None) -> State:
     try:
         expected = Path(f"{binary}{DIGEST}").read_bytes().split(b" ")
         found = [digest(path.read_bytes()) for path in (binary, meta) if path is not None]
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return State.UNKNOWN
     except OSError:
         return State.DAMAGED
