@@ -36,7 +36,7 @@ MIRROR = Features(("mirror",), False, "constant", light_shapes=("disk", "sphere"
 
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Return the folders for which compilers would be started; none is."""
+    """Return the folders for which compilers would be started."""
     folders: list[Path] = []
     monkeypatch.setattr(later, "_start", lambda _, kernels: folders.append(kernels))
     monkeypatch.setenv(SWITCH, "")

@@ -94,8 +94,8 @@ class Device:
         for name, required in places.items():
             available = memory_left() if name == "cpu" else self.backend.memory_of(name)
             if required > available:
-                more, room = required / 1e9, available / 1e9
-                text = f"{what} needs {more:.1f} GB, more than the {room:.1f} GB that {name} has left"
+                need, room = required / 1e9, available / 1e9
+                text = f"{what} needs {need:.1f} GB, more than the {room:.1f} GB that {name} has left"
                 raise NotEnoughMemory(f"{text}; {advice}" if advice else text)
 
     def empty_large(self, count: int, dtype: Any = float) -> Any:

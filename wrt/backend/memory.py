@@ -60,7 +60,7 @@ def _group_limits(proc: Path, groups: Path) -> Iterator[int]:
     except OSError:
         return
     for line in lines:
-        number, controllers, path = line.split(":", 2)
+        number, controllers, path = (*line.split(":", 2), "", "")[:3]
         if number == "0" and not controllers:
             roots, name = (groups, groups / "unified"), "memory.max"
         elif "memory" in controllers.split(","):

@@ -141,7 +141,7 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
     shared_members = "".join(f"    const {types.wide(a.type)}& {a.name};" for a in shared)
     varying_members = "".join(f"    {types.wide(a.type)} {a.name};" for a in varying)
     answers = "".join(f"    lanes::Ints answer_{k};\n" for k in range(1, len(queries)))
-    given = ", ".join(f"{a.name}({a.name}_in)" for a in shared)
+    members_set = ", ".join(f"{a.name}({a.name}_in)" for a in shared)
     sets = " ".join(f"lanes::set({a.name}, {a.name}_in, exec);" for a in varying)
     moves = " ".join(f"move(to.{v}, from.{v}, m);" for v in (*moved, "waiting"))
     code = f"""\
@@ -154,7 +154,7 @@ struct {name} {{
 {emitter.declarations([*storage.rounds, *storage.across])}
     lanes::Mask waiting = false;  // for an answer
 {answers}
-    {name}({_parameters(types, shared)}) : {given} {{}}
+    {name}({_parameters(types, shared)}) : {members_set} {{}}
     void begin({_parameters(types, varying)}, const lanes::Mask exec_in) {{
         lanes::Mask exec = exec_in, returned_ = false;
         {sets}

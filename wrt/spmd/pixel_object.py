@@ -108,7 +108,7 @@ def pixel_object(types: Types, kernel: ir.Function, path: ir.Function, module: i
     declared += emitter.declarations(members) + constants([v for v in kernel.variables if v.constant is not None])
     name, result = f"pixels_{kernel.key}", phases.calling.variable
     masks = f"lanes::Mask returned_ = false, broken_{loop} = false, continued_{loop} = false;"
-    given = "".join(f"    {types.wide(v.type)} {v.name};\n" for v in varying)
+    given_members = "".join(f"    {types.wide(v.type)} {v.name};\n" for v in varying)
     given_values = ", ".join(f"given.{v.name}" for v in varying)
     shared_in = ", ".join(f"const {types.wide(a.type)}& {v.name}" for a, v in fixed)
     shared = ", ".join(v.name for _, v in fixed)
@@ -120,7 +120,7 @@ namespace {{
 typedef {steps.name} Steps;
 // The arguments that each path begins with.
 struct Given {{
-{given}}};
+{given_members}}};
 struct Path {{
     {steps.name} steps;
     lanes::Ints home;  // the place where it began
