@@ -57,8 +57,8 @@ class DeviceMemory:
         layers = pixels * ((1 + pilot) * of_layers + settings.denoise * bytes_per_pixel(GUIDES))
         # Films come before the scene, but for those of guides and the pilot.
         first = pixels * (BYTES_PER_PIXEL + of_layers)
-        kept = scene.kept + film + layers
-        peaks = (max(kept, first + scene.kept + scratch) for scratch in (scene.scratch, scene.scratch_if_cut))
+        kept = scene.lasting + film + layers
+        peaks = (max(kept, first + scene.lasting + scratch) for scratch in (scene.scratch, scene.scratch_if_cut))
         parts = (scene.geometry, scene.trees, scene.materials, scene.lights)
         return cls(*parts, film, layers, kept, *peaks)
 
