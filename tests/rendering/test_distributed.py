@@ -18,7 +18,6 @@ from wrt.cli import main
 from wrt.distributed.dask_cluster import DaskCluster, client_of
 from wrt.distributed.processes import devices_of
 from wrt.distributed.spread import Pass, windows_of_pass
-from wrt.parts import render
 
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
@@ -63,8 +62,8 @@ def after_window(monkeypatch):
     def install(react):
         keep, numbers = Pass.keep, itertools.count(1)
 
-        def keep_and_react(self, window, rendered):
-            keep(self, window, rendered)
+        def keep_and_react(self, *rendered):
+            keep(self, *rendered)
             react(next(numbers))
 
         monkeypatch.setattr(Pass, "keep", keep_and_react)
@@ -270,7 +269,7 @@ def test_what_a_worker_raises_is_an_error_of_the_cluster(client, monkeypatch):
         def fail(*_, error=error, **__):
             raise error
 
-        monkeypatch.setattr(render, "render_windows", fail)
+        monkeypatch.setattr(wrt.Renderer, "sharing", fail)
         with pytest.raises(wrt.distributed.ClusterError, match=message) as caught:
             film_of(renderer, 64)
         assert caught.value.renderer is film

@@ -10,11 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from numpy.typing import NDArray
+
 from wrt._version import __version__
-from wrt.distributed.cluster import Cluster, NoAnswer, pack
-from wrt.distributed.worker import Job, Ready, prepare
+from wrt.distributed.cluster import DIED, Cluster, NoAnswer
+from wrt.distributed.worker import Job, pack, prepare, render_window
 from wrt.errors import InputError, InputWarning
+from wrt.rendering.windows import pixels_of
 from wrt.scene.scene import Scene
+from wrt.upload.camera import CropWindow
 
 AHEAD = 2
 """Windows that a worker has at a time: the one that it renders, and the next."""
@@ -73,10 +77,6 @@ class Member:
     answered: float = 0.0
     silent_until: float = 0.0
 
-    def busy_since(self) -> float:
-        """Return when it began its window; infinite if it has none."""
-        return max(self.attempts[0].since, self.answered) if self.attempts else float("inf")
-
 
 class Crew:
     """The workers of a cluster.
@@ -123,19 +123,19 @@ class Crew:
             self.members[address] = Member(address)
         self._counted = time.monotonic()
         if self._deaths > MOST_DEATHS * max(len(self.members), 1):
-            raise OSError("workers died while they built the scene, perhaps for lack of memory; see their logs")
+            raise OSError(DIED.format("while they built the scene"))
 
     def _prepare(self, member: Member, job: Job) -> None:
         """Ask a worker whether it has built the scene, handle the reply, and send the scene if it has not."""
         if member.preparing is None:
-            if member.silent_until > time.monotonic():
-                return
-            member.preparing = self.call(member, "hello", prepare, job, None)
+            if member.silent_until <= time.monotonic():
+                member.preparing = self._call(member, "hello", prepare, job, None)
+            return
         if not member.preparing.done():
             return
         future, member.preparing = member.preparing, None
         try:
-            ready: Ready = self._cluster.result(future)
+            kind, digest = self._cluster.result(future)
         except NoAnswer:
             self.has_not_answered(member)
             return
@@ -144,21 +144,18 @@ class Crew:
             return
         except TypeError as error:
             raise InputError(f"the workers cannot render this scene: {error}") from error
-        differences = [
-            f"{name} ({ready.kind.get(name)} there, {value} here)"
-            for name, value in self.kind.items()
-            if ready.kind.get(name) != value
-        ]
-        if differences:
+        pairs = {name: (kind.get(name), value) for name, value in self.kind.items() if kind.get(name) != value}
+        if pairs:
+            differences = [f"{name} ({there} there, {here} here)" for name, (there, here) in pairs.items()]
             self._refuse(member, f"these differ: {', '.join(differences)}")
             return
-        self.kind = ready.kind
-        if ready.digest:
-            member.digest, self._deaths = ready.digest, 0
+        self.kind = kind
+        if digest:
+            member.digest, self._deaths = digest, 0
             return
         if self._packed is None:
-            self._packed = pack(self._cluster, self._scene)
-        member.preparing = self.call(member, "scene", prepare, job, self._packed)
+            self._packed = pack(self._scene)
+        member.preparing = self._call(member, "scene", prepare, job, self._packed)
 
     def _refuse(self, member: Member, reason: str) -> None:
         warnings.warn(f"worker {member.address} renders nothing, {reason}", InputWarning, stacklevel=2)
@@ -167,13 +164,31 @@ class Crew:
         if not self.members:
             raise InputError(f"no worker can render this picture: {member.address}, {reason}")
 
-    def call(self, member: Member, name: str, function: Any, job: Job, *arguments: Any) -> Any:
+    def _call(self, member: Member, name: str, function: Any, job: Job, *arguments: Any) -> Any:
         """Call a function on a worker, with a job for its device."""
         self._calls += 1
         key = f"wrt-{job.digest[:8]}-{name}-{self._calls}"
         if device := self._cluster.devices.get(member.address):
             job = replace(job, options={**job.options, "device": device})
         return self._cluster.submit(member.address, self._ended, key, function, job, *arguments)
+
+    def render(
+        self,
+        member: Member,
+        job: Job,
+        window: CropWindow,
+        state: dict[str, NDArray[Any]] | None,
+        spp: int,
+        seconds_left: float,
+        *,
+        samples: int,
+    ) -> Attempt:
+        """Give a worker a window, see `render_window`; `samples` are the most that one of its pixels still needs."""
+        name = f"{','.join(map(str, window))}-to-{spp}"
+        future = self._call(member, name, render_window, job, window, state, spp, seconds_left)
+        paths = pixels_of((window,)) * samples
+        member.attempts.append(Attempt(member, future, time.monotonic(), paths, job.options["seed"]))
+        return member.attempts[-1]
 
     def free(self, job: Job) -> list[Member]:
         """Return the workers that can take a window, those with the fewest first."""
@@ -188,17 +203,16 @@ class Crew:
         ]
         return sorted(usable, key=lambda member: len(member.attempts))
 
+    def seconds_of_path(self, seed: int) -> float:
+        """Return the median time of a camera path in the latest windows; 0 while it is unknown."""
+        return statistics.median(self._seconds_of_path.get(seed) or [0.0])
+
     def is_late(self, member: Member) -> bool:
         """Return whether a worker may hang, as it takes too long for a window."""
-        if not member.attempts or not (latest := self._seconds_of_path.get(member.attempts[0].seed)):
+        if not member.attempts or not (seconds := self.seconds_of_path(member.attempts[0].seed)):
             return False
-        expected = member.attempts[0].paths * statistics.median(latest)
-        limit = max(LATE_FACTOR * expected, LATE_SECONDS)
-        return time.monotonic() - member.busy_since() > limit
-
-    def has(self, member: Member) -> bool:
-        """Return whether the cluster still has a worker."""
-        return self.members.get(member.address) is member
+        limit = max(LATE_FACTOR * member.attempts[0].paths * seconds, LATE_SECONDS)
+        return time.monotonic() - max(member.attempts[0].since, member.answered) > limit
 
     def answered(self, done: Attempt, *, has_rendered: bool) -> None:
         """Note that a worker has sent a reply, with a rendered window or without."""

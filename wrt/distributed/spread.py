@@ -15,12 +15,12 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from wrt.distributed.cluster import Cluster, NoAnswer
+from wrt.distributed.cluster import DIED, Cluster, NoAnswer
 from wrt.distributed.crew import MOST_DEATHS, Attempt, Crew, Member
-from wrt.distributed.worker import Job, Rendered, render_window
+from wrt.distributed.worker import Job
 from wrt.errors import InputError, warn
-from wrt.parts.cut import grid, pixels_of, put, take
 from wrt.rendering.film import Film
+from wrt.rendering.windows import grid_cell, pixels_of, put, take
 from wrt.scene.scene import Scene
 from wrt.upload.camera import CropWindow
 
@@ -57,8 +57,9 @@ def windows_of_pass(
     rows = crop[3] - crop[1]
     columns = min(-(-ROWS_PER_WORKER * max(workers(), 1) // rows), crop[2] - crop[0])
     remaining = pixels_of((crop,))
-    for x0, y0, x1, y1 in grid(crop, columns, 1):
-        y, width = y0, x1 - x0
+    for column in range(columns):
+        x0, y, x1, y1 = grid_cell(crop, columns, 1, column)
+        width = x1 - x0
         while y < y1:
             pixels = remaining / (SHARES * max(workers(), 1))
             if seconds := seconds_of_pixel():
@@ -89,24 +90,17 @@ class Pass:
     seconds_left: float
     samples: int
 
-    @property
-    def seed(self) -> int:
-        """The seed of the samples."""
-        return int(self.job.options["seed"])
-
     def state(self, window: CropWindow) -> dict[str, NDArray[Any]] | None:
         """Return the film's arrays for a window, None if it has no samples there."""
-        arrays = self.film.arrays()
-        if not take(arrays["count"], self.crop, (window,)).any():
-            return None
-        return {name: take(array, self.crop, (window,)) for name, array in arrays.items()}
+        arrays = {name: take(array, self.crop, (window,)) for name, array in self.film.arrays().items()}
+        return arrays if arrays["count"].any() else None
 
-    def keep(self, window: CropWindow, rendered: Rendered) -> None:
+    def keep(self, window: CropWindow, arrays: dict[str, NDArray[Any]], rays: int) -> None:
         """Put a rendered window into the film."""
         for name, array in self.film.arrays().items():
-            put(array, self.crop, (window,), rendered.arrays[name])
+            put(array, self.crop, (window,), arrays[name])
         first = (window[1] - self.crop[1]) * self.film.width + window[0] - self.crop[0]
-        self.film.data.rays.numpy()[first] += rendered.rays  # a statistic of the whole picture
+        self.film.data.rays.numpy()[first] += rays  # a statistic of the whole picture
 
 
 @dataclass(eq=False)
@@ -141,7 +135,6 @@ class Spread:
         self._cluster = cluster
         self._ended = threading.Event()
         self.crew = Crew(cluster, dataclasses.replace(scene, settings=settings), self._ended.set)
-        self._seconds_of_sample: dict[int, float] = {}  # by seed: a pilot samples few of the pixels
 
     def run(self, a_pass: Pass) -> None:
         """Render a pass into its film.
@@ -150,10 +143,11 @@ class Spread:
             InputError: if a worker cannot render the scene.
             OSError: if workers die of a window, or there is none for long.
         """
+        seed = a_pass.job.options["seed"]
         coming = windows_of_pass(
             a_pass.crop,
             lambda: len(self.crew.members),
-            lambda: self._seconds_of_sample.get(a_pass.seed, 0.0) * a_pass.samples,
+            lambda: self.crew.seconds_of_path(seed) * a_pass.samples,
         )
         running: list[_Window] = []
         remaining = pixels_of((a_pass.crop,))
@@ -167,9 +161,8 @@ class Spread:
                     if rendered is not None:
                         running.remove(each)
                         self._abandon(each)
-                        a_pass.keep(each.window, rendered)
+                        a_pass.keep(each.window, *rendered)
                         remaining -= pixels_of((each.window,))
-                        self._measure(a_pass, each.window, rendered)
         finally:
             self._cluster.cancel([attempt.future for each in running for attempt in each.attempts])
             for each in running:
@@ -192,12 +185,9 @@ class Spread:
             self._give(a_pass, running[-1], free[0])
 
     def _give(self, a_pass: Pass, each: _Window, member: Member) -> None:
-        name, state = f"{','.join(map(str, each.window))}-to-{a_pass.spp}", a_pass.state(each.window)
+        state, samples = a_pass.state(each.window), a_pass.samples
         arguments = each.window, state, a_pass.spp, a_pass.seconds_left
-        future = self.crew.call(member, name, render_window, a_pass.job, *arguments)
-        paths = pixels_of((each.window,)) * a_pass.samples
-        each.attempts.append(Attempt(member, future, time.monotonic(), paths, a_pass.seed))
-        member.attempts.append(each.attempts[-1])
+        each.attempts.append(self.crew.render(member, a_pass.job, *arguments, samples=samples))
 
     def _wait(self, job: Job) -> None:
         """Wait until a worker has ended something, or for POLL_SECONDS; and for a worker, if there is none."""
@@ -213,40 +203,36 @@ class Spread:
             time.sleep(POLL_SECONDS)
             self.crew.update(job)
 
-    def _rendered(self, each: _Window) -> Rendered | None:
+    def _rendered(self, each: _Window) -> tuple[dict[str, NDArray[Any]], int] | None:
         """Return the result of a window, None while there is none."""
         for attempt in list(each.attempts):
-            if not self.crew.has(attempt.member):
-                each.deaths += attempt is attempt.member.attempts[0]
+            member = attempt.member
+            if self.crew.members.get(member.address) is not member:
+                each.deaths += attempt is member.attempts[0]
                 each.remove(attempt)
                 self._cluster.cancel([attempt.future])
                 if each.deaths > MOST_DEATHS:
-                    raise OSError("workers died of a part of the picture, perhaps for lack of memory; see their logs")
+                    raise OSError(DIED.format("of a part of the picture"))
             elif attempt.future.done():
                 each.remove(attempt)
                 try:
-                    rendered: Rendered | None = self._cluster.result(attempt.future)
+                    rendered: tuple[dict[str, NDArray[Any]], int] | None = self._cluster.result(attempt.future)
                 except NoAnswer:
-                    self.crew.has_not_answered(attempt.member)
+                    self.crew.has_not_answered(member)
                     continue
                 except (ImportError, AttributeError, TypeError) as error:
                     raise InputError(f"the workers cannot render this scene: {error}") from error
                 self.crew.answered(attempt, has_rendered=rendered is not None)
                 if rendered is not None:
                     return rendered
-                attempt.member.digest = ""  # it has restarted, or rendered another scene
+                member.digest = ""  # it has restarted, or rendered another scene
         return None
 
     def _abandon(self, each: _Window) -> None:
         """Cancel a rendered window on the other workers that have it; one that has begun it renders it to the end."""
-        waiting = [attempt for attempt in each.attempts if attempt is not attempt.member.attempts[0]]
-        self._cluster.cancel([attempt.future for attempt in waiting])
-        for attempt in waiting:
-            each.remove(attempt)
-        for attempt in each.attempts:
-            attempt.is_obsolete = True
-
-    def _measure(self, a_pass: Pass, window: CropWindow, rendered: Rendered) -> None:
-        seconds = rendered.seconds / (pixels_of((window,)) * a_pass.samples)
-        average = self._seconds_of_sample.get(a_pass.seed)
-        self._seconds_of_sample[a_pass.seed] = seconds if not average else 0.8 * average + 0.2 * seconds
+        for attempt in list(each.attempts):
+            if attempt is attempt.member.attempts[0]:
+                attempt.is_obsolete = True
+            else:
+                self._cluster.cancel([attempt.future])
+                each.remove(attempt)

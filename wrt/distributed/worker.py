@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 import threading
-import time
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
-
-from wrt.distributed.cluster import unpack
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
@@ -35,47 +34,33 @@ class Job:
         digest: a digest of the scene without its camera, and of the picture's options.
         options: keyword arguments of `wrt.Renderer`. Another seed does not need another build of the scene.
         camera: the camera; another one does not either.
-        threads: CPU threads of a worker, by default as many as Dask gives it.
     """
 
     digest: str
     options: dict[str, Any]
     camera: Camera
-    threads: int | None
 
 
-class Ready(NamedTuple):
-    """The reply of a worker to `prepare`.
-
-    Attributes:
-        kind: what its digits depend on, by name: versions, device, processor and libraries.
-        digest: the job's digest if the worker has built the scene, else "".
-    """
-
-    kind: dict[str, str]
-    digest: str
+def pack(value: object) -> list[Any]:
+    """Return a value as bytes and arrays of bytes, which a scheduler passes on without copying or reading them."""
+    pickler: Any = pickle
+    if "distributed" in sys.modules:  # its pickles have the classes of the main program
+        from distributed.protocol import pickle as pickler
+    buffers: list[pickle.PickleBuffer] = []
+    head = pickler.dumps(value, protocol=5, buffer_callback=buffers.append)
+    return [head, *(np.frombuffer(buffer.raw(), np.uint8) for buffer in buffers)]
 
 
-class Rendered(NamedTuple):
-    """A window that a worker has rendered.
-
-    Attributes:
-        arrays: the arrays of a film for its pixels.
-        rays: the number of traced rays.
-        seconds: the time of rendering; on a CPU, without the share of other work on the machine.
-    """
-
-    arrays: dict[str, NDArray[Any]]
-    rays: int
-    seconds: float
-
-
-def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
+def prepare(job: Job, packed: Sequence[Any] | None) -> tuple[dict[str, str], str]:
     """Build a scene, unless it is built already; called on a worker.
 
     Args:
         job: the values that all windows share.
-        packed: the scene by `wrt.distributed.cluster.pack`; None to ask whether it is built.
+        packed: the scene by `pack`; None to ask whether it is built.
+
+    Returns:
+        What the digits of the worker's pixels depend on, by name: versions, device, processor and libraries; and the
+        job's digest if the worker has built the scene, else "".
     """
     from wrt._version import __version__
     from wrt.backend.arithmetic import arithmetic_of
@@ -86,13 +71,14 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
     if packed is not None:
         with _rendering:
             if job.digest not in _renderers:
-                _build(job, unpack(packed))
-    return Ready(kind, job.digest if job.digest in _renderers else "")
+                head, *buffers = packed
+                _build(job, pickle.loads(head, buffers=buffers))  # from the head node, which workers trust
+    return kind, job.digest if job.digest in _renderers else ""
 
 
 def render_window(
     job: Job, window: CropWindow, state: dict[str, NDArray[Any]] | None, spp: int, seconds_left: float
-) -> Rendered | None:
+) -> tuple[dict[str, NDArray[Any]], int] | None:
     """Bring the pixels of a window to `spp` samples each; called on a worker, which renders one window at a time.
 
     Args:
@@ -103,23 +89,22 @@ def render_window(
         seconds_left: estimated time until the picture is finished, which decides whether the wide kernel pays.
 
     Returns:
-        The window, or None if the worker has not built the scene.
+        The arrays of a film for the pixels of the window, and the rays that were traced; None if the worker has not
+        built the scene.
     """
-    from wrt.parts.render import render_windows
-
     with _rendering:
-        renderer = _renderers.get(job.digest)
-        if renderer is None:
+        built = _renderers.get(job.digest)
+        if built is None:
             return None
         _renderers.move_to_end(job.digest)
-        renderer.seed = job.options["seed"]
-        if renderer.scene.camera != job.camera:
-            renderer.set_camera(job.camera)
-        began = time.process_time()
-        arrays, seconds, rays = render_windows(renderer, (window,), spp, state=state, seconds_left=seconds_left)
-        if renderer.device.is_cpu:
-            seconds = (time.process_time() - began) / renderer.threads
-    return Rendered(arrays, rays, seconds)
+        built.seed = job.options["seed"]
+        if built.scene.camera != job.camera:
+            built.set_camera(job.camera)
+        renderer = built.sharing(crop=window)
+        if state is not None:
+            renderer.film.restore(state)
+        renderer._trace(spp, seconds_left)
+        return renderer.film.arrays(), renderer.rays
 
 
 def _build(job: Job, scene: Scene) -> None:
@@ -127,8 +112,9 @@ def _build(job: Job, scene: Scene) -> None:
 
     while len(_renderers) >= KEPT:
         _renderers.popitem(last=False)
-    threads = job.threads or _threads()  # its own film is not used, and has one pixel
-    _renderers[job.digest] = Renderer(scene, **{**job.options, "crop": (0, 0, 1, 1)}, threads=threads)
+    options = {**job.options, "threads": job.options["threads"] or _threads()}
+    options["crop"] = (0, 0, 1, 1)  # its own film is not used
+    _renderers[job.digest] = Renderer(scene, **options)
 
 
 def _threads() -> int | None:

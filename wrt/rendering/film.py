@@ -193,21 +193,18 @@ class Film:
             getattr(self.data, name).zero_()
         self.aovs.clear()
 
-    def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
+    def check(self, state: dict[str, NDArray[Any]], shapes: int, *, pixels: int | None = None) -> None:
         """Raise InputError if no render can have produced a state.
 
         Args:
             state: arrays by name, as `state` returns them.
             shapes: number of shapes in the scene.
+            pixels: how many pixels it has, if only some of the film's.
         """
         for name, array in self.arrays().items():
-            found = state.get(name)
-            if found is None or found.shape != array.shape or found.dtype != array.dtype:
+            found, shape = state.get(name), (self.pixels if pixels is None else pixels, *array.shape[1:])
+            if found is None or found.shape != shape or found.dtype != array.dtype:
                 raise InputError(f"its array {name!r} is missing or of another shape")
-        self.check_values(state, shapes)
-
-    def check_values(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
-        """Raise InputError if no render can have produced these values of some of the pixels; see `check`."""
         total, squares, count, rejected = (state[name] for name in STATE_ARRAYS)
         if (count < 0).any():
             raise InputError(f"'count' is {count.min()} samples in a pixel")

@@ -6,7 +6,6 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,7 +40,7 @@ from wrt.values import integer, one_of
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-    from wrt.parts.part import Part
+    from wrt.rendering.part import Part
 
 STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
@@ -126,7 +125,7 @@ class Renderer(Picture):
                 on_features=partial(self._choose_kernel, compile=compile),
             )
         self.film.require_memory()  # check again, now that the scene has taken its memory
-        self._inputs = self._kernel_inputs()
+        self._start_kernel()
         self._guides = Guides(self) if self.settings.denoise and self.renders_light else None
 
     def sharing(self, **settings: Any) -> Renderer:
@@ -150,7 +149,7 @@ class Renderer(Picture):
         other._guides = None
         with self.device.compiling() as compile:
             other._choose_kernel(self._built.features, compile, self._built.read)
-        other._inputs = other._kernel_inputs()
+        other._start_kernel()
         other._kernel.share_wide(self._kernel)
         return other
 
@@ -177,33 +176,24 @@ class Renderer(Picture):
         self._kernel.compile(compile)
         return self._kernel.read
 
-    def _kernel_inputs(self) -> list[Any]:
-        """Return the arguments of the kernel after the number of samples."""
+    def _start_kernel(self) -> None:
         path = path_settings(self.scene, self.settings, self.integrator)
         path.strategy = STRATEGIES.index(self.strategy)
         table = self.device.backend.array(filter_table(self.settings.filter), float, self.device.name)
-        self._shared_inputs = [self.seed, self._device_camera(), table, self._built.data, path]
-        arguments = self.arguments_for(self.film, self._kernel)
-        self._kernel.start()
-        return arguments
+        self._shared_inputs = [self._device_camera(), table, self._built.data, path]
+        self._kernel.start((self._built.data, self.film.data, self.film.aovs.data))
 
     def _device_camera(self) -> Any:
         return build_camera(self.camera, self.width, self.height, self.crop, device=self.device.name)
 
-    def arguments_for(self, film: Film, kernel: RenderKernel) -> list[Any]:
+    @property
+    def _inputs(self) -> list[Any]:
+        """The arguments of the kernel after the number of samples."""
+        return self.arguments_for(self.film, self.seed)
+
+    def arguments_for(self, film: Film, seed: int) -> list[Any]:
         """Return the arguments of a kernel after the number of samples, for a film of this picture's size."""
-        kernel.records = (self._built.data, film.data, film.aovs.data)
-        return [*self._shared_inputs, film.data, film.aovs.data]
-
-    @property
-    def built_features(self) -> Any:
-        """The features of the scene."""
-        return self._built.features
-
-    @property
-    def uploaded_features(self) -> Any:
-        """The features for which the scene was uploaded: those of its kernel, which may have more."""
-        return self._built.read
+        return [seed, *self._shared_inputs, film.data, film.aovs.data]
 
     @property
     def camera(self) -> Camera:
@@ -239,7 +229,7 @@ class Renderer(Picture):
     @property
     def seconds_compile_beside(self) -> float:
         """Seconds that another process has spent compiling the wide kernel during rendering."""
-        return self._kernel.seconds_beside
+        return self._kernel.wide.seconds
 
     @property
     def rays(self) -> int:
@@ -273,21 +263,11 @@ class Renderer(Picture):
                 time of all earlier passes, but at least 0.4 s. On CUDA at most 0.4 s, because nothing can interrupt a
                 pass there.
         """
-        limits = Limits.of(
-            self.settings,
-            spp,
-            time,
-            noise,
-            adaptive,
-            pass_seconds,
-            longest_pass=self.longest_pass,
-            first_pass=self.first_pass,
-            renders_light=self.renders_light,
-        )
+        limits = Limits.of(self, spp, time, noise, adaptive, pass_seconds)
         if (limits.adaptive == UNBIASED) != (self.pilot is not None):
             self.estimate_noise(Pilot(self) if self.pilot is None else None)
         self._kernel.expect(limits.least_seconds(self.film))
-        return run_passes(self.film, self.noise_estimate, self._trace, self._needs_short_passes, limits)
+        return run_passes(self, limits)
 
     def estimate_noise(self, pilot: Pilot | None) -> None:
         """Estimate the noise anew, by a pilot or by the picture itself."""
@@ -301,8 +281,8 @@ class Renderer(Picture):
         `wrt.rendering.noise.noise_target`. Otherwise it follows from the variance of the samples and is an upper bound,
         except with the sampler "independent"; see `variance`. None while pixels have too few samples.
         """
-        known = self.noise_estimate.noise_now()
-        return self.film.noise() if known is None else known
+        estimated = self.noise_estimate.noise_now()
+        return self.film.noise() if estimated is None else estimated
 
     def _trace(self, target: int, seconds_left: float) -> tuple[float, int]:
         """Bring every pixel to `target` samples; return the seconds and camera paths that it took."""
@@ -310,7 +290,7 @@ class Renderer(Picture):
         started = time.perf_counter()
         try:
             with self.film.leaving_out(self.noise_estimate.stopped_pixels(), target):
-                self._kernel.launch([target, *self._inputs], seconds_left)
+                self.trace_film(self.film, target, self.seed, seconds_left)
             if self.pilot is not None:
                 self.pilot.trace(self, target)
         finally:  # an interrupted pass counts, too
@@ -320,13 +300,9 @@ class Renderer(Picture):
             self.paths += paths
         return seconds, paths
 
-    def trace_film(self, film: Film, target: int, seed: int) -> None:
-        """Bring every pixel of another film of this picture's size to `target` samples, with another seed."""
-        _, *inputs = self.arguments_for(film, self._kernel)
-        self._kernel.launch([target, seed, *inputs], 0.0)
-
-    def _needs_short_passes(self) -> bool:
-        return not self.device.is_cpu or self._kernel.is_being_compiled
+    def trace_film(self, film: Film, target: int, seed: int, seconds_left: float = 0.0) -> None:
+        """Bring every pixel of a film of this picture's size to `target` samples."""
+        self._kernel.launch([target, *self.arguments_for(film, seed)], seconds_left)
 
     @property
     def lanes(self) -> int:
@@ -340,7 +316,7 @@ class Renderer(Picture):
         ready. The picture is the same, bit for bit.
         """
         started = time.perf_counter()
-        self._kernel.wait_for_wide()
+        self._kernel.wide.wait()
         return time.perf_counter() - started
 
     def denoised(self) -> NDArray[np.float32]:
@@ -386,9 +362,7 @@ class Renderer(Picture):
             raise InputError("the camera must have the same shutter times as before; make a new Renderer")
         self.scene.camera = camera
         self._built.look_from(camera)
-        seed, _, *others = self._shared_inputs
-        self._shared_inputs = [seed, self._device_camera(), *others]
-        self._inputs = self.arguments_for(self.film, self._kernel)
+        self._shared_inputs[0] = self._device_camera()
         self._clear()
 
     def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
@@ -514,5 +488,6 @@ class Renderer(Picture):
         Raises:
             InputError: if there is no such part, or vertices were updated.
         """
-        result: Part = import_module("wrt.parts.render").render_part(self, number, of, spp=spp)
-        return result
+        from wrt.rendering.part import render_part
+
+        return render_part(self, number, of, spp=spp)
