@@ -64,7 +64,6 @@ INTERNAL_MEMBERS = {
     "has_updated_vertices",
     "restore",
     "share",
-    "trace_film",
     "with_backend",
 }
 """Members without an underscore that only wrt itself calls."""

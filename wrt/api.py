@@ -21,7 +21,7 @@ from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import RenderSettings, Scene, Shape
-from wrt.studio.stage import FOR_ANIMATIONS, Stage, make_stage
+from wrt.studio.stage import FOR_ANIMATIONS, Stage
 from wrt.studio.views import ViewLike
 
 if TYPE_CHECKING:
@@ -88,16 +88,8 @@ def load(
     Raises:
         InputError: if the source cannot be used; the message names it and the cause.
     """
-    stage = make_stage(
-        view=view,
-        frame=frame,
-        material=material,
-        environment=environment,
-        transparent=transparent,
-        aspect=aspect,
-        time=time,
-    )
-    reading = _Reading(triangles, up, parameters or None, sensor)
+    reading = {"triangles": triangles, "up": up, "parameters": parameters or None, "sensor": sensor}
+    stage = Stage(view, frame, material, environment, transparent, aspect, time)
     with _confined(source if confined else None), _strictly() if strict else contextlib.nullcontext():
         scene = _load(source, reading, stage)
     if confined and scene is not source and names_file(scene.settings.tone):
@@ -159,6 +151,9 @@ def is_builtin(source: Any) -> bool:
     return isinstance(source, str) and source in meshes.scene_names() and not Path(source).is_file()
 
 
+_Reading = Mapping[str, Any]
+"""The options of `load` that apply to one kind of source each; None for those that are not given."""
+
 _ONLY_FOR = {
     "triangles": "a number of triangles is for scenes with a procedural mesh",
     "up": "an up axis is for meshes, not for scenes",
@@ -167,20 +162,11 @@ _ONLY_FOR = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class _Reading:
-    """The options of `load` that apply to one kind of source each."""
-
-    triangles: int | None
-    up: str | None
-    parameters: Mapping[str, Any] | None
-    sensor: int | None
-
-    def require_only(self, source: object, *applicable: str) -> None:
-        """Raise InputError if an option is given that does not apply to a source."""
-        for name, message in _ONLY_FOR.items():
-            if name not in applicable and getattr(self, name) is not None:
-                raise InputError(f"{source}: {message}")
+def _require_only(source: object, reading: _Reading, *applicable: str) -> None:
+    """Raise InputError if an option is given that does not apply to a source."""
+    for name, message in _ONLY_FOR.items():
+        if name not in applicable and reading[name] is not None:
+            raise InputError(f"{source}: {message}")
 
 
 def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
@@ -190,23 +176,23 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     if stage.time is not None:
         raise InputError(f"{kind}: {FOR_ANIMATIONS}")
     if isinstance(source, Scene):
-        reading.require_only(kind)
+        _require_only(kind, reading)
         source.check()
         return stage.shown(source)
-    reading.require_only(kind, "up")
+    _require_only(kind, reading, "up")
     if isinstance(source, Mesh):
         from wrt.io.mesh.repair import bare_shape
 
         shapes = [bare_shape(source) if stage.material is None else Shape(source, name=source.name)]
-        if reading.up is None:
+        if reading["up"] is None:
             _warn_of_land(source.name, shapes, "y")
-        return stage.present(source, Scene(shapes), reading.up or "y")
+        return stage.present(source, Scene(shapes), reading["up"] or "y")
     from wrt.io.load_mesh import load_object
 
     scene = load_object(source, alone=True)
     from wrt.io.trimesh_objects import file_type
 
-    return _present(source, scene, reading.up, file_type(source), stage)
+    return _present(source, scene, reading["up"], file_type(source), stage)
 
 
 def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
@@ -222,28 +208,28 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         raise InputError(_missing_file(source))
     suffix = path.suffix.lower()
     if suffix == ".xml":
-        reading.require_only(source, "parameters", "sensor")
+        _require_only(source, reading, "parameters", "sensor")
         from wrt.io.file_type import hinting
         from wrt.io.mitsuba.scene import load_mitsuba
 
         # Overflow is not reported here: values are checked where they are used.
         with naming_file(path), hinting(path), np.errstate(all="ignore"):
-            return stage.shown(load_mitsuba(path, parameters=reading.parameters, sensor=reading.sensor))
+            return stage.shown(load_mitsuba(path, parameters=reading["parameters"], sensor=reading["sensor"]))
     if suffix == ".toml":
-        reading.require_only(source, "triangles")
+        _require_only(source, reading, "triangles")
         from wrt.io.toml.reader import load_scene
 
-        loaded = load_scene(path, triangles=reading.triangles)
+        loaded = load_scene(path, triangles=reading["triangles"])
         with naming_file(path):
             return stage.shown(loaded)
-    reading.require_only(source, "up")
+    _require_only(source, reading, "up")
     from wrt.io.load_mesh import load_file
 
     if stage.time is not None:
         from wrt.animation.timeline import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
-    scene, up = load_file(path, time=stage.time, alone=stage.time is None), reading.up
+    scene, up = load_file(path, time=stage.time, alone=stage.time is None), reading["up"]
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up
 
@@ -309,7 +295,7 @@ def render(
     spp: int | None = None,
     time: float | None = None,
     noise: float | None = None,
-    adaptive: bool | str | None = None,
+    adaptive: bool | None = None,
     device: str = "cpu",
     seed: int = 0,
     threads: int | None = None,

@@ -12,9 +12,7 @@ from wrt.backend import current_backend
 from wrt.rendering.film import BYTES_PER_PIXEL
 from wrt.rendering.film_aovs import bytes_per_pixel
 from wrt.rendering.guides import LAYERS as GUIDES
-from wrt.scene.scene import UNBIASED, RenderSettings
 from wrt.studio.framing import with_camera
-from wrt.upload.memory import SceneMemory
 from wrt.upload.scene_data import describe_scene, memory_of
 
 _PARTS = ("geometry", "trees", "materials", "lights", "film", "layers")
@@ -29,7 +27,7 @@ class DeviceMemory:
         trees: the ray trees.
         materials: materials, images, normal maps, the environment and grids of media.
         lights: the table of lights and the tree over them.
-        film: sums of samples for each pixel, also those of guides for denoising and of a pilot.
+        film: sums of samples for each pixel, also those of guides for denoising.
         layers: layers besides radiance.
         kept: all of these, for as long as the renderer lives.
         peak: the most at once, while the trees are built.
@@ -46,21 +44,6 @@ class DeviceMemory:
     kept: int
     peak: int
     peak_if_cut: int
-
-    @classmethod
-    def of(cls, scene: SceneMemory, settings: RenderSettings) -> DeviceMemory:
-        """Return the memory of a scene and of a picture with these settings."""
-        x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
-        pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers)
-        pilot = settings.adaptive == UNBIASED
-        film = pixels * BYTES_PER_PIXEL * (1 + settings.denoise + pilot)
-        layers = pixels * ((1 + pilot) * of_layers + settings.denoise * bytes_per_pixel(GUIDES))
-        # Films come before the scene, but for those of guides and the pilot.
-        first = pixels * (BYTES_PER_PIXEL + of_layers)
-        kept = scene.kept + film + layers
-        peaks = (max(kept, first + scene.kept + scratch) for scratch in (scene.scratch, scene.scratch_if_cut))
-        parts = (scene.geometry, scene.trees, scene.materials, scene.lights)
-        return cls(*parts, film, layers, kept, *peaks)
 
 
 def device_memory(
@@ -94,8 +77,25 @@ def device_memory(
     settings = dataclasses.replace(scene.settings, **changed)  # type: ignore[arg-type]
     scene = with_camera(scene, settings.width / settings.height)
     coordinates = "uv" in settings.layers
-    of_scene = memory_of(describe_scene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
-    return DeviceMemory.of(of_scene, settings)
+    scene_memory = memory_of(describe_scene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
+    x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
+    pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers)
+    film = pixels * BYTES_PER_PIXEL * (1 + settings.denoise)
+    of_layers_and_guides = pixels * (of_layers + settings.denoise * bytes_per_pixel(GUIDES))
+    kept = scene_memory.kept + film + of_layers_and_guides
+    # The film comes before the scene, that of guides after it.
+    building = pixels * (BYTES_PER_PIXEL + of_layers) + scene_memory.kept
+    return DeviceMemory(
+        scene_memory.geometry,
+        scene_memory.trees,
+        scene_memory.materials,
+        scene_memory.lights,
+        film,
+        of_layers_and_guides,
+        kept,
+        peak=max(kept, building + scene_memory.scratch),
+        peak_if_cut=max(kept, building + scene_memory.scratch_if_cut),
+    )
 
 
 def memory_text(memory: DeviceMemory, width: int, height: int) -> str:

@@ -45,7 +45,6 @@ class Attempt:
         future: the call.
         since: when it was submitted.
         paths: an upper bound on the camera paths in the window.
-        seed: the seed of its samples. A pilot has another than the picture, and samples few of its pixels.
         is_obsolete: whether another worker has already rendered the window.
     """
 
@@ -53,7 +52,6 @@ class Attempt:
     future: Any
     since: float
     paths: int
-    seed: int
     is_obsolete: bool = False
 
 
@@ -97,7 +95,7 @@ class Crew:
         self._cluster, self._scene, self._ended = cluster, scene, ended
         self._packed: list[Any] | None = None
         self._counted, self._calls, self._deaths = 0.0, 0, 0
-        self._seconds_of_path: dict[int, deque[float]] = {}  # in the latest windows of each seed
+        self._seconds_of_path = deque[float](maxlen=32)  # in the latest windows
 
     def update(self, job: Job) -> None:
         """Count the workers, and give them the scene.
@@ -187,7 +185,7 @@ class Crew:
         name = f"{','.join(map(str, window))}-to-{spp}"
         future = self._call(member, name, render_window, job, window, state, spp, seconds_left)
         paths = pixels_of((window,)) * samples
-        member.attempts.append(Attempt(member, future, time.monotonic(), paths, job.options["seed"]))
+        member.attempts.append(Attempt(member, future, time.monotonic(), paths))
         return member.attempts[-1]
 
     def free(self, job: Job) -> list[Member]:
@@ -203,13 +201,13 @@ class Crew:
         ]
         return sorted(usable, key=lambda member: len(member.attempts))
 
-    def seconds_of_path(self, seed: int) -> float:
+    def seconds_of_path(self) -> float:
         """Return the median time of a camera path in the latest windows; 0 while it is unknown."""
-        return statistics.median(self._seconds_of_path.get(seed) or [0.0])
+        return statistics.median(self._seconds_of_path or [0.0])
 
     def is_late(self, member: Member) -> bool:
         """Return whether a worker may hang, as it takes too long for a window."""
-        if not member.attempts or not (seconds := self.seconds_of_path(member.attempts[0].seed)):
+        if not member.attempts or not (seconds := self.seconds_of_path()):
             return False
         limit = max(LATE_FACTOR * member.attempts[0].paths * seconds, LATE_SECONDS)
         return time.monotonic() - max(member.attempts[0].since, member.answered) > limit
@@ -218,8 +216,7 @@ class Crew:
         """Note that a worker has sent a reply, with a rendered window or without."""
         member, now = done.member, time.monotonic()
         if has_rendered:
-            latest = self._seconds_of_path.setdefault(done.seed, deque(maxlen=32))
-            latest.append((now - max(done.since, member.answered)) / done.paths)
+            self._seconds_of_path.append((now - max(done.since, member.answered)) / done.paths)
         member.answered, member.silent_until = now, 0.0
 
     def has_not_answered(self, member: Member) -> None:

@@ -16,7 +16,6 @@ from wrt.distributed.spread import Pass, Spread
 from wrt.distributed.worker import Job
 from wrt.errors import InputError
 from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, identity_of
-from wrt.rendering.film import Film
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.scene import Scene
@@ -105,12 +104,11 @@ class DistributedRenderer(Renderer):
         self._local.film.restore(self.film.state())
         return self._local.denoised()
 
-    def trace_film(self, film: Film, target: int, seed: int, seconds_left: float = 0.0) -> None:
-        """Bring every pixel of a film of this picture's size to `target` samples."""
-        job = Job(self._digest, {**self._options, **self._workers, "seed": seed}, self.camera)
-        samples = max(target - int(film.counts.min()), 1)
+    def _launch(self, target: int, seconds_left: float) -> None:
+        job = Job(self._digest, {**self._options, **self._workers}, self.camera)
+        samples = max(target - int(self.film.counts.min()), 1)
         try:
-            self.spread.run(Pass(film, self.crop, job, target, seconds_left, samples))
+            self.spread.run(Pass(self.film, self.crop, job, target, seconds_left, samples))
         except Exception as error:  # of wrt, of Dask, or of a worker
             if isinstance(error, InputError) and not self.film.counts.any():
                 raise

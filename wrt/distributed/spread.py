@@ -143,11 +143,10 @@ class Spread:
             InputError: if a worker cannot render the scene.
             OSError: if workers die of a window, or there is none for long.
         """
-        seed = a_pass.job.options["seed"]
         coming = windows_of_pass(
             a_pass.crop,
             lambda: len(self.crew.members),
-            lambda: self.crew.seconds_of_path(seed) * a_pass.samples,
+            lambda: self.crew.seconds_of_path() * a_pass.samples,
         )
         running: list[_Window] = []
         remaining = pixels_of((a_pass.crop,))

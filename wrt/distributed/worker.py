@@ -32,8 +32,8 @@ class Job:
 
     Attributes:
         digest: a digest of the scene without its camera, and of the picture's options.
-        options: keyword arguments of `wrt.Renderer`. Another seed does not need another build of the scene.
-        camera: the camera; another one does not either.
+        options: keyword arguments of `wrt.Renderer`.
+        camera: the camera; another one does not need another build of the scene.
     """
 
     digest: str
@@ -97,7 +97,6 @@ def render_window(
         if built is None:
             return None
         _renderers.move_to_end(job.digest)
-        built.seed = job.options["seed"]
         if built.scene.camera != job.camera:
             built.set_camera(job.camera)
         renderer = built.sharing(crop=window)

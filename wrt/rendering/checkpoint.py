@@ -20,7 +20,6 @@ from wrt.io.npy import read_archive
 from wrt.io.safe_read import PathLike, first_line, forget_input, read_file
 from wrt.io.safe_write import Kind, write_atomically
 from wrt.rendering.fingerprint import scene_fingerprint
-from wrt.rendering.noise.pilot import Pilot, has_pilot
 from wrt.scene.scene import RenderSettings
 
 if TYPE_CHECKING:
@@ -167,8 +166,7 @@ def save(renderer: Renderer, path: PathLike) -> None:
     """Write the checkpoint of a renderer; see `Renderer.save_checkpoint`."""
     if renderer.has_updated_vertices:
         raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")
-    pilot = {} if renderer.pilot is None else renderer.pilot.state()
-    arrays = {**renderer.film.state(), **renderer.noise_estimate.state(), **pilot}
+    arrays = {**renderer.film.state(), **renderer.noise_estimate.state()}
     write_checkpoint(path, identity_of(renderer), arrays)
 
 
@@ -179,14 +177,9 @@ def restore(renderer: Renderer, path: PathLike, header: dict[str, Any], arrays: 
         InputError: when it is damaged, or of another scene, size, seed or settings; listing the differences.
     """
     require_same(path, header, identity_of(renderer))
-    shapes = len(renderer.scene.shapes)
     try:
-        renderer.film.check(arrays, shapes)
-        renderer.estimate_noise(Pilot(renderer) if has_pilot(arrays) else None)
-        if renderer.pilot is None:
-            renderer.noise_estimate.restore(arrays)
-        else:
-            renderer.pilot.restore(arrays, shapes)
+        renderer.film.check(arrays, len(renderer.scene.shapes))
+        renderer.noise_estimate.restore(arrays)
     except InputError as error:
         raise InputError(f"{path}: damaged, {error}") from None
     renderer.film.restore(arrays)

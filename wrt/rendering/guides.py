@@ -51,7 +51,7 @@ class Guides:
         """Return albedo and normals by name, (H, W, 3) float32, after as many samples as the picture has by now."""
         target = min(max(self._renderer.spp, 1), MOST_SAMPLES)
         if self._film.tally().least < target:
-            self._kernel.launch([target, *self._renderer.arguments_for(self._film, self._renderer.seed)], 0.0)
+            self._kernel.launch([target, *self._renderer.arguments_for(self._film)], 0.0)
         arrays = self._film.aovs.arrays(self._film.counts, [])
         return {name: np.ascontiguousarray(arrays[name]) for name in LAYERS}
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from wrt.errors import InputError
 from wrt.rendering.noise.noise_target import MOST as MOST_FOR_NOISE
 from wrt.rendering.noise.noise_target import NoiseEstimate
-from wrt.scene.scene import MAX_SPP, adaptive_choice
-from wrt.values import integer, number
+from wrt.scene.scene import MAX_SPP
+from wrt.values import boolean, integer, number
 
 if TYPE_CHECKING:
     from wrt.rendering.film import Film
@@ -86,7 +86,7 @@ class Limits:
     spp: int | None
     time: float | None
     noise: float | None
-    adaptive: bool | str
+    adaptive: bool
     pass_seconds: float | None
 
     @classmethod
@@ -96,7 +96,7 @@ class Limits:
         spp: int | None,
         time: float | None,
         noise: float | None,
-        adaptive: bool | str | None,
+        adaptive: bool | None,
         pass_seconds: float | None,
     ) -> Limits:
         """Return the limits that these arguments of `Renderer.passes` and the scene's settings give.
@@ -108,7 +108,7 @@ class Limits:
         if spp is None and time is None and noise is None:
             noise = settings.noise
             spp = settings.spp if noise is None else None
-        adaptive = settings.adaptive if adaptive is None else adaptive_choice(adaptive)
+        adaptive = settings.adaptive if adaptive is None else boolean(adaptive, "adaptive")
         if noise is not None:
             noise = number(noise, "noise", above=0.0, maximum=1.0)
             if not renderer.renders_light:

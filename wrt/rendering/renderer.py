@@ -21,12 +21,11 @@ from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
 from wrt.rendering.noise.noise_target import NoiseEstimate
-from wrt.rendering.noise.pilot import Pilot
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, run_passes
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
-from wrt.scene.scene import UNBIASED, RenderSettings, Scene, Shape, require_scene
+from wrt.scene.scene import RenderSettings, Scene, Shape, require_scene
 from wrt.studio.framing import with_camera
 from wrt.upload.camera import CropWindow, build_camera, outside_cameras
 from wrt.upload.filters import filter_table
@@ -163,7 +162,7 @@ class Renderer(Picture):
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
         self.seconds_render, self.paths = 0.0, 0
-        self.estimate_noise(None)
+        self.noise_estimate = NoiseEstimate(self.film)
 
     def _choose_kernel(self, features: Any, compile: Callable[[Any], None], read: Any = None) -> Any:
         """Choose the kernel for a scene with these features, compile all kernels needed, and return what it reads.
@@ -189,11 +188,11 @@ class Renderer(Picture):
     @property
     def _inputs(self) -> list[Any]:
         """The arguments of the kernel after the number of samples."""
-        return self.arguments_for(self.film, self.seed)
+        return self.arguments_for(self.film)
 
-    def arguments_for(self, film: Film, seed: int) -> list[Any]:
+    def arguments_for(self, film: Film) -> list[Any]:
         """Return the arguments of a kernel after the number of samples, for a film of this picture's size."""
-        return [seed, *self._shared_inputs, film.data, film.aovs.data]
+        return [self.seed, *self._shared_inputs, film.data, film.aovs.data]
 
     @property
     def camera(self) -> Camera:
@@ -242,7 +241,7 @@ class Renderer(Picture):
         spp: int | None = None,
         time: float | None = None,
         noise: float | None = None,
-        adaptive: bool | str | None = None,
+        adaptive: bool | None = None,
         pass_seconds: float | None = None,
     ) -> Iterator[Progress]:
         """Render until `spp` samples, `time` or `noise` is reached, whichever is first.
@@ -257,22 +256,15 @@ class Renderer(Picture):
             time: seconds of rendering; the pass that runs then is finished.
             noise: relative noise of the whole picture, such as 0.01; see `noise`. The number of samples at which
                 rendering ends does not depend on passes, threads or interruptions.
-            adaptive: whether tiles of the picture that are good enough for this noise stop before the others: slightly
-                biased, or "unbiased" for a quarter more work; see docs/noise.md.
+            adaptive: whether tiles of the picture that are good enough for this noise stop before the others, which is
+                slightly biased; see docs/noise.md.
             pass_seconds: approximate duration of a pass after the first, at most 10 s; by default a quarter of the
                 time of all earlier passes, but at least 0.4 s. On CUDA at most 0.4 s, because nothing can interrupt a
                 pass there.
         """
         limits = Limits.of(self, spp, time, noise, adaptive, pass_seconds)
-        if (limits.adaptive == UNBIASED) != (self.pilot is not None):
-            self.estimate_noise(Pilot(self) if self.pilot is None else None)
         self._kernel.expect(limits.least_seconds(self.film))
         return run_passes(self, limits)
-
-    def estimate_noise(self, pilot: Pilot | None) -> None:
-        """Estimate the noise anew, by a pilot or by the picture itself."""
-        self.pilot = pilot
-        self.noise_estimate = NoiseEstimate(self.film) if pilot is None else pilot.estimate
 
     def noise(self) -> float | None:
         """Return the relative noise: the mean standard error of the pixels over their mean radiance, or None.
@@ -290,9 +282,7 @@ class Renderer(Picture):
         started = time.perf_counter()
         try:
             with self.film.leaving_out(self.noise_estimate.stopped_pixels(), target):
-                self.trace_film(self.film, target, self.seed, seconds_left)
-            if self.pilot is not None:
-                self.pilot.trace(self, target)
+                self._launch(target, seconds_left)
         finally:  # an interrupted pass counts, too
             seconds = time.perf_counter() - started
             paths = self.film.tally().samples - before
@@ -300,9 +290,8 @@ class Renderer(Picture):
             self.paths += paths
         return seconds, paths
 
-    def trace_film(self, film: Film, target: int, seed: int, seconds_left: float = 0.0) -> None:
-        """Bring every pixel of a film of this picture's size to `target` samples."""
-        self._kernel.launch([target, *self.arguments_for(film, seed)], seconds_left)
+    def _launch(self, target: int, seconds_left: float) -> None:
+        self._kernel.launch([target, *self._inputs], seconds_left)
 
     @property
     def lanes(self) -> int:
@@ -389,7 +378,7 @@ class Renderer(Picture):
 
     def _clear(self) -> None:
         self.film.clear()
-        self.estimate_noise(None)
+        self.noise_estimate = NoiseEstimate(self.film)
         if self._guides is not None:
             self._guides.clear()
 

@@ -44,7 +44,6 @@ MAX_SPP = 2**30
 
 _MAKES_A_MESH = "wrt.load_mesh makes one of a file or a trimesh object"
 
-UNBIASED = "unbiased"
 """The choice of adaptive sampling besides true and false."""
 
 MOST_JITTERED_RAYS = 16
@@ -150,13 +149,6 @@ def bake_transforms(shapes: list[Shape]) -> list[Shape]:
     return [s if s.transform is None else replace(s, mesh=s.mesh_at(0.0), transform=None) for s in shapes]
 
 
-def adaptive_choice(value: object) -> bool | str:
-    """Return `value` if it is a choice of adaptive sampling, or raise InputError."""
-    if isinstance(value, bool) or value == UNBIASED:
-        return value
-    raise InputError(f'adaptive must be true or false, or "{UNBIASED}", not {value!r}')
-
-
 @dataclass(slots=True)
 class RenderSettings(Description):
     """Render settings of a scene; options given to the renderer override them.
@@ -165,8 +157,8 @@ class RenderSettings(Description):
         width, height: pixels.
         spp: samples per pixel.
         noise: relative noise at which a render ends instead, such as 0.01; see `wrt.Renderer.noise`.
-        adaptive: whether tiles of the picture that are good enough for `noise` stop before the others; true is slightly
-            biased, "unbiased" takes a quarter more work.
+        adaptive: whether tiles of the picture that are good enough for `noise` stop before the others, which is
+            slightly biased.
         max_depth: maximum number of path segments; 1 shows emission only, 2 adds direct light.
         filter: reconstruction filter, one of FILTERS.
         sampler: sampler, one of SAMPLERS.
@@ -195,7 +187,7 @@ class RenderSettings(Description):
     height: int = 576
     spp: int = 64
     noise: float | None = field(default=None, kw_only=True)
-    adaptive: Annotated[bool | str, {"enum": [False, True, UNBIASED]}] = field(default=False, kw_only=True)
+    adaptive: bool = field(default=False, kw_only=True)
     denoise: bool = field(default=False, kw_only=True)
     max_depth: int = 64
     filter: str = "blackman-harris"
@@ -217,8 +209,7 @@ class RenderSettings(Description):
         **dict.fromkeys(("width", "height"), partial(integer, minimum=1, maximum=65536)),
         "spp": partial(integer, minimum=1, maximum=MAX_SPP),
         "noise": optional(partial(number, above=0.0, maximum=1.0)),
-        "adaptive": lambda value, _: adaptive_choice(value),
-        **dict.fromkeys(("denoise", "transparent"), boolean),
+        **dict.fromkeys(("adaptive", "denoise", "transparent"), boolean),
         "max_depth": partial(integer, minimum=1, maximum=65536),
         "max_scatterings": partial(integer, minimum=0, maximum=65535),
         "filter": word_of(FILTERS),

@@ -57,16 +57,15 @@ class NoiseEstimate:
 
     Attributes:
         film: the film.
-        measured: (pixels,) bool, those of its pixels that are rendered; None for all.
         tiles: its tiles.
         spp: the last power of two of samples at which the film was observed, 0 for none.
         stopped: (tiles,) bool, those that take no more samples.
         target: noise for which they have stopped, 0 if none may.
     """
 
-    def __init__(self, film: Film, measured: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, film: Film) -> None:
         """Estimate nothing yet."""
-        self.film, self.measured = film, measured
+        self.film = film
         self.tiles = Tiles(film.width, film.height)
         self._forget()
 
@@ -168,10 +167,7 @@ class NoiseEstimate:
     def samples_of_tiles_that_go_on(self) -> tuple[int, bool]:
         """Return their smallest number of samples, and whether all their pixels have it, as but for interrupts."""
         stopped = self.stopped_pixels()
-        chosen = self.measured
-        if stopped is not None and not stopped.all():
-            chosen = ~stopped if chosen is None else chosen & ~stopped
-        tally = self.film.tally(chosen)
+        tally = self.film.tally(None if stopped is None or stopped.all() else ~stopped)
         return tally.least, tally.least == tally.most
 
     @property
