@@ -5,8 +5,7 @@ import pytest
 from support.small_scenes import finish, image_of
 
 import wrt
-from wrt.rendering.noise.noise_target import NoiseEstimate
-from wrt.rendering.noise.tile_budget import SIDE
+from wrt.rendering.noise import SIDE, NoiseEstimate
 
 TARGET = 0.002
 

@@ -119,22 +119,22 @@ def _refuse(constant: str) -> None:
 def require_same(
     path: PathLike,
     stored: dict[str, Any],
-    wanted: dict[str, Any],
+    expected: dict[str, Any],
     *,
     what: str = "cannot resume, these differ",
     pair: str = "{} there, {} here",
 ) -> None:
-    """Raise InputError that lists all differences between a stored header and the wanted one.
+    """Raise InputError that lists all differences between a stored header and the expected one.
 
     Args:
         path: the file of the stored header.
         stored: the stored header.
-        wanted: the wanted one.
+        expected: the expected one.
         what: the beginning of the message.
-        pair: how the message shows a stored value and the wanted one.
+        pair: how the message shows a stored value and the expected one.
     """
     differences = []
-    for key, value in wanted.items():
+    for key, value in expected.items():
         found = stored.get(key)
         if found == value:
             continue

@@ -217,16 +217,16 @@ class Film:
         if self.device.is_cpu:
             image = self.mean()
             return lambda: image
-        kept = images.pop() if images else backend.empty(self.pixels, "vec3", self.device.name)
-        self._write_mean(kept)
-        self._staging = backend.staging_beside(kept)  # so that the next fetch finds it
+        copy = images.pop() if images else backend.empty(self.pixels, "vec3", self.device.name)
+        self._write_mean(copy)
+        self._staging = backend.staging_beside(copy)  # so that the next fetch finds it
         shape = (self.height, self.width, 3)
 
         def fetch() -> NDArray[np.float32]:
-            mean: NDArray[np.float32] = backend.fetch(kept, beside=True)
+            mean: NDArray[np.float32] = backend.fetch(copy, beside=True)
             return mean.reshape(shape)
 
-        weakref.finalize(fetch, images.append, kept).atexit = False
+        weakref.finalize(fetch, images.append, copy).atexit = False
         return fetch
 
     def on_device(self) -> dict[str, Any]:

@@ -19,9 +19,8 @@ _PREFIX = "layer_"
 
 def bytes_per_pixel(names: tuple[str, ...]) -> int:
     """Return the bytes of layers per pixel."""
-    own = [LAYERS[name] for name in names if name not in NUMBERS]
-    channels = [(8 if layer.averaged else 4) * len(layer.channels) for layer in own]
-    return sum(channels) + 8 if names else 0
+    layers = [LAYERS[name] for name in names if name not in NUMBERS]
+    return sum((8 if layer.averaged else 4) * len(layer.channels) for layer in layers) + 8 if names else 0
 
 
 def material_numbers(materials: Sequence[Material]) -> list[int]:
@@ -119,8 +118,8 @@ class FilmAovs:
         result: dict[str, NDArray[Any]] = {}
         for name in self.names:
             if name in NUMBERS:
-                whole = objects if name == "object" else np.array(numbers)[objects]
-                result[name] = whole.astype(np.uint32).reshape(self.height, self.width)
+                values = objects if name == "object" else np.array(numbers)[objects]
+                result[name] = values.astype(np.uint32).reshape(self.height, self.width)
                 continue
             layer = LAYERS[name]
             first, count = self._first[name], len(layer.channels)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from wrt.errors import InputError
-from wrt.rendering.noise.noise_target import MOST as MOST_FOR_NOISE
-from wrt.rendering.noise.noise_target import NoiseEstimate
+from wrt.rendering.noise import MOST as MOST_FOR_NOISE
+from wrt.rendering.noise import NoiseEstimate
 from wrt.scene.scene import MAX_SPP
 from wrt.values import boolean, integer, number
 

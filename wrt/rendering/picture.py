@@ -84,8 +84,8 @@ class Picture(ABC):
     ) -> Developed | None:
         """Write the picture as `wrt render` does, with its layers, and the settings as metadata.
 
-        A PNG or JPEG is developed with `tone` and `exposure` (see `wrt.develop_image`), by default those of the
-        settings; the result says how.
+        Develops a PNG or JPEG with `tone` and `exposure` (see `wrt.develop_image`), by default those of the
+        settings, and returns how.
 
         Raises:
             InputError: see `wrt.save_image`, also for `force`; and when the file cannot hold the layers.

@@ -68,7 +68,7 @@ class RenderKernel:
     def compile(self, compile: Callable[[Any], None]) -> None:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""
         film = self._device.backend.kernels("wrt.kernels.film.film")
-        # The largest first, then those needed last: building the tree meanwhile compiles from the other end.
+        # The largest first, then from the last on: building the tree compiles its kernels from the first on.
         for kernel in (self.scalar, film.film_noise, *reversed(kernels_of_building(self._device))):
             if kernel is not None:
                 compile(kernel)
@@ -115,10 +115,10 @@ class RenderKernel:
                 if not is_compiled(features, lanes):
                     later.request(features, lanes)
 
-    def share_wide(self, other: RenderKernel) -> None:
-        """Use the wide kernel of `other` if it is for the same features, instead of loading another."""
-        if other._features == self._features:
-            self.wide = other.wide
+    def share_wide(self, source: RenderKernel) -> None:
+        """Use the wide kernel of `source` if it is for the same features, instead of loading another."""
+        if source._features == self._features:
+            self.wide = source.wide
 
     @property
     def lanes(self) -> int:

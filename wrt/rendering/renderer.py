@@ -20,7 +20,7 @@ from wrt.rendering import checkpoint
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
-from wrt.rendering.noise.noise_target import NoiseEstimate
+from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, run_passes
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
@@ -46,7 +46,7 @@ STRATEGIES = ("mis", "light", "bsdf")
 
 
 def changed_settings(settings: RenderSettings, changes: dict[str, Any]) -> RenderSettings:
-    """Return settings with changes, of which None are left out.
+    """Return settings with the changes that are not None.
 
     Raises:
         InputError: on unusable values.
@@ -92,8 +92,8 @@ class Renderer(Picture):
             threads: CPU threads; by default all cores.
             strategy: "mis", or "light" or "bsdf" to sample surface and image lights with only one technique.
             light_choice: how next-event estimation selects a light: "auto", or "power" or "tree" to compare the two.
-            settings: fields of `wrt.RenderSettings`, such as `width`, `max_depth` or `layers`; None and those that are
-                left out are the scene's own.
+            settings: fields of `wrt.RenderSettings`, such as `width`, `max_depth` or `layers`; without a field, or
+                with None, the scene's own value holds.
 
         Raises:
             InputError: on unusable values, an empty scene, or a device that does not exist.
@@ -270,7 +270,7 @@ class Renderer(Picture):
         """Return the relative noise: the mean standard error of the pixels over their mean radiance, or None.
 
         While rendering towards a target of noise it is estimated from how the picture converges, see
-        `wrt.rendering.noise.noise_target`. Otherwise it follows from the variance of the samples and is an upper bound,
+        `wrt.rendering.noise`. Otherwise it follows from the variance of the samples and is an upper bound,
         except with the sampler "independent"; see `variance`. None while pixels have too few samples.
         """
         estimated = self.noise_estimate.noise_now()

@@ -30,7 +30,7 @@ WORTH_SECONDS = 0.3
 """Compile nothing for the next render if fewer than this many seconds remain of this one: it has nothing to gain."""
 
 COMPILING_SECONDS = 8.0
-"""What the compiler takes of one core, roughly (6 to 20 s): see `compiling_pays`."""
+"""Seconds of one core that the compiler takes, roughly (6 to 20): see `compiling_pays`."""
 
 SPEEDUP, SPEEDUP_OF_OWN = 2.0, 4.0 / 3.0
 """How much faster the kernel is than the scalar one, and than a general wide kernel."""
@@ -71,8 +71,8 @@ class WideKernel:
     def prepare(self, seconds_left: float, speedup: float = SPEEDUP) -> None:
         """Load the kernel if enough seconds remain to render; if it is not compiled, have it compiled.
 
-        Where that pays, it is compiled for this render, else for the next one. While another thread does so, this one
-        goes on without.
+        It is compiled for this render if that pays, otherwise for the next one. While another thread loads a wide
+        kernel this does nothing.
 
         Args:
             seconds_left: seconds that the render still takes without this kernel.
@@ -105,7 +105,7 @@ class WideKernel:
                 self._request = later.request(self._features, self._lanes)
 
     def expect(self, seconds: float) -> None:
-        """Load the kernel if it is compiled, and at least so many seconds are to be rendered."""
+        """Load the kernel if it is compiled and the render, of at least `seconds`, is long enough."""
         if seconds > LOADING_SECONDS:
             with _LOADING:
                 if self.kernel is None and self._is_usable() and self._is_compiled():
@@ -158,16 +158,12 @@ class WideKernel:
 
     def _compile(self) -> None:
         """Start compiling the kernel in another process."""
+        null = subprocess.DEVNULL
         try:
-            given = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
-        except OSError:  # no folder has room
-            self._possible = False
-            return
-        nothing = subprocess.DEVNULL
-        try:
-            command = compiler.command(compiler.__name__, *given)
-            self._compiler = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
-        except OSError:
+            arguments = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
+            command = compiler.command(compiler.__name__, *arguments)
+            self._compiler = subprocess.Popen(command, stdin=null, stdout=null, stderr=null)
+        except OSError:  # no folder has room, or there is no Python
             self._possible = False
             return
         self._compiling_since = time.perf_counter()
@@ -216,10 +212,6 @@ def compiling_pays(seconds_left: float, threads: int, speedup: float) -> bool:
 
 def largest_array(record: Struct) -> int:
     """Return the bytes of the largest array in a record, except for the ray tree, which has 64-bit offsets."""
-    most = 0
-    for name, value in record.fields().items():
-        if isinstance(value, Array):
-            most = max(most, value.rows.nbytes)
-        elif isinstance(value, Struct) and name != "bvh":
-            most = max(most, largest_array(value))
-    return most
+    fields = [value for name, value in record.fields().items() if name != "bvh"]
+    arrays = [value.rows.nbytes for value in fields if isinstance(value, Array)]
+    return max([0, *arrays, *(largest_array(value) for value in fields if isinstance(value, Struct))])
