@@ -11,8 +11,8 @@ later one, so that
 The rate a follows from the differences at n and n / 2, and it falls as n grows. It is 1/2 for independent samples, and
 up to about 3/4 for low-discrepancy ones.
 
-The error of a picture is the sum of the errors of its tiles, and each of them falls as n^−a. The fewest samples in all for
-a given error follow from Lagrange's condition that the last sample of each pixel removes as much error anywhere:
+The error of a picture is the sum of the errors of its tiles, and each of them falls as n^−a. The fewest samples in all
+for a given error follow from Lagrange's condition that the last sample of each pixel removes as much error anywhere:
 
     n_i = n (κ ε_i)^(1 / (1 + a)),
 

@@ -140,17 +140,17 @@ class Renderer(Picture):
         Raises:
             InputError: on unusable settings, or when memory does not suffice for the film.
         """
-        other = Renderer.__new__(Renderer)
+        renderer = Renderer.__new__(Renderer)
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
-            setattr(other, name, getattr(self, name))
-        other._use(self.scene, dataclasses.replace(self.settings, **settings))
-        other._start_film()
-        other._guides = None
+            setattr(renderer, name, getattr(self, name))
+        renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
+        renderer._start_film()
+        renderer._guides = None
         with self.device.compiling() as compile:
-            other._choose_kernel(self._built.features, compile, self._built.read)
-        other._start_kernel()
-        other._kernel.share_wide(self._kernel)
-        return other
+            renderer._choose_kernel(self._built.features, compile, self._built.read)
+        renderer._start_kernel()
+        renderer._kernel.share_wide(self._kernel)
+        return renderer
 
     def _use(self, scene: Scene, settings: RenderSettings) -> None:
         self.settings = settings
