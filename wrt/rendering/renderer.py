@@ -410,7 +410,10 @@ class Renderer(Picture):
             InputError: when it cannot be written or would replace another file, or when vertices were updated, which
                 a checkpoint does not store.
         """
-        checkpoint.save(self, path)
+        if self.has_updated_vertices:
+            raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")
+        arrays = {**self.film.state(), **self.noise_estimate.state()}
+        checkpoint.write_checkpoint(path, checkpoint.identity_of(self), arrays)
 
     def load_checkpoint(self, path: PathLike) -> None:
         """Continue from a checkpoint of the same scene, size, seed and settings.
@@ -418,7 +421,16 @@ class Renderer(Picture):
         Raises:
             InputError: listing the differences.
         """
-        checkpoint.restore(self, path, *checkpoint.read_checkpoint(path))
+        self._restore(path, *checkpoint.read_checkpoint(path))
+
+    def _restore(self, path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        checkpoint.require_same(path, header, checkpoint.identity_of(self))
+        try:
+            self.film.check(arrays, len(self.scene.shapes))
+            self.noise_estimate.restore(arrays)
+        except InputError as error:
+            raise InputError(f"{path}: damaged, {error}") from None
+        self.film.restore(arrays)
 
     @classmethod
     def resume(cls, path: PathLike, scene: Scene, *, device: str = "cpu", threads: int | None = None) -> Self:
@@ -434,7 +446,7 @@ class Renderer(Picture):
             renderer = cls(scene, device=device, threads=threads, **options)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        checkpoint.restore(renderer, path, header, arrays)
+        renderer._restore(path, header, arrays)
         return renderer
 
     def __reduce_ex__(self, protocol: Any) -> Any:
