@@ -291,7 +291,7 @@ def test_workers_die_come_late_and_stop(monkeypatch, after_window):
     expected = film_of(wrt.Renderer(block_scene(), **size), 96)
     how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}
     with (
-        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs stays to the end
+        dask.config.set({"distributed.scheduler.worker-ttl": "3 s"}),  # then a worker that hangs counts as dead
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, **how) as cluster,
         distributed.Client(cluster) as client,
     ):
@@ -301,7 +301,6 @@ def test_workers_die_come_late_and_stop(monkeypatch, after_window):
         after_window(lambda number: events.pop(number, lambda: None)())
         monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.05)  # many windows
         monkeypatch.setattr("wrt.distributed.dask_cluster.ANSWER_SECONDS", 1.0)
-        monkeypatch.setattr("wrt.distributed.crew.LATE_SECONDS", 1.0)
         try:
             found = film_of(spread(client, **size), 96, pass_seconds=1.0)
         finally:

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 import warnings
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from numpy.typing import NDArray
-
 from wrt._version import __version__
 from wrt.distributed.cluster import DIED, Cluster, NoAnswer
-from wrt.distributed.worker import Job, pack, prepare, render_window
+from wrt.distributed.worker import Job, pack, prepare
 from wrt.errors import InputError, InputWarning
-from wrt.rendering.windows import pixels_of
 from wrt.scene.scene import Scene
-from wrt.upload.camera import CropWindow
 
 AHEAD = 2
 """Windows that a worker has at a time: the one that it renders, and the next."""
@@ -29,30 +23,8 @@ COUNT_SECONDS, COUNT_AGAIN_SECONDS = 1.0, 0.2
 SILENT_SECONDS = 60.0
 """Time without work for a worker that has not sent a result."""
 
-LATE_FACTOR, LATE_SECONDS = 4.0, 3.0
-"""A window is late after this many times the median time of its number of paths, and this many seconds."""
-
 MOST_DEATHS = 3
 """Workers that may die while they render the same window, and for each worker while they build the scene."""
-
-
-@dataclass(eq=False)
-class Attempt:
-    """A call that renders a window on a worker.
-
-    Attributes:
-        member: the worker.
-        future: the call.
-        since: when it was submitted.
-        paths: an upper bound on the camera paths in the window.
-        is_obsolete: whether another worker has already rendered the window.
-    """
-
-    member: Member
-    future: Any
-    since: float
-    paths: int
-    is_obsolete: bool = False
 
 
 @dataclass(eq=False)
@@ -63,16 +35,14 @@ class Member:
         address: its address.
         digest: the digest of the scene that it has built.
         preparing: the call that builds a scene.
-        attempts: the windows that it has, starting with the one that it renders.
-        answered: when it last sent a result.
+        calls: the calls that render its windows, in their order.
         silent_until: when it gets work again after a result has not come.
     """
 
     address: str
     digest: str = ""
     preparing: Any = None
-    attempts: list[Attempt] = field(default_factory=list)
-    answered: float = 0.0
+    calls: list[Any] = field(default_factory=list)
     silent_until: float = 0.0
 
 
@@ -95,7 +65,6 @@ class Crew:
         self._cluster, self._scene, self._ended = cluster, scene, ended
         self._packed: list[Any] | None = None
         self._counted, self._calls, self._deaths = 0.0, 0, 0
-        self._seconds_of_path = deque[float](maxlen=32)  # in the latest windows
 
     def update(self, job: Job) -> None:
         """Count the workers, and give them the scene.
@@ -107,9 +76,6 @@ class Crew:
         if time.monotonic() - self._counted > (COUNT_SECONDS if self.members else COUNT_AGAIN_SECONDS):
             self._count()
         for member in list(self.members.values()):
-            for each in [each for each in member.attempts if each.is_obsolete and each.future.done()]:
-                member.attempts.remove(each)
-                member.answered = time.monotonic()
             if member.digest != job.digest:
                 self._prepare(member, job)
 
@@ -127,15 +93,14 @@ class Crew:
         """Ask a worker whether it has built the scene, handle the reply, and send the scene if it has not."""
         if member.preparing is None:
             if member.silent_until <= time.monotonic():
-                member.preparing = self._call(member, "hello", prepare, job, None)
+                member.preparing = self.call(member, "hello", prepare, job, None)
             return
         if not member.preparing.done():
             return
         future, member.preparing = member.preparing, None
         try:
-            kind, digest = self._cluster.result(future)
+            kind, digest = self.result(member, future)
         except NoAnswer:
-            self.has_not_answered(member)
             return
         except (ImportError, AttributeError) as error:
             self._refuse(member, f"it has another wrt, or none: {error}")
@@ -153,7 +118,7 @@ class Crew:
             return
         if self._packed is None:
             self._packed = pack(self._scene)
-        member.preparing = self._call(member, "scene", prepare, job, self._packed)
+        member.preparing = self.call(member, "scene", prepare, job, self._packed)
 
     def _refuse(self, member: Member, reason: str) -> None:
         warnings.warn(f"worker {member.address} renders nothing, {reason}", InputWarning, stacklevel=2)
@@ -162,63 +127,29 @@ class Crew:
         if not self.members:
             raise InputError(f"no worker can render this picture: {member.address}, {reason}")
 
-    def _call(self, member: Member, name: str, function: Any, job: Job, *arguments: Any) -> Any:
-        """Call a function on a worker, with a job for its device."""
+    def call(self, member: Member, name: str, function: Any, job: Job, *arguments: Any) -> Any:
+        """Call a function on a worker, with a job for its device; `name` shows what it does."""
         self._calls += 1
         key = f"wrt-{job.digest[:8]}-{name}-{self._calls}"
         if device := self._cluster.devices.get(member.address):
             job = replace(job, options={**job.options, "device": device})
         return self._cluster.submit(member.address, self._ended, key, function, job, *arguments)
 
-    def render(
-        self,
-        member: Member,
-        job: Job,
-        window: CropWindow,
-        state: dict[str, NDArray[Any]] | None,
-        spp: int,
-        seconds_left: float,
-        *,
-        samples: int,
-    ) -> Attempt:
-        """Give a worker a window, see `render_window`; `samples` are the most that one of its pixels still needs."""
-        name = f"{','.join(map(str, window))}-to-{spp}"
-        future = self._call(member, name, render_window, job, window, state, spp, seconds_left)
-        paths = pixels_of((window,)) * samples
-        member.attempts.append(Attempt(member, future, time.monotonic(), paths))
-        return member.attempts[-1]
+    def result(self, member: Member, future: Any) -> Any:
+        """Return the result of a call that is done, or raise its exception; NoAnswer if the worker does not send it."""
+        try:
+            found = self._cluster.result(future)
+        except NoAnswer:
+            member.silent_until = time.monotonic() + SILENT_SECONDS
+            raise
+        member.silent_until = 0.0
+        return found
 
     def free(self, job: Job) -> list[Member]:
         """Return the workers that can take a window, those with the fewest first."""
-        now = time.monotonic()
         usable = [
             member
             for member in self.members.values()
-            if member.digest == job.digest
-            and len(member.attempts) < AHEAD
-            and member.silent_until <= now
-            and not self.is_late(member)
+            if member.digest == job.digest and len(member.calls) < AHEAD and member.silent_until <= time.monotonic()
         ]
-        return sorted(usable, key=lambda member: len(member.attempts))
-
-    def seconds_of_path(self) -> float:
-        """Return the median time of a camera path in the latest windows; 0 while it is unknown."""
-        return statistics.median(self._seconds_of_path or [0.0])
-
-    def is_late(self, member: Member) -> bool:
-        """Return whether a worker may hang, as it takes too long for a window."""
-        if not member.attempts or not (seconds := self.seconds_of_path()):
-            return False
-        limit = max(LATE_FACTOR * member.attempts[0].paths * seconds, LATE_SECONDS)
-        return time.monotonic() - max(member.attempts[0].since, member.answered) > limit
-
-    def answered(self, done: Attempt, *, has_rendered: bool) -> None:
-        """Note that a worker has sent a reply, with a rendered window or without."""
-        member, now = done.member, time.monotonic()
-        if has_rendered:
-            self._seconds_of_path.append((now - max(done.since, member.answered)) / done.paths)
-        member.answered, member.silent_until = now, 0.0
-
-    def has_not_answered(self, member: Member) -> None:
-        """Note that a worker does not send what it has rendered."""
-        member.silent_until = time.monotonic() + SILENT_SECONDS
+        return sorted(usable, key=lambda member: len(member.calls))

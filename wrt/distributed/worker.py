@@ -8,7 +8,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,14 @@ class Job:
     digest: str
     options: dict[str, Any]
     camera: Camera
+
+
+class Rendered(NamedTuple):
+    """The arrays of a film for the pixels of a window, the rays that were traced for them, and the seconds it took."""
+
+    arrays: dict[str, NDArray[Any]]
+    rays: int
+    seconds: float
 
 
 def pack(value: object) -> list[Any]:
@@ -78,7 +86,7 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> tuple[dict[str, str], str
 
 def render_window(
     job: Job, window: CropWindow, state: dict[str, NDArray[Any]] | None, spp: int, seconds_left: float
-) -> tuple[dict[str, NDArray[Any]], int] | None:
+) -> Rendered | None:
     """Bring the pixels of a window to `spp` samples each; called on a worker, which renders one window at a time.
 
     Args:
@@ -89,8 +97,7 @@ def render_window(
         seconds_left: estimated time until the picture is finished, which decides whether the wide kernel pays.
 
     Returns:
-        The arrays of a film for the pixels of the window, and the rays that were traced; None if the worker has not
-        built the scene.
+        The window, or None if the worker has not built the scene.
     """
     with _rendering:
         built = _renderers.get(job.digest)
@@ -103,7 +110,7 @@ def render_window(
         if state is not None:
             renderer.film.restore(state)
         renderer._trace(spp, seconds_left)
-        return renderer.film.arrays(), renderer.rays
+        return Rendered(renderer.film.arrays(), renderer.rays, renderer.seconds_render)
 
 
 def _build(job: Job, scene: Scene) -> None:
