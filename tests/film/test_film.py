@@ -9,7 +9,7 @@ from support.statistics import sidak, t_test_mean
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.render import TILE_HEIGHT, TILE_WIDTH, pixel_of_thread
-from wrt.rendering.film import STATE_ARRAYS, Film
+from wrt.rendering.film import Film
 
 EMISSION = (0.1, 1.0 / 3.0, 12345.678)
 ALPHA = 0.01
@@ -101,15 +101,6 @@ def test_films_without_light_or_samples_state_no_noise(device):
     assert (image_of(renderer, 4) == 0.0).all()
     assert (renderer.variance() == 0.0).all()
     assert renderer.film.noise() is None
-
-
-def test_a_state_is_a_copy_and_restores_the_film(device):
-    renderer = finish(wrt.Renderer(mottled(), width=6, height=5, device=device), 5)
-    image, state = renderer.image(), renderer.film.state()
-    assert set(state) == set(STATE_ARRAYS)
-    finish(renderer, 9)
-    renderer.film.restore(state)
-    np.testing.assert_array_equal(renderer.image(), image)
 
 
 def test_samples_that_overflow_are_counted_and_black(device):

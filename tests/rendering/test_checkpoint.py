@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from support.small_scenes import assert_same_arrays, block_scene, finish, image_of
+from support.small_scenes import assert_same_arrays, block_scene, finish
 
 import wrt
 from wrt.rendering.checkpoint import FORMAT, identity_of, read_checkpoint, write_checkpoint
@@ -57,17 +57,6 @@ def test_round_trip(path):
     assert_same_arrays(arrays, ARRAYS)
     assert [array.dtype for array in arrays.values()] == [array.dtype for array in ARRAYS.values()]
     assert os.listdir(path.parent) == ["film"]  # the name is taken as it is, and nothing is left beside it
-
-
-def test_a_film_goes_on_where_it_was(path, device):
-    renderer = finish(renderer_of(device=device, seed=5, filter="tent"), 3)
-    renderer.save_checkpoint(path)
-    resumed = wrt.Renderer.resume(path, block_scene(), device=device)
-    assert (resumed.spp, resumed.width, resumed.height, resumed.seed) == (3, 6, 4, 5)
-    assert resumed.settings.filter == "tent"
-    np.testing.assert_array_equal(resumed.image(), renderer.image())
-    np.testing.assert_array_equal(resumed.variance(), renderer.variance())
-    np.testing.assert_array_equal(image_of(resumed, 7), image_of(renderer, 7))
 
 
 @pytest.mark.parametrize("failure", [OSError(28, "No space left"), MemoryError(), KeyboardInterrupt()], ids=repr)
