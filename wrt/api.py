@@ -152,7 +152,7 @@ def is_builtin(source: Any) -> bool:
 
 
 _Reading = Mapping[str, Any]
-"""The options of `load` that apply to one kind of source each; None for those that are not given."""
+"""The options of `load` that apply to one kind of source each; None where an option is not given."""
 
 _ONLY_FOR = {
     "triangles": "a number of triangles is for scenes with a procedural mesh",

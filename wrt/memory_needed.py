@@ -72,9 +72,9 @@ def device_memory(
         InputError: see `wrt.load` and `wrt.Renderer`.
     """
     scene = load(source)
-    given = {"width": width, "height": height, "layers": layers, "denoise": denoise}
-    changed = {name: value for name, value in given.items() if value is not None}
-    settings = dataclasses.replace(scene.settings, **changed)  # type: ignore[arg-type]
+    options = {"width": width, "height": height, "layers": layers, "denoise": denoise}
+    changes = {name: value for name, value in options.items() if value is not None}
+    settings = dataclasses.replace(scene.settings, **changes)  # type: ignore[arg-type]
     scene = with_camera(scene, settings.width / settings.height)
     coordinates = "uv" in settings.layers
     scene_memory = memory_of(describe_scene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
@@ -99,7 +99,7 @@ def device_memory(
 
 
 def memory_text(memory: DeviceMemory, width: int, height: int) -> str:
-    """Return lines that tell what a picture of width x height pixels takes on a GPU, and which GPU here has that."""
+    """Return lines about what a picture of width x height pixels takes on a GPU, and which GPU here has that."""
     parts = [(name, _size(getattr(memory, name))) for name in _PARTS if getattr(memory, name)]
     peak = f"{_size(memory.peak)} while the ray tree is built"
     if memory.peak_if_cut > memory.peak:

@@ -104,7 +104,7 @@ def test_films_without_light_or_samples_state_no_noise(device):
 
 
 def test_samples_that_overflow_are_counted_and_black(device):
-    """The radiance of a sun over the probability of choosing it overflows float32; that of the sky does not."""
+    """The radiance of a sun over the probability of choosing it overflows float32; the radiance of the sky does not."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 3.0, 3.0), (0.0, 0.0, 0.0)))
     scene.add(wrt.quad((0, 0, 99), (99, 0, 0), (0, 0, -198)), material=wrt.Diffuse(1.0))
     scene.environment = wrt.ImageEnvironment(np.full((1, 1, 3), 0.5))

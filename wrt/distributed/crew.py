@@ -35,7 +35,7 @@ class Member:
         address: its address.
         digest: the digest of the scene that it has built.
         preparing: the call that builds a scene.
-        calls: the calls that render its windows, in their order.
+        calls: the calls that render its windows, the running one first.
         silent_until: when it gets work again after a result has not come.
     """
 
@@ -107,9 +107,12 @@ class Crew:
             return
         except TypeError as error:
             raise InputError(f"the workers cannot render this scene: {error}") from error
-        pairs = {name: (kind.get(name), value) for name, value in self.kind.items() if kind.get(name) != value}
-        if pairs:
-            differences = [f"{name} ({there} there, {here} here)" for name, (there, here) in pairs.items()]
+        differences = [
+            f"{name} ({kind.get(name)} there, {value} here)"
+            for name, value in self.kind.items()
+            if kind.get(name) != value
+        ]
+        if differences:
             self._refuse(member, f"these differ: {', '.join(differences)}")
             return
         self.kind = kind

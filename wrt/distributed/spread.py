@@ -146,13 +146,13 @@ class Spread:
         )
         coming = map(_Window, windows)
         running: list[_Window] = []
-        again: list[_Window] = []
+        unfinished: list[_Window] = []
         remaining = pixels_of((a_pass.crop,))
         try:
             while remaining:
                 self.crew.update(a_pass.job)
                 while free := self.crew.free(a_pass.job):
-                    each = again.pop() if again else next(coming, None)
+                    each = unfinished.pop() if unfinished else next(coming, None)
                     if each is None:
                         break
                     self._give(a_pass, each, free[0])
@@ -164,7 +164,7 @@ class Spread:
                         running.remove(each)
                         rendered = self._rendered(each, is_lost=is_lost)
                         if rendered is None:
-                            again.append(each)
+                            unfinished.append(each)
                             continue
                         a_pass.keep(each.window, rendered)
                         remaining -= pixels_of((each.window,))

@@ -51,11 +51,13 @@ class Rendered(NamedTuple):
 
 def pack(value: object) -> list[Any]:
     """Return a value as bytes and arrays of bytes, which a scheduler passes on without copying or reading them."""
-    pickler: Any = pickle
+    dumps: Any = pickle.dumps
     if "distributed" in sys.modules:  # its pickles have the classes of the main program
-        from distributed.protocol import pickle as pickler
+        from distributed.protocol import pickle as of_dask
+
+        dumps = of_dask.dumps
     buffers: list[pickle.PickleBuffer] = []
-    head = pickler.dumps(value, protocol=5, buffer_callback=buffers.append)
+    head = dumps(value, protocol=5, buffer_callback=buffers.append)
     return [head, *(np.frombuffer(buffer.raw(), np.uint8) for buffer in buffers)]
 
 

@@ -29,23 +29,31 @@ NOISE_PIXELS = 1 << 14
 
 
 class Tally:
-    """Counts in some of a film's pixels, each taken when it is read.
-
-    Attributes:
-        samples: all samples.
-        rays: the rays that were traced for them.
-        least: the fewest samples in one pixel.
-        most: the most in one pixel.
-    """
-
-    samples = property(lambda self: int(self._samples.sum(dtype=np.int64)))
-    rays = property(lambda self: int(self._rays.sum()))
-    least = property(lambda self: int(self._least.min()))
-    most = property(lambda self: int(self._most.max()))
+    """Counts in some of a film's pixels, each taken when it is read."""
 
     def __init__(self, samples: NDArray[Any], rays: NDArray[Any], least: NDArray[Any], most: NDArray[Any]) -> None:
         """Keep the counts of pixels, or of groups of pixels."""
         self._samples, self._rays, self._least, self._most = samples, rays, least, most
+
+    @property
+    def samples(self) -> int:
+        """All samples."""
+        return int(self._samples.sum(dtype=np.int64))
+
+    @property
+    def rays(self) -> int:
+        """The rays that were traced for them."""
+        return int(self._rays.sum())
+
+    @property
+    def least(self) -> int:
+        """The fewest samples in one pixel."""
+        return int(self._least.min())
+
+    @property
+    def most(self) -> int:
+        """The most samples in one pixel."""
+        return int(self._most.max())
 
 
 class Film:
