@@ -111,8 +111,7 @@ def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any)
     """
     width, height = settings.get("width"), settings.get("height")
     scene = load(source, aspect=width / height if width and height else None, **options)
-    changes = {name: value for name, value in settings.items() if value is not None}
-    scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, **changes))
+    scene = dataclasses.replace(scene, settings=scene.settings.changed(**settings))
     if scene.settings.denoise:
         from wrt.develop.denoise import require_denoiser
 

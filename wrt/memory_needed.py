@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -72,9 +71,7 @@ def device_memory(
         InputError: see `wrt.load` and `wrt.Renderer`.
     """
     scene = load(source)
-    options = {"width": width, "height": height, "layers": layers, "denoise": denoise}
-    changes = {name: value for name, value in options.items() if value is not None}
-    settings = dataclasses.replace(scene.settings, **changes)  # type: ignore[arg-type]
+    settings = scene.settings.changed(width=width, height=height, layers=layers, denoise=denoise)
     scene = with_camera(scene, settings.width / settings.height)
     coordinates = "uv" in settings.layers
     scene_memory = memory_of(describe_scene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wrt import _notebook
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
-from wrt.errors import InputError, did_you_mean, warn
+from wrt.errors import InputError, warn
 from wrt.io.safe_read import PathLike
 from wrt.rendering import checkpoint
 from wrt.rendering.film import Film
@@ -43,20 +43,6 @@ if TYPE_CHECKING:
 
 STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
-
-
-def changed_settings(settings: RenderSettings, changes: dict[str, Any]) -> RenderSettings:
-    """Return settings with the changes that are not None.
-
-    Raises:
-        InputError: on unusable values.
-        TypeError: on a setting that does not exist.
-    """
-    names = [field.name for field in dataclasses.fields(RenderSettings)]
-    for name in changes:
-        if name not in names:
-            raise TypeError(f"there is no render setting {name!r}{did_you_mean(name, names)}")
-    return dataclasses.replace(settings, **{name: value for name, value in changes.items() if value is not None})
 
 
 class Renderer(Picture):
@@ -100,7 +86,7 @@ class Renderer(Picture):
             TypeError: on a setting that does not exist.
         """
         require_scene(scene, "a renderer")
-        self._use(scene, changed_settings(scene.settings, settings))
+        self._use(scene, scene.settings.changed(**settings))
         self.seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
         self.strategy = one_of(strategy, STRATEGIES, "strategy")
         self.light_choice = one_of(light_choice, LIGHT_CHOICES, "light_choice")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Annotated, Any, ClassVar
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt import _notebook
 from wrt.develop.settings import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.deformation import Deformation
@@ -228,6 +228,19 @@ class RenderSettings(Description):
         Description.__post_init__(self)  # super() knows the class without slots only
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
+
+    def changed(self, **changes: Any) -> RenderSettings:
+        """Return the settings with the changes that are not None.
+
+        Raises:
+            InputError: on unusable values.
+            TypeError: on a setting that does not exist.
+        """
+        names = [each.name for each in fields(self)]
+        for name in changes:
+            if name not in names:
+                raise TypeError(f"there is no render setting {name!r}{did_you_mean(name, names)}")
+        return replace(self, **{name: value for name, value in changes.items() if value is not None})
 
     @property
     def film_layers(self) -> tuple[str, ...]:
