@@ -298,6 +298,7 @@ def render(
     device: str = "cpu",
     seed: int = 0,
     threads: int | None = None,
+    client: Any = None,
     progress: bool | None = None,
     **options: Any,
 ) -> NDArray[np.float32]:
@@ -314,6 +315,7 @@ def render(
         device: "cpu", "cuda" or "cuda:N".
         seed: 0 to 2³² − 1; different seeds give statistically independent pictures.
         threads: CPU threads; by default all cores.
+        client: renders on the workers of a cluster, see `wrt.distributed.DistributedRenderer`.
         progress: whether to show progress; by default a bar in terminals and notebooks, and nothing elsewhere.
         options: fields of `wrt.RenderSettings`, which override the scene's own, such as width, height, crop, sampler,
             integrator, max_depth and denoise; and options of `load`, such as up, view, frame, material, environment,
@@ -324,17 +326,22 @@ def render(
     """
     from wrt.progress.bar import ProgressBar
     from wrt.progress.terminal import bar_stream
-    from wrt.rendering.passes import LONGEST_PASS
     from wrt.rendering.renderer import Renderer
 
     settings, loading = split_settings(options)
     scene = load_with_settings(source, settings, **loading)
-    renderer = Renderer(scene, device=device, seed=seed, threads=threads)
+    where: dict[str, Any] = {"device": device, "seed": seed, "threads": threads}
+    if client is None:
+        renderer = Renderer(scene, **where)
+    else:
+        from wrt.distributed.head import DistributedRenderer
+
+        renderer = DistributedRenderer(scene, client=client, **where)
     is_watched = bar_stream() is not None if progress is None else progress
     limits: dict[str, Any] = {"spp": spp, "time": time, "noise": noise, "adaptive": adaptive}
     name = Path(source).stem if isinstance(source, (str, os.PathLike)) else "picture"
     with ProgressBar(name, time_limit=time, is_shown=is_watched) as bar:
-        for done in renderer.passes(**limits, pass_seconds=None if is_watched else LONGEST_PASS):
+        for done in renderer.passes(**limits, pass_seconds=None if is_watched else renderer.longest_pass):
             bar.update(done)
     return finished_image(renderer)
 

@@ -109,7 +109,7 @@ def test_a_target_of_noise(client, tmp_path):
     """The samples at which it ends, and the tiles that stop before, follow from the film."""
     limits = {"noise": 0.08, "adaptive": True}
     single = finish(wrt.Renderer(block_scene(), **SIZE), **limits)
-    picture = wrt.distributed.render(block_scene(), client=client, **SIZE, **limits)
+    picture = wrt.render(block_scene(), client=client, **SIZE, **limits)
     np.testing.assert_array_equal(picture, single.image())
     # Also after a render that was ended on a cluster goes on there.
     renderer = spread(client)
@@ -224,7 +224,7 @@ def lost_scheduler(monkeypatch, after_window):
 
 def test_a_lost_scheduler_leaves_the_film(lost_scheduler, one, tmp_path):
     with pytest.raises(wrt.distributed.ClusterError, match="the connection to the scheduler of Dask is lost") as caught:
-        wrt.distributed.render(block_scene(), client=lost_scheduler, spp=64, **SIZE)
+        wrt.render(block_scene(), client=lost_scheduler, spp=64, **SIZE)
     renderer = caught.value.renderer
     assert 0 < renderer.film.counts.max() < 64
     renderer.save_checkpoint(tmp_path / "a.ckpt")

@@ -129,26 +129,3 @@ class _Remote:
 
     def wait(self) -> None:
         """Do nothing."""
-
-
-def render(source: Any, *, client: Any, **options: Any) -> NDArray[np.float32]:
-    """Render `source` on the workers of a Dask cluster; return what `wrt.render` does, with the same bits.
-
-    Args:
-        source: as for `wrt.load`.
-        client: as for `DistributedRenderer`.
-        options: the limits of `wrt.Renderer.passes`, such as spp; and options of `DistributedRenderer`.
-
-    Raises:
-        InputError: if an argument cannot be used, or no worker can render the scene.
-        ClusterError: if the scheduler or the workers are lost; its `renderer` has the picture so far.
-    """
-    from wrt.api import finished_image, load
-
-    limits = {name: options.pop(name) for name in ("spp", "time", "noise", "adaptive") if name in options}
-    width, height = options.get("width"), options.get("height")
-    scene = load(source, aspect=width / height if width and height else None)
-    renderer = DistributedRenderer(scene, client=client, **options)
-    for _ in renderer.passes(**limits, pass_seconds=renderer.longest_pass):
-        pass
-    return finished_image(renderer)
