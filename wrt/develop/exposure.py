@@ -17,8 +17,7 @@ BRIGHT, BRIGHT_PERCENTILE = 0.7, 90.0
 LEAST_MEAN = 0.05
 """Lower bound on the geometric mean of a picture, for rooms whose windows fill more than a tenth of it."""
 
-_BLOCK = 4
-"""Side of the blocks of pixels that are averaged first, so that noise and fireflies count little."""
+_BLOCK = 4  # side of the blocks of pixels that are averaged first, so that noise and fireflies count little
 
 _BACKGROUND, _SUBJECT_PERCENTILE = 1e-4, 97.0
 """Blocks darker than the first, relative to this percentile, are background. Lamps usually exceed the percentile."""
@@ -28,12 +27,8 @@ _TOO_BRIGHT = 0.15, 0.35
 background, and automatically above the second share; in between the two are blended. Lamps and windows alone change
 nothing."""
 
-_TOO_DARK = 1.5, 2.5
-"""The same limits for dark pictures, in stops of automatic exposure."""
-
-_WHITE_STOPS = 0.5
-"""A block counts as white at this many stops above 1, and partly between 1 and there."""
-
+_TOO_DARK = 1.5, 2.5  # the same limits for dark pictures, in stops of automatic exposure
+_WHITE_STOPS = 0.5  # a block counts as white at this many stops above 1, and partly between 1 and there
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 

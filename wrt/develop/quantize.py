@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from wrt.backend.slices import Threads, available_threads
 
-ROWS_AT_ONCE = 16
-"""Rows that are converted in one step: few enough to stay in a core's cache."""
+ROWS_AT_ONCE = 16  # rows that are converted in one step: few enough to stay in a core's cache
 
 
 def quantize(

@@ -7,23 +7,19 @@ from typing import TypeAlias
 from wrt.errors import InputError, did_you_mean
 from wrt.values import number
 
-Exposure: TypeAlias = float | str | None
-"""Stops, "auto", or None for the default; see `wrt.develop.exposure.stops`."""
+Exposure: TypeAlias = float | str | None  # stops, "auto", or None for the default; see `wrt.develop.exposure.stops`
 
 DEVELOPED_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Lower-case suffixes of pictures that are developed; other formats keep the radiance."""
 
 AUTO = "auto"
 
-LIMIT = 100.0
-"""Most stops, up or down."""
+LIMIT = 100.0  # most stops, up or down
 
 EXPOSURE_SCHEMA = {"anyOf": [{"type": "number", "minimum": -LIMIT, "maximum": LIMIT}, {"const": AUTO}]}
 """The JSON schema of an exposure in a scene file."""
 
-TONES = ("soft", "none", "neutral", "agx", "aces")
-"""Names of tone curves; `wrt.develop.tones` has the curves."""
-
+TONES = ("soft", "none", "neutral", "agx", "aces")  # names of tone curves; `wrt.develop.tones` has the curves
 DEFAULT_TONE = "soft"
 
 OCIO = "ocio"

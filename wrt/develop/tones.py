@@ -26,17 +26,10 @@ from numpy.typing import NDArray
 
 from wrt.linalg import product
 
-Colors: TypeAlias = NDArray[Any]
-"""(..., 3) float64."""
-
-DESATURATION = 0.15
-"""How fast compressed colors go to white."""
-
-LOWEST_START = 0.8
-"""Colors up to this are exact in every picture. Khronos chose the same value for PBR Neutral."""
-
-FULL_PEAK = 2.0
-"""Peak of a picture from which on soft compression starts at LOWEST_START."""
+Colors: TypeAlias = NDArray[Any]  # (..., 3) float64
+DESATURATION = 0.15  # how fast compressed colors go to white
+LOWEST_START = 0.8  # colors up to this are exact in every picture. Khronos chose the same value for PBR Neutral
+FULL_PEAK = 2.0  # peak of a picture from which on soft compression starts at LOWEST_START
 
 FRESNEL = 0.04
 """Reflectance of a dielectric at normal incidence, which makes photographs of matte things paler than the things."""
@@ -101,9 +94,7 @@ _OUTSET = np.array(
     ]
 )
 
-_STOPS_BELOW, _STOPS_ABOVE = 10.0, 6.5
-"""Stops from middle grey to the black and to the white of the curve."""
-
+_STOPS_BELOW, _STOPS_ABOVE = 10.0, 6.5  # stops from middle grey to the black and to the white of the curve
 _MIDDLE_GREY = 0.18
 _LEAST = 1e-10
 _PIVOT = _STOPS_BELOW / (_STOPS_BELOW + _STOPS_ABOVE), 0.5

@@ -13,8 +13,7 @@ from pathlib import Path
 from wrt.errors import InputError
 from wrt.io.safe_read import read_file
 
-HEAD = 4096
-"""Bytes that are examined."""
+HEAD = 4096  # bytes that are examined
 
 # Pattern of the first bytes, type, suffixes of such files.
 _KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (

@@ -32,17 +32,12 @@ if TYPE_CHECKING:
 
     from wrt.develop.picture import Developed
 
-OUTPUT_SUFFIXES = (*DEVELOPED_SUFFIXES, ".exr", ".npy")
-"""Formats that `save_image` writes."""
+OUTPUT_SUFFIXES = (*DEVELOPED_SUFFIXES, ".exr", ".npy")  # formats that `save_image` writes
 
+# Near the best that JPEG has: a colour for each pixel, and errors of few codes.
 _JPEG = {"quality": 95, "subsampling": 0, "optimize": True}
-"""Near the best that JPEG has: a colour for each pixel, and errors of few codes."""
-_JPEG_SIDE, _JPEG_COMMENT = 65535, 65533
-"""Most pixels a side, and most bytes of metadata."""
-
-_BEGINNING = 1 << 16
-"""Bytes at the start of a picture file that hold its metadata."""
-
+_JPEG_SIDE, _JPEG_COMMENT = 65535, 65533  # most pixels a side, and most bytes of metadata
+_BEGINNING = 1 << 16  # bytes at the start of a picture file that hold its metadata
 _NPY_VERSION = (2, 0)
 
 
@@ -63,19 +58,14 @@ def _is_own(path: Path) -> bool:
 
 PICTURE = Kind("a picture that wrt has made", _is_own)
 
+MAX_PIXELS = 2**27  # limit for images that are read, such as 16384x8192. A pixel takes 12 bytes of memory
+FLOAT_SUFFIXES = (".exr", ".hdr", ".rgbe")  # floating-point formats that OpenImageIO reads
 
-MAX_PIXELS = 2**27
-"""Limit for images that are read, such as 16384x8192. A pixel takes 12 bytes of memory."""
-
-FLOAT_SUFFIXES = (".exr", ".hdr", ".rgbe")
-"""Floating-point formats that OpenImageIO reads."""
-
+# More than OpenEXR, Radiance and most other formats can compress: a header that claims more is wrong.
 _PIXELS_PER_BYTE = 2**16
-"""More than OpenEXR, Radiance and most other formats can compress: a header that claims more is wrong."""
-
 _BOUNDED = ("JPEG", "BMP", "GIF")
+# Most bytes that deflate can make of one byte of a PNG file. Pillow fills a truncated file with black pixels.
 _DEFLATED = 1032
-"""Most bytes that deflate can make of one byte of a PNG file. Pillow fills a truncated file with black pixels."""
 
 
 def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.float32]:
@@ -138,6 +128,7 @@ def require_pixels(width: int, height: int) -> None:
     """Raise InputError if an image is too large to decode: a few bytes can expand to very many pixels."""
     if width * height > MAX_PIXELS:
         raise InputError(f"the image is too large: {width}x{height}; it may have {MAX_PIXELS} pixels at most")
+    memory_limits.require(memory_limits.IMAGES, width * height * memory_limits.BYTES_PER_PIXEL)
 
 
 def open_image(file: Path | io.BytesIO) -> Image:
@@ -162,7 +153,6 @@ def open_image(file: Path | io.BytesIO) -> Image:
         require_pixels(*image.size)
         if image.width * image.height > _most_pixels(image, size):
             raise InputError(f"the file is too short for {image.width}x{image.height} pixels; it is truncated")
-        memory_limits.require(memory_limits.IMAGES, image.width * image.height * memory_limits.BYTES_PER_PIXEL)
     except InputError:
         image.close()
         raise
@@ -203,9 +193,7 @@ def pixels_of(image: Image, *, linear: bool | None = None) -> NDArray[np.float32
 def read_float(path: Path, *, alpha: bool = False) -> NDArray[np.float32]:
     """Read OpenEXR or Radiance HDR as (H, W, 3) float32 with OpenImageIO, whose error messages are readable.
 
-    Args:
-        path: the file.
-        alpha: whether to return the alpha channel three times, if there is one, instead of the colours.
+    With `alpha` the alpha channel, if there is one, is returned three times instead of the colours.
 
     Raises:
         InputError: when it cannot be decoded, is too large or has no channels R, G, B or Y.
@@ -314,7 +302,7 @@ def save_image(
     developed: Developed | None = None
     write: Callable[[Path], None]
     if suffix == ".exr":
-        write = functools.partial(_write_exr, channels=_channels(image, {**(layers or {}), **cover}), notes=notes)
+        write = functools.partial(_write_exr, image=image, layers={**(layers or {}), **cover}, notes=notes)
     elif layers:
         raise InputError(f"{file}: layers go into OpenEXR files; give it a name that ends in .exr")
     elif suffix == ".npy":
@@ -332,7 +320,7 @@ def save_image(
         if suffix == ".png":
             write = functools.partial(_write_png, codes=developed.codes, notes=notes, alpha=coverage)
         else:
-            write = functools.partial(_write_jpeg, codes=developed.codes, comment=_comment(file, notes))
+            write = functools.partial(_write_jpeg, codes=developed.codes, notes=notes, name=file)
     write_atomically(file, write, PICTURE, force=force)
     return developed
 
@@ -364,17 +352,12 @@ def _with_coverage(
     return np.ascontiguousarray(pixels), {"alpha": cover}
 
 
-def _comment(file: Path, notes: Mapping[str, str]) -> bytes:
-    """Return the comment of a JPEG, or raise InputError if it is too long."""
-    comment = "\n".join(f"{key}: {value}" for key, value in notes.items()).encode()
-    if len(comment) > _JPEG_COMMENT:
-        raise InputError(f"{file}: the metadata of a JPEG may have {_JPEG_COMMENT} bytes, not {len(comment)}")
-    return comment
-
-
-def _write_jpeg(path: Path, codes: NDArray[np.uint8], comment: bytes) -> None:
+def _write_jpeg(path: Path, codes: NDArray[np.uint8], notes: Mapping[str, str], name: Path) -> None:
     from PIL import Image
 
+    comment = "\n".join(f"{key}: {value}" for key, value in notes.items()).encode()
+    if len(comment) > _JPEG_COMMENT:
+        raise InputError(f"{name}: the metadata of a JPEG may have {_JPEG_COMMENT} bytes, not {len(comment)}")
     Image.fromarray(codes).save(path, format="JPEG", comment=comment, **_JPEG)
 
 
@@ -393,23 +376,19 @@ def _write_png(
     Image.fromarray(codes).save(path, format="PNG", pnginfo=info)
 
 
-def _channels(image: ArrayLike | None, layers: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the channels of an OpenEXR file by name.
+def _write_exr(
+    path: Path, image: ArrayLike | None, layers: Mapping[str, NDArray[Any]], notes: Mapping[str, str]
+) -> None:
+    import OpenEXR
 
-    Object numbers are 32-bit floats too, exact up to 2²⁴: many programs scale integer channels by 2⁻³².
-    """
     parts = [(["R", "G", "B"], np.asarray(image, np.float32))] if image is not None else []
     parts += [(channel_names(name), values) for name, values in layers.items()]
-    return {
+    # Object numbers are 32-bit floats too, exact up to 2²⁴: many programs scale integer channels by 2⁻³².
+    channels = {
         name: np.ascontiguousarray(values.reshape(*values.shape[:2], len(names))[:, :, k], np.float32)
         for names, values in parts
         for k, name in enumerate(names)
     }
-
-
-def _write_exr(path: Path, channels: dict[str, NDArray[Any]], notes: Mapping[str, str]) -> None:
-    import OpenEXR
-
     header = {**notes, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, channels).write(str(path))
 

@@ -10,23 +10,15 @@ import struct
 from typing import TYPE_CHECKING
 
 from wrt.errors import InputError
-from wrt.io import memory_limits
 from wrt.io.safe_read import first_line
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-IDENTIFIER = b"\xabKTX 20\xbb\r\n\x1a\n"
-"""The first bytes of a file."""
-
-HINT = "pip install 'wrt[ktx2]'"
-"""How to get the decoder."""
-
-_HEADER = 48
-"""Bytes before the index of levels."""
-
-_EXTENT = struct.Struct("<5I")
-"""Width, height, depth, layers and faces, at byte 20."""
+IDENTIFIER = b"\xabKTX 20\xbb\r\n\x1a\n"  # the first bytes of a file
+HINT = "pip install 'wrt[ktx2]'"  # how to get the decoder
+_HEADER = 48  # bytes before the index of levels
+_EXTENT = struct.Struct("<5I")  # width, height, depth, layers and faces, at byte 20
 
 
 def has_decoder() -> bool:
@@ -50,7 +42,6 @@ def open_ktx2(data: bytes) -> Image:
     if width == 0 or height == 0 or depth > 1 or faces != 1:
         raise InputError("the KTX2 file is no flat image")
     require_pixels(width, height)
-    memory_limits.require(memory_limits.IMAGES, width * height * memory_limits.BYTES_PER_PIXEL)
     try:
         import opengl_basisu
     except ImportError:

@@ -20,14 +20,11 @@ from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import Scene, Shape, bake_transforms
 
-GLTF_SUFFIXES = (".gltf", ".glb")
-"""Suffixes of glTF files, which may be animated."""
-
+GLTF_SUFFIXES = (".gltf", ".glb")  # suffixes of glTF files, which may be animated
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 STEP_SUFFIXES = (".step", ".stp")
 
-ARRAYS_SUFFIX = ".npz"
-"""Suffix of NumPy archives, whose meshes are not repaired."""
+ARRAYS_SUFFIX = ".npz"  # suffix of NumPy archives, whose meshes are not repaired
 
 MESH_SUFFIXES = (
     *(".obj", ".ply", ".stl", ".off", *GLTF_SUFFIXES, ".3mf", ".dae"),

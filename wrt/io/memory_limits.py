@@ -59,14 +59,12 @@ VOLUMES = Limit("volumes", 2**28, 128)
 """67 million numbers, such as 400 x 400 x 400, plus 32 for each byte of the files: sparse files are small for their
 box."""
 
-BYTES_PER_PIXEL = 16
-"""Memory of a decoded pixel: the decoder's own copy, and three float32 numbers."""
+BYTES_PER_PIXEL = 16  # memory of a decoded pixel: the decoder's own copy, and three float32 numbers
 
 BYTES_PER_SHAPE = 4096
 """Counted per shape, without its mesh. A shape takes less, but this bounds the time of a load without files to 2 s."""
 
-BYTES_PER_ELEMENT = 2**14
-"""Counted for a shape from an XML element, for the same reason: each takes 0.3 ms to load."""
+BYTES_PER_ELEMENT = 2**14  # counted for a shape from an XML element, for the same reason: each takes 0.3 ms to load
 
 PATIENCE = 200_000_000
 """Steps that a load may spend on superlinear work, such as triangulating concave polygons: a few seconds."""

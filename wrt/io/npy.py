@@ -23,16 +23,13 @@ from wrt.io.safe_read import first_line, naming_file, read_file
 
 if TYPE_CHECKING:
     from wrt.scene.exact.analytic import Analytic
-    from wrt.scene.exact.quadrics import Quadrics
-    from wrt.scene.exact.spheres import Spheres
     from wrt.scene.mesh import Mesh
 
 # Exceptions from damaged archives besides zipfile's own. RuntimeError stands for encryption, and its subclass
 # NotImplementedError for unknown compression.
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError, zlib.error, struct.error)
 
-_SMALL, _GAIN = 2**28, 20
-"""An archive may expand to this many bytes, or to this many times its size if that is more."""
+_SMALL, _GAIN = 2**28, 20  # an archive may expand to this many bytes, or to this many times its size if that is more
 
 
 def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
@@ -120,33 +117,24 @@ def read_mesh_arrays(file: Path) -> Mesh:
         return Mesh.taking(**arrays, name=file.name)
 
 
-def read_spheres(file: Path) -> Spheres:
-    """Return the spheres of the arrays `centers` and `radii`, with `colors` if present, or of `arrays_of_exact`."""
+def read_exact(file: Path, cls: type[Analytic]) -> Analytic:
+    """Return the exact shapes of `arrays_of_exact`, or spheres of `centers` and `radii`, with `colors` if present."""
     from wrt.scene.exact.analytic import stored_in
     from wrt.scene.exact.spheres import Spheres, spheres
 
     arrays = read_arrays(file, (), ("centers", "radii", "colors", "boxes", "axes"))
+    is_stored = cls is not Spheres or {"boxes", "axes"} <= set(arrays)
+    for name in ("boxes", "axes") if is_stored else ("centers", "radii"):
+        if name not in arrays:
+            raise InputError(f"{file}: there is no array {name!r} in it")
     with naming_file(file):
-        if {"boxes", "axes"} <= set(arrays):
-            return stored_in(Spheres, arrays["boxes"], arrays["axes"], arrays.get("colors"), file.name)
-        for name in ("centers", "radii"):
-            if name not in arrays:
-                raise InputError(f"there is no array {name!r} in it")
+        if is_stored:
+            return stored_in(cls, arrays["boxes"], arrays["axes"], arrays.get("colors"), file.name)
         return spheres(arrays["centers"], arrays["radii"], colors=arrays.get("colors"), name=file.name)
 
 
-def read_quadrics(file: Path) -> Quadrics:
-    """Return the disks and cylinders of `arrays_of_exact`."""
-    from wrt.scene.exact.analytic import stored_in
-    from wrt.scene.exact.quadrics import Quadrics
-
-    arrays = read_arrays(file, ("boxes", "axes"), ("colors",))
-    with naming_file(file):
-        return stored_in(Quadrics, arrays["boxes"], arrays["axes"], arrays.get("colors"), file.name)
-
-
 def arrays_of_exact(mesh: Analytic) -> dict[str, NDArray[Any]]:
-    """Return the arrays from which `read_spheres` or `read_quadrics` makes the same shapes, bit for bit."""
+    """Return the arrays from which `read_exact` makes the same shapes, bit for bit."""
     assert mesh.normals is not None
     arrays = {"boxes": mesh.vertices.reshape(-1, 3, 3)[:, :2], "axes": mesh.normals.reshape(-1, 3, 3)}
     return arrays if mesh.colors is None else {**arrays, "colors": mesh.colors[::3]}

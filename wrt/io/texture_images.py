@@ -23,8 +23,7 @@ from wrt.values import sealed
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-Source: TypeAlias = "Image | bytes | Path"
-"""An image: decoded by another library, encoded bytes, or a file."""
+Source: TypeAlias = "Image | bytes | Path"  # an image: decoded by another library, encoded bytes, or a file
 
 KINDS = ("color", "data", "alpha")
 """What to read: colours, sRGB if they have 8 bits; linear data; or the alpha channel, repeated three times."""

@@ -28,8 +28,7 @@ from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
 from wrt.scene.normals import corner_weighted_normals
 
-_LINEAR_FILES = ("glb", "gltf")
-"""File types whose vertex colours are linear."""
+_LINEAR_FILES = ("glb", "gltf")  # file types whose vertex colours are linear
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
 """Normals count as computed by trimesh if a share of at least _MOSTLY is within _COMPUTED of the normals of faces.

@@ -134,7 +134,7 @@ class PerspectiveCamera(LensCamera):
     """A thin-lens perspective camera; with aperture radius 0 a pinhole.
 
     Attributes:
-        fov_degrees: full vertical field of view before any shift, between 0 and 180.
+        fov_degrees: full vertical field of view before any shift, at most 179.
         shift_x: lens shift to the right, in picture heights, as of a view camera. Vertical lines stay parallel while
             the camera is level.
         shift_y: lens shift upwards, in picture heights.
@@ -146,12 +146,11 @@ class PerspectiveCamera(LensCamera):
     shift_x: float = field(default=0.0, kw_only=True)
     shift_y: float = field(default=0.0, kw_only=True)
 
-    checks: ClassVar[Checks] = {"fov_degrees": _positive, "shift_x": number, "shift_y": number}
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.fov_degrees >= 180.0:
-            raise InputError(f"camera fov_degrees must be less than 180, not {self.fov_degrees:g}")
+    checks: ClassVar[Checks] = {
+        "fov_degrees": partial(number, above=0.0, maximum=179.0),
+        "shift_x": number,
+        "shift_y": number,
+    }
 
     def film(self, width: int, height: int) -> dict[str, Any]:
         pixel = 2.0 * math.tan(math.radians(self.fov_degrees) / 2.0) / height

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar, TypeAlias
 
 from wrt.errors import InputError
@@ -50,13 +51,21 @@ class Kind(Description):
 
 
 def optional(check: Check) -> Check:
-    """Return a check that also accepts None."""
-    return lambda value, name: None if value is None else check(value, name)
+    """Return a check that also accepts None; the schema of scene files reads its keyword `check`."""
+    return partial(_check_unless_none, check=check)
+
+
+def _check_unless_none(value: Any, name: str, *, check: Check) -> Any:
+    return None if value is None else check(value, name)
 
 
 def word_of(words: Sequence[str]) -> Check:
-    """Return a check that a value is one of several words."""
-    return lambda value, name: one_of(value, words, name)
+    """Return a check that a value is one of several words; the schema of scene files reads its keyword `words`."""
+    return partial(_check_word, words=words)
+
+
+def _check_word(value: Any, name: str, *, words: Sequence[str]) -> str:
+    return one_of(value, words, name)
 
 
 def instance_of(cls: type) -> Check:

@@ -8,16 +8,12 @@ from typing import Any
 import numpy as np
 
 from wrt.io.mitsuba.plugin import Plugin
-from wrt.io.mitsuba.transforms import rotation_part
 from wrt.linalg import product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.scene import RenderSettings, Scene
 
-UNLIMITED = 65536
-"""Path depth where Mitsuba sets no limit."""
-
-_MOST_SCATTERINGS = 65535
-"""Highest limit of scattering events that settings may have."""
+UNLIMITED = 65536  # path depth where Mitsuba sets no limit
+_MOST_SCATTERINGS = 65535  # highest limit of scattering events that settings may have
 
 _SAMPLERS = {
     "independent": "independent",
@@ -59,15 +55,14 @@ def settings_of(sensor: Plugin | None, integrator: Plugin | None) -> RenderSetti
 def _film(film: Plugin | None) -> dict[str, Any]:
     if film is None:
         return {"width": 768, "height": 576, "filter": "gaussian"}
-    width, height = film.whole("width", 768), film.whole("height", 576)
+    width, height = film.integer("width", 768), film.integer("height", 576)
     values: dict[str, Any] = {"width": width, "height": height, "filter": _filter(film.only("rfilter"))}
     names = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
     if any(film.has(name) for name in names):
-        x, y, across, down = (film.whole(n, d) for n, d in zip(names, (0, 0, width, height), strict=True))
+        x, y, across, down = (film.integer(n, d) for n, d in zip(names, (0, 0, width, height), strict=True))
         values["crop"] = (x, y, x + across, y + down)
     film.ignore("file_format", "pixel_format", "component_format", "sample_border", "compensate", "banner")
     film.ignore("high_quality_edges", "gamma", "tonemap_method", "exposure", "key", "burn", "filename")
-    film.finish()
     with film.locating():
         RenderSettings(**values)
     return values
@@ -82,7 +77,6 @@ def _filter(plugin: Plugin | None) -> str:
     elif name in _WIDTHS and plugin.number(*_WIDTHS[name]) != _WIDTHS[name][1]:
         plugin.warn("the width of a filter is left out: 'gaussian' has a stddev of 0.5, 'tent' a radius of 1")
     plugin.ignore("radius")
-    plugin.finish()
     return name
 
 
@@ -92,11 +86,13 @@ def _sampler(plugin: Plugin | None) -> dict[str, Any]:
     if plugin.type not in _SAMPLERS:
         plugin.warn("'independent' stands in for this sampler")
     plugin.ignore("seed", "jitter", "scramble", "strength", "dimension")
-    spp = plugin.whole("sample_count", 4)
-    plugin.finish()
-    if spp < 1:
-        raise plugin.error(f"'sample_count' must be at least 1, not {spp}")
-    return {"spp": spp, "sampler": _SAMPLERS.get(plugin.type, "independent")}
+    values: dict[str, Any] = {
+        "spp": plugin.integer("sample_count", 4),
+        "sampler": _SAMPLERS.get(plugin.type, "independent"),
+    }
+    with plugin.locating():
+        RenderSettings(**values)
+    return values
 
 
 def _integrator(plugin: Plugin) -> dict[str, Any]:
@@ -116,7 +112,7 @@ def _integrator(plugin: Plugin) -> dict[str, Any]:
     else:
         if plugin.type not in _PATHS:
             plugin.warn_of_all("'path' stands in for this integrator")
-        depth = plugin.whole("max_depth", -1)
+        depth = plugin.integer("max_depth", -1)
         if depth == 0:
             plugin.warn("a 'max_depth' of 0, a black picture, is taken as 1")
         values["max_depth"] = UNLIMITED if depth < 0 else max(depth, 1)
@@ -127,7 +123,6 @@ def _integrator(plugin: Plugin) -> dict[str, Any]:
         values["transparent"] = True
     # Russian roulette changes no expected value, so its depth does not matter.
     plugin.ignore("rr_depth", "samples_per_pass", "block_size", "timeout", "use_spectral_mis")
-    plugin.finish()
     return values
 
 
@@ -149,9 +144,9 @@ def camera_of(plugin: Plugin, settings: RenderSettings) -> Camera | None:
         plugin.warn_of_all("this kind of sensor is not known; the camera is placed to show the whole scene")
         return None
     matrix = plugin.transform()
-    axes, stretch, plain = rotation_part(matrix)
-    if not plain or not math.isclose(abs(stretch[0]), stretch[1], rel_tol=1e-4):
-        plugin.warn("'to_world' has shear, or scales x and y differently; left out")
+    axes, stretch = plugin.axes()
+    if not math.isclose(abs(stretch[0]), stretch[1], rel_tol=1e-4):
+        plugin.warn("'to_world' scales x and y differently; left out")
     if stretch[0] < 0.0:
         plugin.warn("'to_world' mirrors; the picture is not mirrored here")
     place: dict[str, Any] = {
@@ -164,7 +159,6 @@ def camera_of(plugin: Plugin, settings: RenderSettings) -> Camera | None:
     with plugin.locating():
         camera = _camera(plugin, place, stretch, settings.width / settings.height)
     plugin.ignore("near_clip", "far_clip", "srf")
-    plugin.finish()
     return camera
 
 
@@ -199,7 +193,7 @@ def vertical_degrees(plugin: Plugin, aspect: float) -> float:
         plugin.ignore("fov_axis")
         axis = "diagonal"
     else:
-        axis = plugin.choice("fov_axis", "x", "x", "y", "diagonal", "smaller", "larger")
+        axis = plugin.choice("fov_axis", "x", "y", "diagonal", "smaller", "larger")
     degrees = plugin.number("fov", 2.0 * math.degrees(math.atan(0.5 * math.hypot(36.0, 24.0) / focal_length)))
     if not 0.0 < degrees < 180.0:
         raise plugin.error(f"'fov' must be above 0 and below 180 degrees, not {degrees:g}")
@@ -212,25 +206,17 @@ def vertical_degrees(plugin: Plugin, aspect: float) -> float:
 
 
 def warn_of_clipping(plugin: Plugin, scene: Scene) -> None:
-    """Warn if Mitsuba's near or far plane would clip something that is visible in the picture."""
+    """Warn if Mitsuba's near or far plane would clip a vertex before the camera."""
     camera = scene.camera
-    if not isinstance(camera, (PerspectiveCamera, OrthographicCamera)):
+    if camera is None:
         return
-    _, stretch, _ = rotation_part(plugin.transform())
+    _, stretch = plugin.axes()
     near, far = (plugin.number(n, d) * float(stretch[2]) for n, d in (("near_clip", 1e-2), ("far_clip", 1e4)))
-    right, up, forward = camera.frame()
-    aspect = scene.settings.width / scene.settings.height
+    forward = camera.frame()[2]
     for shape in scene.shapes:
         place = np.eye(4) if shape.transform is None else shape.transform_at(0.0)
         points = product(shape.mesh.vertices, place[:3, :3].T) + place[:3, 3] - np.array(camera.origin)
-        depth, x, y = product(points, forward), product(points, right), product(points, up)
-        if isinstance(camera, OrthographicCamera):
-            half = np.full(len(depth), 0.5 * camera.view_height)
-        else:
-            slope = math.tan(0.5 * math.radians(camera.fov_degrees))
-            half = slope * depth
-            x, y = x - 2.0 * slope * camera.shift_x * depth, y - 2.0 * slope * camera.shift_y * depth
-        visible = (depth > 0.0) & (np.abs(x) <= aspect * half) & (np.abs(y) <= half)
-        if (visible & ((depth < near) | (depth > far))).any():
-            plugin.warn("'near_clip' and 'far_clip' are left out; they would clip something in the picture")
+        depth = product(points, forward)
+        if ((depth > 0.0) & ((depth < near) | (depth > far))).any():
+            plugin.warn("'near_clip' and 'far_clip' are left out; they would clip something before the camera")
             return

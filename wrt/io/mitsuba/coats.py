@@ -22,11 +22,8 @@ from wrt.values import vec3
 
 Array = NDArray[np.float64]
 
-_NODES = 64
-"""Cosines in Mitsuba's mean."""
-
-_POINTS = 4096
-"""Microfacet normals per cosine: accurate to 1e-4."""
+_NODES = 64  # cosines in Mitsuba's mean
+_POINTS = 4096  # microfacet normals per cosine: accurate to 1e-4
 
 
 def as_in_mitsuba(

@@ -25,14 +25,9 @@ Array = NDArray[np.float64]
 
 CURVES = ("bsplinecurve", "linearcurve")
 
-LEAST_AROUND, MOST_AROUND = 8, 96
-"""Sides of a tube."""
-
-MOST_ALONG = 64
-"""Rings of one segment of a spline."""
-
-_BYTES_PER_VERTEX = 80
-"""Of a tube: a position, a normal, texture coordinates, and two triangles."""
+LEAST_AROUND, MOST_AROUND = 8, 96  # sides of a tube
+MOST_ALONG = 64  # rings of one segment of a spline
+_BYTES_PER_VERTEX = 80  # of a tube: a position, a normal, texture coordinates, and two triangles
 
 
 def read_curves(plugin: Plugin, detail: Detail) -> tuple[Mesh, bool]:
@@ -99,7 +94,7 @@ def _spline(points: Array, first: int, total: int, detail: Detail) -> Mesh:
     # A chord of a parabola with second derivative b is off by b h² / 8; the outside of a bend by more.
     along = math.ceil(math.sqrt(bend / (4.0 * tolerance) * (1.0 + size / max(tolerance * sides, 1e-12) * 0.1)))
     along = min(max(along, 4), MOST_ALONG)
-    _require_memory(segments * along * sides)
+    memory_limits.require(memory_limits.MADE, segments * along * sides * _BYTES_PER_VERTEX)
     place = np.arange(segments * along + 1) / along
     index = np.minimum(place.astype(np.int64), segments - 1)
     t = (place - index)[:, None]
@@ -177,7 +172,7 @@ def _frames(tangent: Array) -> tuple[Array, Array]:
 def _chain(points: Array, first: int, total: int, detail: Detail) -> list[Mesh]:
     """Return straight segments: cones that touch a ball at each of their points, and those balls."""
     sides, _ = _around(points, detail)
-    _require_memory(len(points) * sides * (sides // 2 + 3))
+    memory_limits.require(memory_limits.MADE, len(points) * sides * (sides // 2 + 3) * _BYTES_PER_VERTEX)
     balls = 4 * math.ceil(sides / 4)
     pieces = []
     for i, (x, y, z, radius) in enumerate(points):
@@ -213,7 +208,3 @@ def _cone(start: Array, end: Array, v: Array, sides: int) -> list[Mesh]:
     # At a radius of 0, the triangles of that end have no area.
     solid = np.repeat([start[3] > 0.0, end[3] > 0.0], sides)
     return [Mesh(points, faces[solid], np.tile(normals, (2, 1)), uvs, name="curve")]
-
-
-def _require_memory(vertices: int) -> None:
-    memory_limits.require(memory_limits.MADE, vertices * _BYTES_PER_VERTEX)

@@ -13,7 +13,7 @@ from wrt.io.measured.observer import OBSERVER, RGB_FROM_XYZ
 from wrt.io.measured.observer import WAVELENGTHS as OBSERVED
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.textures import Textures
-from wrt.io.mitsuba.transforms import axis_and_degrees, rotation_part
+from wrt.io.mitsuba.transforms import axis_and_degrees
 from wrt.linalg import norm, product
 from wrt.scene.environment import ConstantEnvironment, Environment, SunSkyEnvironment
 from wrt.scene.lights import DirectionalLight
@@ -22,11 +22,8 @@ from wrt.values import vec3
 
 Array = NDArray[np.float64]
 
-SCALE = 1.0 / 106.7502593994140625
-"""Converts W·sr⁻¹·m⁻² to Mitsuba's radiance, which is a mean over wavelengths."""
-
-_DIAMETER = 0.5358
-"""Angular diameter of Mitsuba's sun, degrees."""
+SCALE = 1.0 / 106.7502593994140625  # converts W·sr⁻¹·m⁻² to Mitsuba's radiance, which is a mean over wavelengths
+_DIAMETER = 0.5358  # angular diameter of Mitsuba's sun, degrees
 
 _SUM = 467.069280386 / 11.0 * 0.9989
 """Mitsuba integrates over wavelengths as 467.07 nm times the mean of eleven samples 40 nm apart, which is 6 % too much.
@@ -42,9 +39,7 @@ _TIME = {"hour": 15.0, "minute": 0.0, "second": 0.0}
 
 def daylight(plugin: Plugin, textures: Textures) -> tuple[Environment, DirectionalLight | None]:
     """Return the sky of a `sunsky`, and its sun; None and a black sky if the sun is below the horizon."""
-    axes, _, plain = rotation_part(plugin.transform())
-    if not plain:
-        plugin.warn("'to_world' has shear, which is left out")
+    axes, _ = plugin.axes()
     if plugin.type != "sunsky" or plugin.document.old:
         plugin.warn("taken as a 'sunsky' of Mitsuba 3")
         plugin.ignore("sun_radius_scale", "resolution", "stretch", "extend")
@@ -108,7 +103,7 @@ def _to_sun(plugin: Plugin, axes: Array) -> Array:
             raise plugin.error("'sun_direction' must not be zero")
         return np.asarray(direction / length)
     values = {name: plugin.number(name, default) for name, default in (_PLACE | _TIME).items()}
-    values |= {name: plugin.whole(name, default) for name, default in _DATE.items()}
+    values |= {name: plugin.integer(name, default) for name, default in _DATE.items()}
     for name, value in values.items():
         if not abs(value) < 1e6:
             raise plugin.error(f"{name!r} is out of range: {str(value)[:20]}")

@@ -18,18 +18,10 @@ from wrt.errors import InputError, did_you_mean, warn
 from wrt.io import memory_limits
 from wrt.io.safe_read import first_line, is_inside, read_file, require_file, require_inside
 
-MOST_INCLUDES = 1000
-"""Files that a scene may include; each inclusion counts."""
-
-BYTES_PER_ELEMENT = 300
-"""Memory of an element with one or two attributes."""
-
-LONGEST_VALUE = 2**16
-"""Most characters of an attribute value after substitution of parameters; enough for a long list."""
-
-MOST_LEVELS = 64
-"""Deepest nesting of elements."""
-
+MOST_INCLUDES = 1000  # files that a scene may include; each inclusion counts
+BYTES_PER_ELEMENT = 300  # memory of an element with one or two attributes
+LONGEST_VALUE = 2**16  # most characters of an attribute value after substitution of parameters; enough for a long list
+MOST_LEVELS = 64  # deepest nesting of elements
 _PARAMETER = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
 _CAPITAL = re.compile(r"(?<=[a-z0-9])([A-Z])")
 
@@ -56,12 +48,17 @@ class Element:
     @property
     def label(self) -> str:
         """The name of the element in messages."""
-        words = [self.tag, *(repr(self.attributes[key]) for key in ("type", "name") if self.attributes.get(key))]
-        return " ".join(words)
+        return " ".join(
+            [self.tag, *(repr(self.attributes[key]) for key in ("type", "name") if self.attributes.get(key))]
+        )
+
+    def at_line(self, text: str) -> str:
+        """Return a message that names the file and the line."""
+        return f"{self.file}: line {self.line}: {text}"
 
     def error(self, text: str) -> LocatedError:
         """Return an error that names the file and the line."""
-        return LocatedError(f"{self.file}: line {self.line}: {text}")
+        return LocatedError(self.at_line(text))
 
     @contextmanager
     def locating(self, prefix: str = "") -> Iterator[None]:
@@ -107,7 +104,7 @@ class Document:
         self._used: set[str] = set()
         self._folders = [path.parent]
         self._included = 0
-        self._warned: set[str] = set()
+        self._warnings: set[str] = set()
         self.root = self._read(path, ())
         self.old = _major_version(self.root) < 2
         if self.root.tag != "scene":
@@ -118,9 +115,9 @@ class Document:
 
     def warn(self, where: Element, text: str) -> None:
         """Warn once of something that is left out."""
-        message = f"{where.file}: line {where.line}: {text}"
-        if message not in self._warned:
-            self._warned.add(message)
+        message = where.at_line(text)
+        if message not in self._warnings:
+            self._warnings.add(message)
             warn(message)
 
     def find(self, element: Element) -> Element:
@@ -143,14 +140,13 @@ class Document:
             require_file(path)
         return path
 
-    def _read(self, path: Path, opened: tuple[Path, ...]) -> Element:
+    def _read(self, path: Path, opened: tuple[str, ...]) -> Element:
         """Return the root element of a file; `opened` are the files that include it, directly or not."""
         root = parse(path)
-        old = _major_version(root) < 2
-        self._expand(root, (*opened, _real(path)), old, 0)
+        self._expand(root, (*opened, os.path.realpath(path)), _major_version(root) < 2, 0)
         return root
 
-    def _expand(self, element: Element, opened: tuple[Path, ...], old: bool, level: int) -> None:
+    def _expand(self, element: Element, opened: tuple[str, ...], old: bool, level: int) -> None:
         """Substitute parameters, insert included files and record ids, outermost first and in the order of the file."""
         if level > MOST_LEVELS:
             raise element.error(f"elements are nested more than {MOST_LEVELS} deep")
@@ -206,10 +202,10 @@ class Document:
         if first is not element:
             raise where.error(f"the id {name!r} is used twice, first at line {first.line} of {first.file}")
 
-    def _include(self, element: Element, opened: tuple[Path, ...]) -> list[Element]:
+    def _include(self, element: Element, opened: tuple[str, ...]) -> list[Element]:
         """Return the elements of an included file."""
         path = self.file(element, element.get("filename"))
-        if _real(path) in opened:
+        if os.path.realpath(path) in opened:
             raise element.error(f"{element.get('filename')!r} includes itself")
         self._included += 1
         if self._included > MOST_INCLUDES:
@@ -244,27 +240,27 @@ def parse(path: Path) -> Element:
     def end(_: str) -> None:
         open_elements.pop()
 
+    def refuse(reason: str) -> None:
+        raise InputError(f"{path}: line {parser.CurrentLineNumber}: {reason}")
+
     def text(data: str) -> None:
         if data.strip():
-            shown = " ".join(data.split())[:40]
-            raise InputError(f"{path}: line {parser.CurrentLineNumber}: text outside of elements: {shown!r}")
+            refuse(f"text outside of elements: {' '.join(data.split())[:40]!r}")
 
-    def refuse(*_: Any) -> None:
-        raise InputError(
-            f"{path}: line {parser.CurrentLineNumber}: document types and entities are not supported; remove <!DOCTYPE"
-        )
+    def entity(*_: Any) -> None:
+        refuse("document types and entities are not supported; remove <!DOCTYPE")
 
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
-    parser.ExternalEntityRefHandler = refuse  # type: ignore[assignment]
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = entity
+    parser.ExternalEntityRefHandler = entity  # type: ignore[assignment]
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        reason = expat.ErrorString(error.code)
-        raise InputError(f"{path}: line {error.lineno}: not well-formed XML: {reason}") from None
+        message = f"not well-formed XML: {expat.ErrorString(error.code)}"
+        raise InputError(f"{path}: line {error.lineno}: {message}") from None
+    except InputError:
+        raise
     except (OSError, ValueError, LookupError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
     return roots[0]
 
@@ -272,11 +268,6 @@ def parse(path: Path) -> Element:
 def _count_memory(element: Element, size: int) -> None:
     with element.locating():
         memory_limits.take(memory_limits.TEXT, size)
-
-
-def _real(path: Path) -> Path:
-    """Return a path with links resolved as far as possible (`Path.resolve` would fail on circular links)."""
-    return Path(os.path.realpath(path))
 
 
 def _major_version(root: Element) -> int:

@@ -13,7 +13,7 @@ from wrt.io.mitsuba.cameras import vertical_degrees
 from wrt.io.mitsuba.daylight import daylight
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.textures import Textures
-from wrt.io.mitsuba.transforms import axis_and_degrees, rotation_part
+from wrt.io.mitsuba.transforms import axis_and_degrees
 from wrt.linalg import determinant, norm, product
 from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
 from wrt.scene.lights import DirectionalLight, Light, PointLight, ProjectorLight, SpotLight
@@ -26,8 +26,7 @@ _TURNED = np.diag([-1.0, 1.0, -1.0])
 _SMOOTH_ROWS = 512
 """Smaller environments are resampled to this many rows, because Mitsuba's rows lie elsewhere and are interpolated."""
 
-ON_SHAPES = ("area", "directionalarea")
-"""Emitters that are part of a shape."""
+ON_SHAPES = ("area", "directionalarea")  # emitters that are part of a shape
 
 
 class Emitters:
@@ -49,9 +48,7 @@ class Emitters:
             made = self._made(plugin)
         if made is None:
             plugin.warn("this kind of emitter is not known; left out")
-            return
-        plugin.finish()
-        if isinstance(made, Light):
+        elif isinstance(made, Light):
             self.lights.append(made)
         elif self.environment is not None:
             plugin.warn("the scene already has an environment; left out")
@@ -116,9 +113,7 @@ class Emitters:
     def _image(self, plugin: Plugin) -> ImageEnvironment:
         file = plugin.file()
         pixels = _rows_between(read_image(file))
-        axes, stretch, plain = rotation_part(plugin.transform())
-        if not plain:
-            plugin.warn("'to_world' has shear, which is left out")
+        axes, stretch = plugin.axes()
         if stretch[0] < 0.0:  # mirrored along x
             pixels = pixels[:, ::-1]
         axis, degrees = axis_and_degrees(product(axes, _TURNED))

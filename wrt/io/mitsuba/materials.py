@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from wrt.io.mitsuba.coats import as_in_mitsuba, diffuse_fresnel, scaled
-from wrt.io.mitsuba.optics import named_conductor, refractive_index
+from wrt.io.mitsuba.optics import METALS, named_conductor, refractive_index
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.textures import Textures
 from wrt.scene.materials import (
@@ -38,8 +38,7 @@ from wrt.scene.materials.body import Body
 from wrt.scene.materials.microfacet import LEAST_ALPHA
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 
-MASKINGS = {"ggx": "smith-separable", "beckmann": "walter"}
-"""Mitsuba's masking functions by distribution."""
+MASKINGS = {"ggx": "smith-separable", "beckmann": "walter"}  # Mitsuba's masking functions by distribution
 
 
 @dataclass(frozen=True)
@@ -84,17 +83,10 @@ def _black_with_holes_of(material: Material) -> Material:
     return Diffuse(0.0, opacity=material.opacity)
 
 
-INVISIBLE: Material = Diffuse(0.0, opacity=0.0)
-"""The material of an invisible surface."""
-
-CLEAR: Material = ThinDielectric(1.0, 1.0)
-"""An invisible material that can emit, unlike INVISIBLE."""
-
-UNKNOWN = Surface(Diffuse(0.5), one_sided=True)
-"""Replaces unknown models, and is the default of shapes without a bsdf."""
-
-BLACK = Surface(Diffuse(0.0))
-"""The default of emitting shapes without a bsdf."""
+INVISIBLE: Material = Diffuse(0.0, opacity=0.0)  # the material of an invisible surface
+CLEAR: Material = ThinDielectric(1.0, 1.0)  # an invisible material that can emit, unlike INVISIBLE
+UNKNOWN = Surface(Diffuse(0.5), one_sided=True)  # replaces unknown models, and is the default of shapes without a bsdf
+BLACK = Surface(Diffuse(0.0))  # the default of emitting shapes without a bsdf
 
 
 class Materials:
@@ -114,7 +106,6 @@ class Materials:
         if key not in self._surfaces:
             with plugin.locating():
                 self._surfaces[key] = self._made(plugin)
-            plugin.finish()
         return self._surfaces[key]
 
     def _made(self, plugin: Plugin) -> Surface:
@@ -124,9 +115,7 @@ class Materials:
             return self._compound(plugin)
         model = _MODELS.get(plugin.type)
         if model is None:
-            is_polarized = plugin.type == "measured_polarized"
-            reason = "tables of Mueller matrices are not read" if is_polarized else "this kind of bsdf is not known"
-            plugin.warn_of_all(f"{reason}; grey stands in for it")
+            plugin.warn_of_all("this kind of bsdf is not known; grey stands in for it")
             return UNKNOWN
         if model.is_polarized:
             plugin.warn("polarisation is not simulated: as for unpolarised light")
@@ -143,10 +132,9 @@ class Materials:
     def _compound(self, plugin: Plugin) -> Surface:
         """Return the surface of a `bsdf` that is made of others."""
         parts = [self.surface(part) for part in plugin.of_kind("bsdf")]
-        counts = {"twosided": (1, 2), "blendbsdf": (2,)}.get(plugin.type, (1,))
-        if len(parts) not in counts:
-            number = {(1,): "one bsdf", (1, 2): "one bsdf or two", (2,): "two bsdfs"}[counts]
-            raise plugin.error(f"takes {number}, not {len(parts)}")
+        least, most = {"twosided": (1, 2), "blendbsdf": (2, 2)}.get(plugin.type, (1, 1))
+        if not least <= len(parts) <= most:
+            raise plugin.error(f"takes {least if least == most else f'{least} or {most}'} bsdf, not {len(parts)}")
         first, second = parts[0], parts[-1]
         if plugin.type == "twosided":
             same = first.material == second.material
@@ -181,12 +169,11 @@ def _with_normals(plugin: Plugin, material: Material, normals: NormalMap) -> Mat
 
 # --- Arguments of models ---------------------------------------------------------------------------
 
-Reader = Callable[[Plugin, Textures], Any]
-"""Reads one argument of a material from a plugin."""
+Reader = Callable[[Plugin, Textures], Any]  # reads one argument of a material from a plugin
 
 
-def _color(name: str, default: float) -> Reader:
-    return lambda plugin, textures: textures.color(plugin, name, default)
+def _color(name: str, default: float, *, old_name: str = "") -> Reader:
+    return lambda plugin, textures: textures.color(plugin, old_name if plugin.has(old_name) else name, default)
 
 
 def _number(name: str, default: float = 0.0, *, most: float = 1.0) -> Reader:
@@ -195,12 +182,6 @@ def _number(name: str, default: float = 0.0, *, most: float = 1.0) -> Reader:
 
 def _index(name: str, default: str) -> Reader:
     return lambda plugin, textures: refractive_index(plugin, name, default)
-
-
-def _reflectance(plugin: Plugin, textures: Textures) -> ColorSource:
-    """Return the colour of a `roughdiffuse`, which has had two names."""
-    name = "diffuse_reflectance" if plugin.has("diffuse_reflectance") else "reflectance"
-    return textures.color(plugin, name, 0.5)
 
 
 def _principled_index(plugin: Plugin, textures: Textures) -> float:
@@ -230,9 +211,7 @@ def _optics(plugin: Plugin, textures: Textures) -> tuple[tuple[float, ...], tupl
     optics = named_conductor(name)
     if optics is None:
         plugin.warn(f"the index of {name!r} is not known; aluminium stands in for it")
-        optics = named_conductor("Al")
-    assert optics is not None
-    eta, k = optics
+    eta, k = optics or METALS["al"]
     return tuple(max(x, 1e-4) for x in eta), k
 
 
@@ -296,7 +275,6 @@ def _rough_plastic(**arguments: Any) -> Material:
 
 
 def _polarized_plastic(**arguments: Any) -> Material:
-    """Return the rough plastic that reflects as much of unpolarised light as a `pplastic`."""
     # Light from the base leaves at once or never, whereas in a RoughPlastic it is reflected to and fro, which
     # divides its share by that of diffuse light that enters the coat.
     share = 1.0 - diffuse_fresnel(arguments["ior"] / arguments["exterior_ior"])
@@ -311,10 +289,8 @@ def _filter(share: float) -> Callable[..., Material]:
 
 def _principled_thin(diffuse_transmission: ColorSource, **arguments: Any) -> Material:
     """Return a `principledthin`, whose `diff_trans` is 2 where all light passes."""
-    if isinstance(diffuse_transmission, float):
-        half: ColorSource = 0.5 * diffuse_transmission
-    else:
-        half = scaled(diffuse_transmission, 0.5)
+    is_constant = isinstance(diffuse_transmission, float)
+    half = 0.5 * diffuse_transmission if is_constant else scaled(diffuse_transmission, 0.5)  # type: ignore[operator]
     return Burley(**arguments, thin_walled=True, diffuse_transmission=half)
 
 
@@ -385,7 +361,11 @@ _FILTER: dict[str, Any] = {
 
 _MODELS = {
     "diffuse": _Model(Diffuse, {"reflectance": _color("reflectance", 0.5)}),
-    "roughdiffuse": _Model(Diffuse, {"reflectance": _reflectance}, ignored=("alpha", "use_fast_approx")),
+    "roughdiffuse": _Model(
+        Diffuse,
+        {"reflectance": _color("reflectance", 0.5, old_name="diffuse_reflectance")},
+        ignored=("alpha", "use_fast_approx"),
+    ),
     "conductor": _Model(_conductor, _METAL),
     "roughconductor": _Model(_rough_conductor, _METAL, is_rough=True),
     "dielectric": _Model(Dielectric, _BOUNDARY, one_sided=False),

@@ -23,12 +23,8 @@ from wrt.scene.scene import Scene
 
 _GRIDS = ("gridvolume", "grid")
 
-_BEYOND = 1e-4
-"""A grid reaches this far beyond the shape it fills, in its own lengths."""
-
-_MOST_CONTINUED = 2**26
-"""Most numbers in a grid that is continued."""
-
+_BEYOND = 1e-4  # a grid reaches this far beyond the shape it fills, in its own lengths
+_MOST_CONTINUED = 2**26  # most numbers in a grid that is continued
 Coefficients = tuple[float, ...]
 
 
@@ -113,9 +109,7 @@ class Media:
                 mean_cosine = phase.number("g", 0.8)
             elif phase.type != "isotropic":
                 phase.warn_of_all("this phase function is not known; 'isotropic' stands in for it")
-            phase.finish()
         plugin.ignore("has_spectral_extinction", "sample_emitters", "material")
-        plugin.finish()
         absorption, scattering = (tuple(scale * x for x in coefficient) for coefficient in (absorption, scattering))
         with plugin.locating():
             return Medium(absorption, scattering, mean_cosine, density=density)
@@ -124,9 +118,7 @@ class Media:
         volume = plugin.named(name)
         if volume is None or volume.kind != "volume":
             return self.textures.constant(plugin, name, default)
-        result = self.textures.constant(volume, "value", default)
-        volume.finish()
-        return result
+        return self.textures.constant(volume, "value", default)
 
     def _extinction(self, plugin: Plugin) -> tuple[Coefficients, DensityGrid | None]:
         """Return the extinction where the density is 1, and the density if it varies."""
@@ -191,7 +183,7 @@ class Media:
                 grid.warn("its box is too small beside the shape; its mean is used")
                 albedo = np.broadcast_to(albedo.mean(axis=(0, 1, 2)), (1, 1, 1, 3))
             else:
-                wrap = grid.choice("wrap_mode", "clamp", "clamp", "repeat", "mirror")
+                wrap = grid.choice("wrap_mode", "clamp", "repeat", "mirror")
                 for axis in range(3):  # the grid has z first
                     albedo = _along(albedo, 2 - axis, int(first[axis]), int(last[axis]), wrap)
             place = np.eye(4)
@@ -212,16 +204,14 @@ def _grid(plugin: Plugin, name: str) -> Plugin | None:
 
 def _along(values: NDArray[Any], axis: int, first: int, last: int, wrap: str) -> NDArray[Any]:
     """Return a grid over the boxes from `first` to `last` along an axis, where box 0 has the values."""
-    pieces = []
-    for k in range(first, last):
-        if wrap == "repeat" or k == 0:
-            pieces.append(values)
-        elif wrap == "mirror":
-            pieces.append(np.flip(values, axis) if k % 2 else values)
-        else:
-            edge = np.take(values, [0 if k < 0 else -1], axis)
-            pieces.append(np.repeat(edge, values.shape[axis], axis))
-    return np.concatenate(pieces, axis)
+    size = values.shape[axis]
+    index = np.arange(first * size, last * size)
+    if wrap == "clamp":
+        index = index.clip(0, size - 1)
+    else:
+        index %= size if wrap == "repeat" else 2 * size
+        index = np.minimum(index, 2 * size - 1 - index)  # every other box is mirrored
+    return np.take(values, index, axis)
 
 
 def _volume(grid: Plugin, *, fills_all: bool = False) -> tuple[Volume, dict[str, Any]]:
@@ -229,15 +219,14 @@ def _volume(grid: Plugin, *, fills_all: bool = False) -> tuple[Volume, dict[str,
     file = grid.file()
     with grid.locating():
         volume = read_volume(file)
-    if grid.choice("filter_type", "trilinear", "trilinear", "nearest") == "nearest":
+    if grid.choice("filter_type", "trilinear", "nearest") == "nearest":
         grid.warn("'nearest' is not known; values are interpolated")
-    if grid.choice("wrap_mode", "clamp", "clamp", "repeat", "mirror") != "clamp" and not fills_all:
+    if grid.choice("wrap_mode", "clamp", "repeat", "mirror") != "clamp" and not fills_all:
         grid.warn("beyond its box there is nothing, whatever its 'wrap_mode'")
     places: dict[str, Any] = {"transform": grid.transform()}
     if grid.boolean("use_grid_bbox", False):
         places |= {key: value for key, value in volume.places.items() if key != "transform"}
     grid.ignore("raw", "accel", "max_value")
-    grid.finish()
     return volume, places
 
 

@@ -23,11 +23,8 @@ from wrt.io.safe_read import read_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import vertex_normals
 
-MESH_FILES = ("obj", "ply", "serialized")
-"""Shapes whose triangles are in a file."""
-
-_POSTFIXES = frozenset("xyzwrgba01234")
-"""Ends of the names of properties that together are an attribute."""
+MESH_FILES = ("obj", "ply", "serialized")  # shapes whose triangles are in a file
+_POSTFIXES = frozenset("xyzwrgba01234")  # ends of the names of properties that together are an attribute
 
 
 def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:
@@ -46,7 +43,7 @@ def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:
     path = plugin.file()
     matrix = plugin.transform()
     upside_down = plugin.boolean("flip_tex_coords", plugin.type == "obj")
-    index = plugin.whole("shape_index", 0) if plugin.type == "serialized" else 0
+    index = plugin.integer("shape_index", 0) if plugin.type == "serialized" else 0
     with plugin.locating(), hinting(path):
         parts, flat = _parts(plugin, path, index, attribute)
         shapes = to_shapes(str(path), parts, None)

@@ -1,4 +1,4 @@
-"""Parse an object of the scene: its type, its parameters, and its child objects; warn of parameters never read."""
+"""An object of the scene: its type, its parameters, and its child objects; warnings of parameters never read."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, did_you_mean
 from wrt.io.mitsuba.document import MOST_LEVELS, Document, Element
-from wrt.io.mitsuba.transforms import numbers_of, transform_of, vector_of
+from wrt.io.mitsuba.transforms import numbers_of, rotation_part, transform_of, vector_of
 from wrt.linalg import determinant
 from wrt.values import Vec3
 
@@ -83,7 +83,7 @@ class Plugin:
 
     def has(self, name: str) -> bool:
         """Return whether a parameter is given, as a value or as an object."""
-        return name in self._values or self.named(name) is not None
+        return name in self._values or any(child == name for child, _ in self.objects)
 
     def value(self, name: str, *tags: str) -> Element | None:
         """Return the element of a parameter, which must have one of these tags; None if it is not given."""
@@ -101,38 +101,32 @@ class Plugin:
             raise self.error(f"{name!r} must be greater than 0, not {result:g}")
         return result
 
-    def whole(self, name: str, default: int) -> int:
+    def integer(self, name: str, default: int) -> int:
         """Return a whole number."""
-        element = self.value(name, "integer")
-        if element is None:
-            return default
+        text = self.text(name, str(default), "integer")
         try:
-            return int(element.get("value"))
+            return int(text)
         except ValueError:
-            raise element.error(f"{name!r} must be a whole number, not {element.get('value')!r}") from None
+            raise self._values[name].error(f"{name!r} must be a whole number, not {text!r}") from None
 
     def boolean(self, name: str, default: bool) -> bool:
         """Return a boolean."""
-        element = self.value(name, "boolean")
-        if element is None:
-            return default
-        text = element.get("value").lower()
-        if text not in ("true", "false"):
-            raise element.error(f"{name!r} must be true or false, not {element.get('value')!r}")
-        return text == "true"
+        text = self.text(name, str(default), "boolean")
+        if text.lower() not in ("true", "false"):
+            raise self._values[name].error(f"{name!r} must be true or false, not {text!r}")
+        return text.lower() == "true"
 
-    def text(self, name: str, default: str) -> str:
-        """Return a string."""
-        element = self.value(name, "string")
+    def text(self, name: str, default: str, tag: str = "string") -> str:
+        """Return a string, or the text of another value."""
+        element = self.value(name, tag)
         return default if element is None else element.get("value")
 
-    def choice(self, name: str, default: str, *choices: str) -> str:
-        """Return a string that must be one of `choices`."""
-        result = self.text(name, default).lower()
+    def choice(self, name: str, *choices: str) -> str:
+        """Return a string that must be one of `choices`, by default the first."""
+        result = self.text(name, choices[0]).lower()
         if result not in choices:
-            raise self._values[name].error(
-                f"{self.label}: {name!r} must be one of {', '.join(choices)}, not {result!r}"
-            )
+            options = ", ".join(choices)
+            raise self._values[name].error(f"{self.label}: {name!r} must be one of {options}, not {result!r}")
         return result
 
     def point(self, name: str, default: Vec3) -> Vec3:
@@ -153,6 +147,13 @@ class Plugin:
             raise element.error(f"{self.label}: {name!r} must be an affine transform that can be inverted")
         return matrix
 
+    def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the (3, 3) rotation of `to_world`, and its scale along the rotated axes; see `rotation_part`."""
+        axes, stretch, has_shear = rotation_part(self.transform())
+        if has_shear:
+            self.warn("'to_world' has shear, which is left out")
+        return axes, stretch
+
     def file(self, name: str = "filename") -> Path:
         """Return the path of a required file."""
         element = self.value(name, "string")
@@ -170,6 +171,7 @@ class Plugin:
 
     def named(self, name: str) -> Plugin | None:
         """Return the child object with a name, or None."""
+        self._read.add(name)
         return next((each for child, each in self.objects if child == name), None)
 
     def ignore(self, *names: str) -> None:
@@ -177,11 +179,10 @@ class Plugin:
         self._read.update(names)
 
     def finish(self) -> None:
-        """Warn of the parameters that were never read."""
-        for name, element in self._values.items():
-            if name not in self._read:
-                hint = did_you_mean(name, self._read - {name})
-                self.document.warn(element, f"{self.label}: {name!r} is not known{hint}; left out")
+        """Warn of the parameters that were never read, unless the object was not used at all."""
+        for name in [name for name in self._values if name not in self._read] if self._read else ():
+            hint = did_you_mean(name, self._read)
+            self.document.warn(self._values[name], f"{self.label}: {name!r} is not known{hint}; left out")
 
 
 def first_of(kind: str, plugins: Iterable[Plugin]) -> Plugin | None:

@@ -58,6 +58,8 @@ def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None,
         integrator.warn("'hide_emitters' hides environments and bare lights; surfaces that emit stay visible")
     if camera_plugin is not None:
         warn_of_clipping(camera_plugin, scene)
+    for plugin in document.plugins.values():
+        plugin.finish()
     return scene
 
 

@@ -16,15 +16,9 @@ from wrt.scene.mesh import Mesh
 
 Array = NDArray[np.float64]
 
-MOST_CELLS = 2_000_000
-"""Most parts of cells that are examined."""
-
-_PARTS = 4
-"""Parts of a cell along each axis; fewer for large grids."""
-
-_NEWTON = 3
-"""Steps by which vertices are moved onto the surface."""
-
+MOST_CELLS = 2_000_000  # most parts of cells that are examined
+_PARTS = 4  # parts of a cell along each axis; fewer for large grids
+_NEWTON = 3  # steps by which vertices are moved onto the surface
 _LEAST_GRADIENT = 1e-12
 
 # The six tetrahedra of a cube around its diagonal from (0, 0, 0) to (1, 1, 1): Kuhn's subdivision, which meets that of
@@ -42,7 +36,7 @@ def read_sdfgrid(plugin: Plugin) -> Mesh:
         InputError: when its file cannot be read, or has no surface.
     """
     path = plugin.file()
-    smooth = plugin.choice("normals", "smooth", "smooth", "analytic") == "smooth"
+    smooth = plugin.choice("normals", "smooth", "analytic") == "smooth"
     plugin.ignore("watertight")
     with plugin.locating():
         values = read_volume(path).values

@@ -33,8 +33,7 @@ _PACKED_NORMALS, _PACKED_TANGENTS, _PACKED_UVS = 0x1, 0x2, 0x4
 _LONGEST_NAME = 4096
 _MOST_ATTRIBUTES = 256
 _CHUNK = 2**16
-_DEFLATED = 1032
-"""Most bytes that deflate can make of one byte."""
+_DEFLATED = 1032  # most bytes that deflate can make of one byte
 
 
 @dataclass

@@ -5,19 +5,19 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.io import memory_limits
-from wrt.io.mitsuba import surfaces
 from wrt.io.mitsuba.curves import CURVES, read_curves
 from wrt.io.mitsuba.materials import BLACK, CLEAR, UNKNOWN, Materials, Surface
 from wrt.io.mitsuba.media import Media, filled
 from wrt.io.mitsuba.meshes import MESH_FILES, read_mesh
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.sdfgrid import read_sdfgrid
-from wrt.io.mitsuba.surfaces import Detail, is_closed
+from wrt.io.mitsuba.surfaces import Detail, cube, is_closed
 from wrt.io.mitsuba.textures import Textures
 from wrt.linalg import determinant, norm, product, singular_values
 from wrt.scene.camera import PerspectiveCamera
@@ -28,13 +28,13 @@ from wrt.scene.lights import DiskLight, Light, RectangleLight, SphereLight
 from wrt.scene.materials.body import Null
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Shape
+from wrt.scene.shapes import quad
 from wrt.scene.textures import ColorSource, shines
 from wrt.values import Vec3, vec3
 
 Matrix = NDArray[np.float64]
 
-MOST_EXACT_LIGHTS = 64
-"""Rays are tested against each of them in turn."""
+MOST_EXACT_LIGHTS = 64  # rays are tested against each of them in turn
 
 _LEAST_RADIUS = 1e-5
 """Smaller spheres, relative to the distance of the origin, are triangles: float32 resolves an exact one no better."""
@@ -82,8 +82,7 @@ class Shapes:
                 made = self._shape(plugin)
         else:
             plugin.warn("this kind of shape is not known; left out")
-            return []
-        plugin.finish()
+            made = []
         return made
 
     def _instance(self, plugin: Plugin) -> Iterator[Shape]:
@@ -98,9 +97,7 @@ class Shapes:
             detail, self.detail = self.detail, Detail(None, self.detail.height)
             self._groups[key] = [shape for inner in group.of_kind("shape") for shape in self._shapes(inner)]
             self.detail = detail
-            group.finish()
         matrix = plugin.transform()
-        plugin.finish()
         for shape in self._groups[key]:
             memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE)
             yield dataclasses.replace(shape, transform=matrix)
@@ -169,7 +166,6 @@ class Shapes:
             return (0.0, 0.0, 0.0)
         radiance = self.textures.color(emitter, "radiance", 1.0, emits=True, most=math.inf)
         emitter.ignore("sampling_weight")
-        emitter.finish()
         return (radiance,) * 3 if isinstance(radiance, float) else radiance
 
     def _mesh(self, plugin: Plugin, emits: bool) -> Mesh:
@@ -202,15 +198,13 @@ class Shapes:
         visited = set()
         while waiting:
             each = waiting.pop()
-            if each in visited:
-                continue
-            visited.add(each)
-            if each.kind == "texture" and each.type == "mesh_attribute":
+            if each.type == "mesh_attribute":
                 name = each.text("name", "")
                 if first not in (None, name):
                     each.warn(f"a shape can have one attribute only; {first!r} stands in for {name!r}")
                 first = first or name
-            waiting += [inner for _, inner in reversed(each.objects)]
+            visited.add(each)
+            waiting += [inner for _, inner in reversed(each.objects) if inner not in visited]
         return first
 
     def _exact_light(self, plugin: Plugin, radiance: Vec3, flip: bool) -> Light | None:
@@ -237,8 +231,8 @@ class Shapes:
 
 
 _UNIT_SHAPES: dict[str, Callable[..., Mesh]] = {
-    "rectangle": surfaces.rectangle,
-    "cube": surfaces.cube,
+    "rectangle": partial(quad, (-1.0, -1.0, 0.0), (2.0, 0.0, 0.0), (0.0, 2.0, 0.0)),
+    "cube": cube,
     "sphere": ball,
     "disk": unit_disk,
     "cylinder": unit_cylinder,

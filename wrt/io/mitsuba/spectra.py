@@ -24,17 +24,13 @@ from wrt.linalg import product
 from wrt.scene.srgb import linear_from_srgb
 from wrt.values import Vec3, vec3
 
-COLOR_TAGS = ("rgb", "spectrum", "float", "integer", "srgb", "color", "blackbody")
-"""Elements that give a colour."""
-
-LUMINOUS = float(OBSERVER[:, 1].sum())
-"""∫ y dλ, nm, which normalises radiance summed over wavelengths."""
+COLOR_TAGS = ("rgb", "spectrum", "float", "integer", "srgb", "color", "blackbody")  # elements that give a colour
+LUMINOUS = float(OBSERVER[:, 1].sum())  # ∫ y dλ, nm, which normalises radiance summed over wavelengths
 
 # Planck's constant, J s; the speed of light, m/s; Boltzmann's constant, J/K (SI, exact since 2019).
 _PLANCK, _LIGHT, _BOLTZMANN = 6.62607015e-34, 299792458.0, 1.380649e-23
 
-Spectrum = NDArray[np.float64]
-"""(N,) values at WAVELENGTHS."""
+Spectrum = NDArray[np.float64]  # (N,) values at WAVELENGTHS
 
 
 def emitted(spectrum: Spectrum) -> Vec3:
@@ -154,6 +150,5 @@ def _by_plugin(plugin: Plugin, color_from: Callable[[Spectrum], Vec3]) -> Vec3:
         result = color_from(_interpolated(element, wavelengths, values))
     else:
         plugin.warn("this kind of spectrum is not known; 0.5 stands in for it")
-        return 0.5, 0.5, 0.5
-    plugin.finish()
+        result = (0.5, 0.5, 0.5)
     return result

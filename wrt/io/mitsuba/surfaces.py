@@ -19,8 +19,7 @@ Matrix = NDArray[np.float64]
 LEAST_SEGMENTS, MOST_SEGMENTS = 64, 768
 """Segments of a circle: fewer would show in the shading, more would take half a gigabyte for a few spheres."""
 
-MOST_EMITTING = 192
-"""Most segments of a circle on an emitting shape, where each triangle is a light."""
+MOST_EMITTING = 192  # most segments of a circle on an emitting shape, where each triangle is a light
 
 
 @dataclass(frozen=True)
@@ -50,12 +49,6 @@ class Detail:
         segments = math.pi / math.acos(1.0 - min(inside, 1.0)) if inside > 1e-12 else math.inf
         most = MOST_EMITTING if emits else MOST_SEGMENTS
         return (most, True) if segments > most else (max(LEAST_SEGMENTS, 4 * math.ceil(0.25 * segments)), False)
-
-
-def rectangle() -> Mesh:
-    """Return the square from −1 to 1 in x and y that faces z, with u and v from 0 to 1."""
-    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)
-    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), uvs=0.5 * (corners[:, :2] + 1.0), name="rectangle")
 
 
 def cube() -> Mesh:

@@ -148,8 +148,7 @@ class Textures:
             made = VertexColor(texture.number("scale", 1.0))
         else:
             texture.warn("this kind of texture is not known; 0.5 stands in for it")
-            return (0.5, 0.5, 0.5)
-        texture.finish()
+            made = (0.5, 0.5, 0.5)
         return made
 
     def _bitmap(self, texture: Plugin) -> ImageTexture:
@@ -164,9 +163,9 @@ class Textures:
                 texture.warn(f"{file.name} has negative or non-finite values; they are set to 0")
                 pixels = np.maximum(np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0), 0.0)
             self._pixels[file, raw] = sealed(np.ascontiguousarray(pixels[::-1]))
-        wrap = texture.choice("wrap_mode", "repeat", "repeat", "mirror", "clamp")
+        wrap = texture.choice("wrap_mode", "repeat", "mirror", "clamp")
         # Two filters are of version 0.6.
-        kind = texture.choice("filter_type", "bilinear", "bilinear", "nearest", "trilinear", "ewa")
+        kind = texture.choice("filter_type", "bilinear", "nearest", "trilinear", "ewa")
         kind = "trilinear" if kind == "ewa" else kind
         return _placed(texture, ImageTexture(self._pixels[file, raw], file.name, wrap=wrap, filter=kind))
 

@@ -112,7 +112,7 @@ _MAKERS = {
 
 
 def rotation_part(matrix: Matrix) -> tuple[Matrix, NDArray[np.float64], bool]:
-    """Return the (3, 3) rotation of a transform, its scale along the rotated axes, and whether it has no shear.
+    """Return the (3, 3) rotation of a transform, its scale along the rotated axes, and whether it has shear.
 
     The columns of the rotation are unit vectors; a mirroring transform has a negative scale along x.
     """
@@ -121,8 +121,7 @@ def rotation_part(matrix: Matrix) -> tuple[Matrix, NDArray[np.float64], bool]:
     axes = linear / stretch
     if determinant(axes) < 0.0:
         axes[:, 0], stretch[0] = -axes[:, 0], -stretch[0]
-    plain = bool(np.allclose(product(axes.T, axes), np.eye(3), atol=1e-4))
-    return axes, stretch, plain
+    return axes, stretch, not np.allclose(product(axes.T, axes), np.eye(3), atol=1e-4)
 
 
 def axis_and_degrees(turn: Matrix) -> tuple[Vec3, float]:

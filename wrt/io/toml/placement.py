@@ -62,10 +62,7 @@ def read_places(reader: TableReader, table: dict[str, Any]) -> list[Transform]:
 
 
 def _motion(reader: TableReader, table: dict[str, Any]) -> Motion | None:
-    if "motion" not in table:
-        return None
-    with reader.at("motion"):
-        return read_motion(reader, table_of(table["motion"]), (0.0, 0.0, 0.0))
+    return reader.read(table, "motion", lambda value: read_motion(reader, table_of(value), (0.0, 0.0, 0.0)))
 
 
 def read_motion(reader: TableReader, table: Table, center: Vec3) -> Motion:
@@ -175,11 +172,8 @@ def read_density(reader: TableReader, table: dict[str, Any]) -> DensityGrid:
     reader.check_table(table, DENSITY, fields=DENSITY_OWN)
     options = {key: table[key] for key in DENSITY_OWN if key in table}
     for key in ("albedo", "emission"):
-        if key in table:
-            with reader.at(key):
-                options[key] = read_volume(reader.file(table[key])).values
-    with reader.at("grid"):
-        grid = text_of(table["grid"]) if "grid" in table else None
+        options[key] = reader.read(table, key, lambda value: read_volume(reader.file(value)).values)
+    grid = reader.read(table, "grid", text_of)
     with reader.at("file"):
         density = load_density(reader.file(table["file"]), grid=grid, **options)
     matrix = reader.transform(table)

@@ -8,6 +8,7 @@ import os
 import typing
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,11 +35,14 @@ from wrt.io.toml.scene_keys import (
     array_of,
     own_fields,
 )
-from wrt.io.toml.tables import Table, TableReader, choice, points_of, read_toml, table_of, text_of
+from wrt.io.toml.tables import Result, Table, TableReader, choice, points_of, read_toml, table_of, text_of
 from wrt.scene import shapes
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.exact import quadrics
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.exact.spheres import Spheres
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.composite import MAX_NESTING
@@ -49,14 +53,9 @@ from wrt.scene.motion import Motion
 from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import RenderSettings, Scene, Shape, bake_transforms
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
-from wrt.values import boolean, integer, sealed, vector
-
-_SUBDIVISIONS = inspect.signature(shapes.sphere).parameters["subdivisions"].default
+from wrt.values import boolean, sealed, vector
 
 _hints_of = functools.cache(typing.get_type_hints)
-
-MAX_MADE_TRIANGLES = 30_000_000
-"""Limit on the triangles of all spheres and procedural meshes of a scene file: a few gigabytes."""
 
 
 @memory_limits.one_load()
@@ -81,6 +80,13 @@ def load_scene(path: PathLike, triangles: int | None = None) -> Scene:
 def shape_makers() -> dict[str, Callable[..., Any]]:
     """Return what makes shapes from keys of their own, by their `type`."""
     return dict(_SceneReader(Path(), None).makers())
+
+
+def found(section: str, name: Any, objects: dict[str, Result]) -> Result:
+    """Return the object of a section that a name stands for, or raise InputError."""
+    if text_of(name) not in objects:
+        raise InputError(f"there is no [{section}.{name}]{did_you_mean(name, objects)}")
+    return objects[name]
 
 
 class _SceneReader(TableReader):
@@ -109,27 +115,19 @@ class _SceneReader(TableReader):
     def scene(self, tree: Table) -> Scene:
         self.check_keys(tree, SECTIONS)
         scene = Scene()
-        with self.at("settings"):
-            scene.settings = self.build(RenderSettings, tree.get("settings", {}))
-        if "camera" in tree:
-            with self.at("camera"):
-                scene.camera = self.camera(table_of(tree["camera"]))
-        if "environment" in tree:
-            with self.at("environment"):
-                scene.environment = self.environment(table_of(tree["environment"]))
+        scene.settings = self.read(tree, "settings", partial(self.build, RenderSettings)) or scene.settings
+        scene.camera = self.read(tree, "camera", self.camera)
+        scene.environment = self.read(tree, "environment", self.environment)
         self.each(tree, "lights", lambda light: scene.add_light(self.build(choice(light, LIGHTS), light)))
         with self.at("media"):
             for name, table in table_of(tree.get("media", {})).items():
                 with self.at(name):
                     self.media[name] = self.build(choice(table_of(table), MEDIA, default="coefficients"), table)
-        if "medium" in tree:
-            with self.at("medium"):
-                scene.medium = self.medium(tree["medium"])
+        scene.medium = self.read(tree, "medium", self.medium)
         with self.at("materials"):
             self._material_tables = table_of(tree.get("materials", {}))
             for name in self._material_tables:
                 self.material(name)
-        _require_few_triangles(tree.get("shapes"), self.triangles)
         self.each(tree, "shapes", lambda shape: scene.shapes.extend(self.shape(shape)))
         if self.triangles is not None and not self.triangles_used:
             raise InputError("a number of triangles was given, but no shape is of type 'many-triangles'")
@@ -153,17 +151,16 @@ class _SceneReader(TableReader):
         return self.call(make, arguments, extra=() if "type" in inspect.signature(make).parameters else ("type",))
 
     def camera(self, table: Table) -> Camera:
-        cls = choice(table, CAMERAS, default="perspective")
+        cls = choice(table_of(table), CAMERAS, default="perspective")
         if "motion" in table:
-            with self.at("origin"):
-                center = vector(table.get("origin", cls.origin), "camera origin")
-            with self.at("motion"):
-                table = {**table, "motion": read_motion(self, table_of(table["motion"]), center)}
+            center = self.read(table, "origin", lambda value: vector(value, "camera origin")) or cls.origin
+            motion = self.read(table, "motion", lambda value: read_motion(self, table_of(value), center))
+            table = {**table, "motion": motion}
         made: Camera = self.build(cls, table)
         return made
 
     def environment(self, table: Table) -> Any:
-        cls = choice(table, ENVIRONMENTS)
+        cls = choice(table_of(table), ENVIRONMENTS)
         if cls is not ImageEnvironment:
             return self.build(cls, table)
         keys = {key: value for key, value in table.items() if key != "type"}
@@ -176,9 +173,7 @@ class _SceneReader(TableReader):
 
     def medium(self, name: Any) -> Medium:
         """Return a medium by its name."""
-        if text_of(name) not in self.media:
-            raise InputError(f"there is no [media.{name}]{did_you_mean(name, self.media)}")
-        return self.media[name]
+        return found("media", name, self.media)
 
     def material(self, name: str) -> Material:
         """Return a material by its name; it may name others as its parts, in any order."""
@@ -196,8 +191,7 @@ class _SceneReader(TableReader):
 
     def part(self, name: Any) -> Material:
         """Return a material that another one names."""
-        if text_of(name) not in self._material_tables:
-            raise InputError(f"there is no [materials.{name}]{did_you_mean(name, self._material_tables)}")
+        found("materials", name, self._material_tables)
         place, self.place = self.place, self.place[:2]
         try:
             return self.material(name)
@@ -263,24 +257,14 @@ class _SceneReader(TableReader):
         """Return a shape, or the several of a mesh file that keeps its own materials."""
         made = self.meshes(table)
         matrix = self.transform(table)
-        material = None
-        if "material" in table:
-            with self.at("material"):
-                material = self.materials.get(text_of(table["material"]))
-                if material is None:
-                    name = table["material"]
-                    raise InputError(f"there is no [materials.{name}]{did_you_mean(name, self.materials)}")
+        material = self.read(table, "material", lambda name: found("materials", name, self.materials))
         places = read_places(self, table)
         if "deformation" in table or any(isinstance(place, Motion) and not place.is_rigid for place in places):
             made = bake_transforms(made)
         if material is not None:
             made = joined(made)
-        name = None
-        if "name" in table:
-            with self.at("name"):
-                name = text_of(table["name"])
-        with self.at("emission"):
-            emission = self.color_source(table.get("emission", 0.0), ())
+        name = self.read(table, "name", text_of)
+        emission = self.read(table, "emission", lambda value: self.color_source(value, ())) or 0.0
         if "deformation" in table and len(made) > 1:
             raise InputError("its file has several materials, but one mesh alone can be deformed; give a material")
 
@@ -323,6 +307,7 @@ class _SceneReader(TableReader):
         """Return the meshes of a shape before its transform; those from files bring materials."""
         made = self.call(choice(table, self.makers()), table, extra=SHAPE)
         if isinstance(made, Mesh):
+            memory_limits.take(memory_limits.MADE, memory_limits.size_of(made))
             return [Shape(made, name=f"{table['type']} {self.place[-1]}")]
         result: list[Shape] = made
         return result
@@ -352,10 +337,7 @@ class _SceneReader(TableReader):
         Args:
             file: a NumPy archive (.npz) of `centers` (N, 3), `radii` (N,) and perhaps `colors` (N, 3).
         """
-        from wrt.io.npy import read_spheres
-
-        with self.at("file"):
-            return read_spheres(self.file(file))
+        return self.arrays(file, Spheres)
 
     def quadrics(self, file: Annotated[Any, TEXT]) -> Mesh:
         """Return exact disks and cylinders that `wrt convert` wrote.
@@ -363,10 +345,13 @@ class _SceneReader(TableReader):
         Args:
             file: a NumPy archive (.npz) of their arrays `boxes` (N, 2, 3) and `axes` (N, 3, 3).
         """
-        from wrt.io.npy import read_quadrics
+        return self.arrays(file, Quadrics)
+
+    def arrays(self, file: Any, cls: type[Analytic]) -> Mesh:
+        from wrt.io.npy import read_exact
 
         with self.at("file"):
-            return read_quadrics(self.file(file))
+            return read_exact(self.file(file), cls)
 
     def mesh_file(self, file: Annotated[Any, TEXT], smooth: Annotated[Any, BOOLEAN] = True) -> list[Shape]:
         """Return the shapes of a mesh file.
@@ -377,20 +362,19 @@ class _SceneReader(TableReader):
             file: the mesh: OBJ, PLY, STL, OFF, GLB, glTF or .npz.
             smooth: whether its own normals are used, and made where it has none; otherwise triangles are flat.
         """
+        from wrt.io.load_mesh import load_file
+
         boolean(smooth, "smooth")
         with self.at("file"):
             path = self.file(file)
             key = os.path.realpath(path), smooth
-        if key not in self._mesh_files:
-            with self.at("file"):
-                from wrt.io.load_mesh import load_file
-
+            if key not in self._mesh_files:
                 loaded = load_file(path, smooth_degrees=CREASE_DEGREES if smooth else None).shapes
-            if not smooth:
-                flat = {id(shape.mesh): replace(shape.mesh, normals=None) for shape in loaded}
-                loaded = [replace(shape, mesh=flat[id(shape.mesh)]) for shape in loaded]
-            self._mesh_files[key] = loaded
-        return self._mesh_files[key]
+                if not smooth:
+                    flat = {id(shape.mesh): replace(shape.mesh, normals=None) for shape in loaded}
+                    loaded = [replace(shape, mesh=flat[id(shape.mesh)]) for shape in loaded]
+                self._mesh_files[key] = loaded
+            return self._mesh_files[key]
 
     def many_triangles(self, triangles: Annotated[Any, {"type": "integer", "minimum": 1000}]) -> Mesh:
         """Return a mountain range.
@@ -401,28 +385,5 @@ class _SceneReader(TableReader):
         from wrt.meshes.many_triangles import terrain
 
         self.triangles_used = True
-        count = integer(triangles, "triangles", minimum=1, maximum=2**31 - 1)
-        mesh: Mesh = terrain(count if self.triangles is None else self.triangles)
+        mesh: Mesh = terrain(triangles if self.triangles is None else self.triangles)
         return mesh
-
-
-def _require_few_triangles(tables: Any, procedural: int | None) -> None:
-    """Raise InputError where the spheres and procedural meshes of a scene would be too large together.
-
-    If `procedural` is given, each procedural mesh has that many triangles.
-    """
-    total = 0
-    for table in tables if isinstance(tables, list) else []:
-        match table:
-            case {"type": "sphere", "exact": True}:
-                total += 1
-            case {"type": "sphere"}:
-                times = table.get("subdivisions", _SUBDIVISIONS)
-                total += 20 * 4 ** min(max(times, 0), shapes.MAX_SUBDIVISIONS) if isinstance(times, int) else 0
-            case {"type": "many-triangles", "triangles": int(count)}:
-                total += count if procedural is None else procedural
-    if total > MAX_MADE_TRIANGLES:
-        raise InputError(
-            f"spheres and procedural meshes have more than {MAX_MADE_TRIANGLES} triangles together; "
-            "give spheres fewer subdivisions"
-        )

@@ -155,9 +155,7 @@ DENSITY: Keys = {
     **TRANSFORM,
 }
 
-DENSITY_OWN = ["lower", "upper", "factor"]
-"""Fields of DensityGrid that a table may set."""
-
+DENSITY_OWN = ["lower", "upper", "factor"]  # fields of DensityGrid that a table may set
 VERTEX_COLORS: Keys = {"vertex_colors": Key("The mesh's own colours.", {"const": True}, required=True)}
 
 IMAGE_ENVIRONMENT: Keys = {"file": Key("OpenEXR, Radiance HDR or .npy; also PNG and the like.", TEXT, required=True)}

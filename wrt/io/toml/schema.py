@@ -8,31 +8,48 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 import re
 import typing
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 from wrt.describe.docstrings import meanings_of, summary_of
 from wrt.io.toml import scene_keys
 from wrt.io.toml.reader import shape_makers
 from wrt.io.toml.scene_keys import BOOLEAN, NUMBER, TEXT, VECTOR, Keys, Schema, array_of, definition, own_fields
-from wrt.io.toml.value_ranges import FORMS, Limits
 from wrt.scene.camera import CAMERAS
+from wrt.scene.description import Check
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
+from wrt.scene.layers import LAYERS
 from wrt.scene.lights import LIGHTS
+from wrt.scene.lights.light import unit_vector
 from wrt.scene.materials import MATERIALS, Material
+from wrt.scene.materials.dielectrics import refractive_index
+from wrt.scene.materials.dispersion import MOST as MOST_DISPERSION
+from wrt.scene.materials.material import color_source, value_source
 from wrt.scene.materials.measured import Measurement
+from wrt.scene.materials.microfacet import LEAST_ALPHA, MASKINGS
 from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.motion import Motion
 from wrt.scene.scene import RenderSettings
-from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
+from wrt.scene.shapes import MAX_SUBDIVISIONS
+from wrt.scene.textures import WRAPS, ImageTexture, NormalMap, VertexColor
+from wrt.values import Vec3, boolean, color, integer, number, vector
 
-_FOUND_BY_NAME = (Material, Medium, Measurement)
-"""Given by the name of a table or a file in a scene file, and as objects in Python."""
+_UNLIMITED = 1e30  # larger limits are those of float32
 
+_PAIR = array_of(NUMBER, 2, 2)
 
-_LONGEST_LINE = 110
+_OBJECTS: dict[Any, Schema] = {
+    **dict.fromkeys((Material, Medium, Measurement), TEXT),  # the name of a table or a file
+    Motion: definition("motion"),
+    NormalMap: definition("normal_map"),
+    DensityGrid: definition("density"),
+    ImageTexture: definition("texture"),
+}
+"""Arguments that are objects in Python."""
 
 
 def scene_schema() -> Schema:
@@ -48,15 +65,7 @@ def scene_schema() -> Schema:
 
 def schema_text() -> str:
     """Return the schema as JSON text."""
-    text = json.dumps(scene_schema(), indent=1, ensure_ascii=False)
-
-    def joined(found: re.Match[str]) -> str:
-        line = re.sub(r"\n\s*", " ", found[0]).replace("[ ", "[").replace(" ]", "]")
-        return line if len(line) <= _LONGEST_LINE else found[0]
-
-    for _ in range(3):  # put short objects on one line, innermost first
-        text = re.sub(r"\{[^{}\[\]]*\}|\[[^{}\[\]]*\]|\{\n[^\n]*\n\s*\}", joined, text)
-    return text + "\n"
+    return json.dumps(scene_schema(), indent=1, ensure_ascii=False) + "\n"
 
 
 def _definitions() -> Iterable[tuple[str, Schema]]:
@@ -64,8 +73,7 @@ def _definitions() -> Iterable[tuple[str, Schema]]:
     yield "texture", _made(ImageTexture, scene_keys.TEXTURE, only=own_fields(ImageTexture))
     yield "normal_map", _made(NormalMap, scene_keys.NORMAL_MAP, only=own_fields(NormalMap))
     yield "vertex_colors", _made(VertexColor, scene_keys.VERTEX_COLORS)
-    color = Limits(VertexColor).forms("factor")
-    yield "color_that_varies", {"anyOf": [*_numbers(color, whole=False), *_that_vary()]}
+    yield "color_that_varies", {"anyOf": [*_color(), *_that_vary()]}
     yield "turn", _table(scene_keys.TURN)
     yield "keyframe", {"anyOf": [_table(scene_keys.KEYFRAME), _table(scene_keys.MATRIX_KEYFRAME)]}
     yield "motion", {"anyOf": [_table(scene_keys.KEYFRAMES), _table(scene_keys.EVEN_MOTION)]}
@@ -134,17 +142,16 @@ def _table(keys: Keys, properties: Schema | None = None, description: str = "") 
 
 def _made(make: Callable[..., Any], keys: Keys | None = None, only: list[str] | None = None) -> Schema:
     """Return the schema of a table whose keys are arguments of a class or function, all or some, and further keys."""
-    limits = Limits(make)
-    parameters = inspect.signature(make).parameters
-    properties: Schema = {}
-    for name in limits.hints if only is None else only:
+    parameters, hints = inspect.signature(make).parameters, typing.get_type_hints(make, include_extras=True)
+    table = _table(keys or {}, description=summary_of(make))
+    for name in parameters if only is None else only:
         default = parameters[name].default
-        properties[name] = _described(_value(limits, name), _meaning(make, name))
+        described = _described(_value(make, name, hints.get(name, Any)), _meaning(make, name))
         if isinstance(default, (bool, int, float, str)) or (isinstance(default, tuple) and default):
-            properties[name]["default"] = default
-    table = _table(keys or {}, properties, summary_of(make))
-    if required := [*table.get("required", []), *(name for name in limits.required if name in properties)]:
-        table["required"] = required
+            described["default"] = default
+        elif default is inspect.Parameter.empty:
+            table.setdefault("required", []).append(name)
+        table["properties"][name] = described
     return table
 
 
@@ -156,68 +163,106 @@ def _meaning(make: Callable[..., Any], name: str) -> str:
     return meaning
 
 
-def _value(limits: Limits, name: str) -> Schema:
+def _value(make: Callable[..., Any], name: str, hint: Any) -> Schema:
     """Return the schema of an argument."""
-    hint = limits.hints[name]
     if typing.get_origin(hint) is typing.Annotated:
         return dict(typing.get_args(hint)[1])
     kinds = [kind for kind in (typing.get_args(hint) or (hint,)) if kind is not type(None)]
-    if any(kind in _FOUND_BY_NAME for kind in kinds):
-        return TEXT
-    if Motion in kinds or NormalMap in kinds:
-        return definition("motion" if Motion in kinds else "normal_map")
-    if kinds == [DensityGrid]:
-        return definition("density")
-    if kinds == [bool]:
-        return BOOLEAN
-    if kinds == [ImageTexture]:
-        return definition("texture")
+    for cls, schema in _OBJECTS.items():
+        if kinds[0] is cls:
+            return schema
     if "numpy" in str(hint):
         return array_of({"anyOf": [NUMBER, VECTOR]}, 1)
-    options = _words(limits, name, kinds) or _arrays(limits, name, hint) or []
-    if not options:
-        options = _numbers(limits.forms(name) if str not in kinds[:1] else {}, whole=int in kinds)
-    if str in kinds and name not in limits.words:
-        names = limits.known_names(name)
-        options += [{"enum": names}, TEXT] if names else [TEXT]
+    options = _of_check(_checks_of(make).get(name)) or _UNCHECKED.get(name) or _of_type(name, hint, kinds)
+    if str in kinds and not any("enum" in each for each in options):
+        options = [*options, TEXT]
     if ImageTexture in kinds:
-        options += _that_vary()
+        options = [*options, *_that_vary()]
     return options[0] if len(options) == 1 else {"anyOf": options}
 
 
-def _words(limits: Limits, name: str, kinds: list[Any]) -> list[Schema]:
-    """Return the schemas of an argument that is one of several words, or a pair of them."""
-    if name not in limits.words:
-        return []
-    word: Schema = {"enum": limits.words[name]}
-    several = any(typing.get_origin(kind) is not None for kind in kinds)
-    return [word, array_of(word, 2, 2)] if several else [word]
+def _checks_of(make: Callable[..., Any]) -> dict[str, Check]:
+    """Return the checks of a class and its bases, by field."""
+    tables = [cls.__dict__.get("checks", {}) for cls in reversed(make.__mro__)] if inspect.isclass(make) else []
+    return {name: check for table in tables for name, check in table.items()}
 
 
-def _arrays(limits: Limits, name: str, hint: Any) -> list[Schema]:
-    """Return the schemas of an argument that is a tuple."""
-    options = (hint, *typing.get_args(hint))
-    items = next((typing.get_args(option) for option in options if typing.get_origin(option) is tuple), ())
-    if not items:
-        return []
-    if str in items:
-        return [array_of({"enum": limits.known_names(name)})]
-    if tuple(items) == (float, float, float):
+def _of_check(check: Any) -> list[Schema]:
+    """Return the schemas of the values that a check of `wrt.scene` accepts; none if it is of another kind."""
+    options: dict[str, Any] = {}
+    while isinstance(check, partial):
+        options = {**check.keywords, **options}
+        check = options.pop("check", check.func)
+    if check in (vector, unit_vector):
         return [VECTOR]
-    item = {"type": "integer" if int in items else "number", **limits.of_items(name, len(items))}
-    return [array_of(item, len(items), len(items))]
+    if check is boolean:
+        return [BOOLEAN]
+    if check is refractive_index:
+        return [_number(above=0.0)]
+    if "words" in options:
+        return [{"enum": list(options["words"])}]
+    if check not in (number, integer, color, value_source, color_source):
+        return []
+    defaults = {name: parameter.default for name, parameter in inspect.signature(check).parameters.items()}
+    options = {**defaults, **options}
+    kind = "integer" if check is integer else "number"
+    if check in (color, color_source):
+        return _color(maximum=options["maximum"])
+    return [_number(kind, **{name: options[name] for name in ("minimum", "maximum", "above") if name in options})]
 
 
-def _numbers(forms: Mapping[str, Schema], *, whole: bool) -> list[Schema]:
-    """Return the schemas of numbers by their form."""
-    kind = "integer" if whole else "number"
-    numbers: list[Schema] = []
-    for form, limits in forms.items():
-        number: Schema = {"type": kind, **limits}
-        numbers.append(array_of(number, FORMS[form], FORMS[form]) if FORMS[form] else number)
-    return numbers
+def _of_type(name: str, hint: Any, kinds: list[Any]) -> list[Schema]:
+    """Return the schemas of an argument by its type."""
+    if Vec3 in (hint, kinds[0]):
+        return [VECTOR]
+    if hint is float:
+        return [_number(above=0.0 if name in ("radius", "distance") else -math.inf)]
+    if bool in kinds:
+        return [BOOLEAN]
+    return _color() if float in kinds else []
+
+
+def _number(
+    kind: str = "number", minimum: float = -math.inf, maximum: float = math.inf, above: float = -math.inf
+) -> Schema:
+    """Return the schema of a number, without limits that only float32 sets."""
+    lowest = {"exclusiveMinimum": above} if above >= minimum else {"minimum": minimum}
+    limits = {key: x for key, x in {"maximum": maximum, **lowest}.items() if abs(x) < _UNLIMITED}
+    return {"type": kind, **{key: int(x) if x == int(x) else float(f"{x:g}") for key, x in limits.items()}}
+
+
+def _color(maximum: float = math.inf) -> list[Schema]:
+    grey = _number(minimum=0.0, maximum=maximum)
+    return [grey, array_of(grey, 3, 3)]
 
 
 def _that_vary() -> list[Schema]:
     """Return the schemas of a value that varies over a surface."""
     return [definition("texture"), {"const": "vertex-colors"}, definition("vertex_colors")]
+
+
+def _unchecked() -> dict[str, list[Schema]]:
+    """Return the schemas of arguments that `checks` leave to other code, by name."""
+    layer, wrap, share = {"enum": list(LAYERS)}, {"enum": list(WRAPS)}, _number(minimum=0.0, maximum=1.0)
+    maskings = dict.fromkeys(masking for maskings in MASKINGS.values() for masking in maskings)
+    return {
+        "ior": [_number(minimum=0.0)],
+        "albedo": _color(maximum=1.0),
+        "alpha": [_number(minimum=LEAST_ALPHA, maximum=1.0), _PAIR],
+        "anisotropy": [share],
+        "crop": [array_of(_number("integer", minimum=0, maximum=65536), 4, 4)],
+        "dispersion": [_number(minimum=0.0, maximum=MOST_DISPERSION)],
+        "distribution": [{"enum": list(MASKINGS)}],
+        "f0": _color(maximum=1.0),
+        "g": _of_check(Medium.checks["g"]),
+        "inner_degrees": [_number(minimum=0.0, maximum=180.0)],
+        "layers": [array_of(layer), layer, TEXT],
+        "masking": [{"enum": list(maskings)}],
+        "offset": [_PAIR],
+        "scale": [NUMBER, _PAIR],
+        "subdivisions": [_number("integer", minimum=0, maximum=MAX_SUBDIVISIONS)],
+        "wrap": [wrap, array_of(wrap, 2, 2)],
+    }
+
+
+_UNCHECKED = _unchecked()

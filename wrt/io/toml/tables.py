@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,9 @@ from wrt.scene.motion import rotation_matrix
 from wrt.values import number, vector
 
 Table = dict[str, Any]
+Result = TypeVar("Result")
 
-MOST_LEVELS = 64
-"""Most parts of a dotted key. The parser takes time and memory quadratic in their number."""
-
+MOST_LEVELS = 64  # most parts of a dotted key. The parser takes time and memory quadratic in their number
 _PART = r"""(?:(?<![\w-])[\w-]+|"[^"\n]*"|'[^'\n]*')"""
 _TOO_LONG = re.compile(rf"(?:{_PART}[ \t]*\.[ \t]*){{{MOST_LEVELS}}}", re.ASCII)
 
@@ -147,6 +146,13 @@ class TableReader:
             raise _Placed(": ".join(text for text in (str(self.path), where, str(error)) if text)) from None
         finally:
             self.place.pop()
+
+    def read(self, table: Table, key: str, convert: Callable[[Any], Result]) -> Result | None:
+        """Return the converted value of a key; None if a table does not have the key."""
+        if key not in table:
+            return None
+        with self.at(key):
+            return convert(table[key])
 
     def each(self, tree: Table, key: str, use: Callable[[Table], object]) -> None:
         """Call `use` with each table of an array of tables."""

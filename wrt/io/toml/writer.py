@@ -46,8 +46,7 @@ _ARRAYS = re.compile(
 
 _MOST_FOLDERS = 100
 
-SCENE = Kind("", lambda _: False)
-"""A scene file; a person may have written or edited it."""
+SCENE = Kind("", lambda _: False)  # a scene file; a person may have written or edited it
 
 
 def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
