@@ -150,7 +150,10 @@ class Film:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that `state` copies; on the CPU these are the film's own arrays."""
-        return {**{name: self.fetch(name) for name in STATE_ARRAYS}, **self.aovs.state()}
+        return {name: self.device.backend.fetch(array) for name, array in self._state().items()}
+
+    def _state(self) -> dict[str, Any]:
+        return {**{name: getattr(self.data, name) for name in STATE_ARRAYS}, **self.aovs.state()}
 
     def clear(self) -> None:
         """Remove all samples."""
@@ -188,10 +191,8 @@ class Film:
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Continue from a state, whose arrays must have the shapes and types of `state`."""
         backend = self.device.backend
-        for name in STATE_ARRAYS:
-            target = getattr(self.data, name)
+        for name, target in self._state().items():
             backend.copy(target, backend.array(state[name], target.dtype, self.device.name))
-        self.aovs.restore(state)
 
     @property
     def counts(self) -> NDArray[np.int32]:

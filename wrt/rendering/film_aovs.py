@@ -57,11 +57,9 @@ class FilmAovs:
         self.data.off_middle = backend.empty(pixels, "float32", device.name)
         self.data.off_middle.fill_(float("inf"))
 
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays to save for resuming, by name; on the CPU these are the layers' own arrays."""
-        if not self.names:
-            return {}
-        return {_PREFIX + name: self.device.backend.fetch(getattr(self.data, name)) for name in _ARRAYS}
+    def state(self) -> dict[str, Any]:
+        """Return the arrays on the device that are saved for resuming, by name."""
+        return {_PREFIX + name: getattr(self.data, name) for name in _ARRAYS} if self.names else {}
 
     def clear(self) -> None:
         """Remove all samples."""
@@ -92,14 +90,6 @@ class FilmAovs:
             raise InputError(f"an object number is not one of the scene's {shapes}")
         if not (off_middle >= 0.0).all():
             raise InputError("'off_middle' is below 0, or not a number")
-
-    def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Continue from a state, whose arrays must have the shapes and types of `state`."""
-        backend = self.device.backend
-
-        for name in _ARRAYS if self.names else ():
-            target = getattr(self.data, name)
-            backend.copy(target, backend.array(state[_PREFIX + name], target.dtype, self.device.name))
 
     def arrays(self, counts: NDArray[np.int32], materials: Sequence[int]) -> dict[str, NDArray[Any]]:
         """Return each layer, (H, W, channels), or (H, W) if it has one channel.
