@@ -1,18 +1,23 @@
-"""The workers of a cluster: which have built the scene, which are busy, and which do not answer."""
+"""The workers of a cluster: what all kinds of clusters can do, and which workers have built the scene or are busy."""
 
 from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 from wrt._version import __version__
-from wrt.distributed.cluster import DIED, Cluster, NoAnswer
 from wrt.distributed.worker import Job, pack, prepare
 from wrt.errors import InputError, InputWarning
 from wrt.scene.scene import Scene
+
+ANSWER_SECONDS = 10.0
+"""Time to wait for a result that a worker has. If it does not come, the machine may hang."""
+
+
+DIED = "workers died {}, perhaps for lack of memory; see their logs"
 
 AHEAD = 2
 """Windows that a worker has at a time: the one that it renders, and the next."""
@@ -25,6 +30,37 @@ SILENT_SECONDS = 60.0
 
 MOST_DEATHS = 3
 """Workers that may die while they render the same window, and for each worker while they build the scene."""
+
+
+class NoAnswer(Exception):
+    """A worker has a result and does not send it, or its result was lost."""
+
+
+class Cluster(Protocol):
+    """Workers that call functions. No method waits for a worker, except `result`, for ANSWER_SECONDS at most."""
+
+    devices: dict[str, str]
+    """The devices of workers by address; a worker without one has the device that the renderer names."""
+
+    def addresses(self) -> list[str]:
+        """Return the addresses of the present workers; raise OSError if there can be none any more."""
+
+    def submit(self, address: str, ended: Callable[[], object], key: str, function: Any, *arguments: Any) -> Any:
+        """Call a function of a module on one worker, and return a future.
+
+        Args:
+            address: of the worker.
+            ended: called here, in any thread, when the call has ended.
+            key: a name that no other call has.
+            function: the function.
+            arguments: its arguments.
+        """
+
+    def result(self, future: Any) -> Any:
+        """Return the result of a call that is done, or raise its exception; NoAnswer if it does not come."""
+
+    def cancel(self, futures: Sequence[Any]) -> None:
+        """Cancel calls that have not begun; running ones end by themselves."""
 
 
 @dataclass(eq=False)

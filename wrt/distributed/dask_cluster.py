@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from wrt.backend.slices import available_threads
-from wrt.distributed.cluster import ANSWER_SECONDS, DIED, NoAnswer
+from wrt.distributed.crew import ANSWER_SECONDS, DIED, NoAnswer
 from wrt.errors import InputError, one_line
 
 CONNECT_SECONDS = 10

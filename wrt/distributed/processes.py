@@ -15,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from wrt import child
-from wrt.distributed.cluster import ANSWER_SECONDS, NoAnswer
+from wrt.distributed.crew import ANSWER_SECONDS, NoAnswer
 from wrt.errors import InputError
 
 _SEVERAL = re.compile(r"cuda:(all|\d{1,3}(?:,\d{1,3})+)")

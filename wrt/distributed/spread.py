@@ -14,8 +14,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from wrt.distributed.cluster import DIED, Cluster, NoAnswer
-from wrt.distributed.crew import MOST_DEATHS, Crew, Member
+from wrt.distributed.crew import DIED, MOST_DEATHS, Cluster, Crew, Member, NoAnswer
 from wrt.distributed.worker import Job, Rendered, render_window
 from wrt.errors import InputError, warn
 from wrt.rendering.film import Film
