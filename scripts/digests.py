@@ -109,7 +109,7 @@ def _normalised(text: str) -> str:
 
 def main() -> int:
     """Run the command line."""
-    from wrt.backend.lanes import WIDTHS, lanes_of, processor_flags
+    from wrt.backend.processor import WIDTHS, lanes_of, processor_flags
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["record", "check", "code"])

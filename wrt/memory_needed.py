@@ -12,7 +12,8 @@ from wrt.rendering.film import BYTES_PER_PIXEL
 from wrt.rendering.film_aovs import bytes_per_pixel
 from wrt.rendering.guides import LAYERS as GUIDES
 from wrt.studio.framing import with_camera
-from wrt.upload.scene_data import describe_scene, memory_of
+from wrt.upload.memory import scene_memory
+from wrt.upload.prepare import prepare_scene
 
 _PARTS = ("geometry", "trees", "materials", "lights", "film", "layers")
 
@@ -74,24 +75,24 @@ def device_memory(
     settings = scene.settings.changed(width=width, height=height, layers=layers, denoise=denoise)
     scene = with_camera(scene, settings.width / settings.height)
     coordinates = "uv" in settings.layers
-    scene_memory = memory_of(describe_scene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
+    of_scene = scene_memory(prepare_scene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
     x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
     pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers)
     film = pixels * BYTES_PER_PIXEL * (1 + settings.denoise)
     of_layers_and_guides = pixels * (of_layers + settings.denoise * bytes_per_pixel(GUIDES))
-    kept = scene_memory.kept + film + of_layers_and_guides
+    kept = of_scene.kept + film + of_layers_and_guides
     # The film comes before the scene, that of guides after it.
-    building = pixels * (BYTES_PER_PIXEL + of_layers) + scene_memory.kept
+    building = pixels * (BYTES_PER_PIXEL + of_layers) + of_scene.kept
     return DeviceMemory(
-        scene_memory.geometry,
-        scene_memory.trees,
-        scene_memory.materials,
-        scene_memory.lights,
+        of_scene.geometry,
+        of_scene.trees,
+        of_scene.materials,
+        of_scene.lights,
         film,
         of_layers_and_guides,
         kept,
-        peak=max(kept, building + scene_memory.scratch),
-        peak_if_cut=max(kept, building + scene_memory.scratch_if_cut),
+        peak=max(kept, building + of_scene.scratch),
+        peak_if_cut=max(kept, building + of_scene.scratch_if_cut),
     )
 
 

@@ -78,7 +78,7 @@ def compile_cases() -> dict[str, Callable[[], Any]]:
 
     import wrt.kernels
     from wrt.backend.device import Device
-    from wrt.backend.lanes import WIDTHS, lanes_of, processor_flags
+    from wrt.backend.processor import WIDTHS, lanes_of, processor_flags
     from wrt.kernels.core.features import Features
     from wrt.upload.scene_data import build_scene
 
@@ -155,7 +155,7 @@ def compile_seconds(module: Callable[[], Any]) -> tuple[float, int]:
 
     initialize_warp()
     start = time.process_time()
-    kernel_cache.provide(module(), "cpu")
+    kernel_cache.Build(module(), "cpu").provide()
     seconds = time.process_time() - start
     built = [path.stat().st_size for path in Path(wp.config.kernel_cache_dir).rglob("*.o")]
     if len(built) != 1:

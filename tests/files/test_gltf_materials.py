@@ -17,8 +17,8 @@ from support.meshes import gltf_box, write
 
 import wrt
 from wrt.errors import InputError, InputWarning
-from wrt.io.ktx2 import IDENTIFIER, open_ktx2
 from wrt.io.load_mesh import load_shapes
+from wrt.io.texture_images import KTX2_IDENTIFIER, open_ktx2
 from wrt.scene.srgb import linear_from_srgb
 
 UVS = np.array([[0.1, 0.2], [0.9, 0.3], [0.4, 0.8]], "<f4")
@@ -241,7 +241,7 @@ def test_without_the_decoder_one_line_says_what_to_install(tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (IDENTIFIER, "truncated"),
+        (KTX2_IDENTIFIER, "truncated"),
         (ETC1S[:20] + (2**20).to_bytes(4, "little") * 2 + ETC1S[28:], "too large"),
         (ETC1S[:20] + bytes(4) + ETC1S[24:], "no flat image"),
     ],

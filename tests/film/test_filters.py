@@ -11,7 +11,7 @@ from support.statistics import chi_square_test
 
 from wrt.kernels.camera.samples import filter_offset
 from wrt.scene.scene import FILTERS
-from wrt.upload.filters import filter_table
+from wrt.upload.camera import filter_table
 
 N = 2**20
 

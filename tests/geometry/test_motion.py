@@ -16,7 +16,7 @@ from support.ray_trees import affine, rotation
 import wrt
 from wrt.kernels.core.motion import MotionKey, MotionRecord, transform_at
 from wrt.upload.accel.swept_boxes import swept_boxes
-from wrt.upload.motion import motion_records
+from wrt.upload.camera import motion_records
 
 FloatArray = NDArray[np.float64]
 

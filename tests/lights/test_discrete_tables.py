@@ -12,7 +12,7 @@ from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
 from wrt.kernels.sampling.warps import sample_alias
-from wrt.upload.lights.alias import AliasTable, make_alias_table
+from wrt.upload.lights.choice import AliasTable, make_alias_table
 from wrt.upload.lights.piecewise import UNITS, integrals, part_edges
 
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import functools
-import importlib.util
 import os
 import re
+import runpy
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
-import numpy as np
 import pytest
 from conftest import ROOT, Report
 from support.covering_kernels import rendering_with
@@ -32,35 +29,16 @@ pytestmark = pytest.mark.slow
 
 (CODE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "own-light.md").read_text("utf-8"), re.M | re.S)
 
-INNER, OUTER, HEIGHT = 0.4, 0.7, 1.0
-
-
-@functools.cache
-def example() -> ModuleType:
-    """Return the page's program as a module, from a file since Warp reads it; it registers its light."""
-    path = Path(tempfile.mkdtemp()) / "ring.py"
-    path.write_text(CODE, "utf-8")
-    spec = importlib.util.spec_from_file_location("ring", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _forget() -> Iterator[None]:
-    """Leave the registers as they were found, for tests of other files that look at every light."""
-    LIGHTS.setdefault("ring", example().RingLight)
-    yield
-    LIGHTS.pop("ring", None)
-
-
 one_kernel = rendering_with(replace(EVERY_LIGHT, light_shapes=(*BUILT_IN, "ring")))
 
 
-def ring() -> wrt.Light:
-    return example().RingLight((0.0, HEIGHT, 0.0), (0.0, -1.0, 0.0), INNER, OUTER, radiance=1.0)
+@pytest.fixture(scope="module", autouse=True)
+def ring(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Register the page's light, from a file since Warp reads it, and leave the register as it was found."""
+    path = tmp_path_factory.mktemp("own") / "ring.py"
+    path.write_text(CODE, "utf-8")
+    yield runpy.run_path(str(path), run_name="ring")["RingLight"]
+    del LIGHTS["ring"]
 
 
 def test_the_program_runs_and_its_light_is_reflected(tmp_path: Path) -> None:
@@ -77,20 +55,17 @@ def test_the_program_runs_and_its_light_is_reflected(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
-def test_estimators_agree_with_the_closed_form(strategy: str, device: str, report: Report) -> None:
+def test_estimators_agree_with_the_closed_form(ring: Any, strategy: str, device: str, report: Report) -> None:
     """The irradiance of a ring: a disk minus the disk of its hole."""
     scene = floor_scene(eye=0.9)
-    scene.add_light(ring())
+    scene.add_light(ring((0.0, 1.0, 0.0), (0.0, -1.0, 0.0), 0.4, 0.7, radiance=1.0))
     spp = 2048 if strategy == "bsdf" else 512
     where, measured, variance = irradiance(scene, device, spp, strategy=strategy)
-
-    def exact(x: np.ndarray, z: np.ndarray) -> np.ndarray:
-        return disk_irradiance(x, z, HEIGHT, OUTER) - disk_irradiance(x, z, HEIGHT, INNER)
-
-    check(f"ring, {strategy}", measured, variance, pixel_mean(exact, where), spp, report)
+    expected = pixel_mean(lambda x, z: disk_irradiance(x, z, 1.0, 0.7) - disk_irradiance(x, z, 1.0, 0.4), where)
+    check(f"ring, {strategy}", measured, variance, expected, spp, report)
 
 
-def test_it_is_a_light_like_any_other(tmp_path: Path, device: str) -> None:
+def test_it_is_a_light_like_any_other(ring: Any, tmp_path: Path, device: str) -> None:
     """In scene files and beside all other kinds, through the tree as by power."""
     (tmp_path / "scene.toml").write_text(
         '[camera]\norigin = [0, 0.5, 3]\n[[lights]]\ntype = "ring"\ncenter = [0, 2, 0]\nnormal = [0, -1, 0]\n'
@@ -100,7 +75,7 @@ def test_it_is_a_light_like_any_other(tmp_path: Path, device: str) -> None:
         '[[shapes]]\ntype = "quad"\norigin = [-4, -0.5, 4]\nedge_u = [8, 0, 0]\nedge_v = [0, 0, -8]\n'
     )
     scene = wrt.load(tmp_path / "scene.toml")
-    assert scene.lights[0] == example().RingLight((0.0, 2.0, 0.0), (0.0, -1.0, 0.0))
+    assert scene.lights[0] == ring((0.0, 2.0, 0.0), (0.0, -1.0, 0.0))
     assert build_scene(scene, Device("cpu")).features.light_shapes == (*BUILT_IN, "ring")
     means = []
     for choice in ("power", "tree"):
@@ -108,18 +83,17 @@ def test_it_is_a_light_like_any_other(tmp_path: Path, device: str) -> None:
         means.append(image_of(wrt.Renderer(scene, width=16, height=12, **options), 512).mean())
     assert means[0] == pytest.approx(means[1], rel=0.02)
     with pytest.raises(wrt.InputError, match=r"outer must be greater than 0\.6"):
-        example().RingLight((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.6)
+        ring((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.6)
 
 
 def test_what_cannot_be_registered_is_refused() -> None:
     before, families = dict(LIGHTS), dict(LIGHT_SHAPES.families)
-    half = "half: a light that rays can meet needs both"
     for name, model, message in (
         ("disk", DISK, "type_name 'disk' is empty or taken"),
-        ("half", DISK._replace(shines_back=None), half),
+        ("half", DISK._replace(shines_back=None), "half: a light that rays can meet needs both"),
         ("half", DISK._replace(pdf=None), "half: a light needs a `pdf` if it has"),
     ):
-        cls = type("Mine", (wrt.Light,), {"type_name": name} if name else {})
+        cls = type("Mine", (wrt.Light,), {"type_name": name})
         with pytest.raises(wrt.InputError) as caught:
             wrt.register_light(cls, model)
         assert str(caught.value).startswith(f"Mine: {message}")

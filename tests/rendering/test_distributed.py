@@ -13,7 +13,7 @@ from support.small_scenes import assert_same_arrays, block_scene, finish
 
 import wrt
 import wrt.distributed
-from wrt.backend import arithmetic
+from wrt.backend import processor
 from wrt.cli import main
 from wrt.distributed.dask_cluster import DaskCluster, client_of
 from wrt.distributed.processes import devices_of
@@ -136,13 +136,13 @@ def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, mon
 def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
     """It would make other bits; its windows are rendered again."""
     strange = sorted(client.scheduler_info()["workers"])[0]
-    arithmetic_of = arithmetic.arithmetic_of
+    arithmetic_of = processor.arithmetic_of
 
     def of_worker(device):
         odd = {"processor": "z80"} if distributed.get_worker().address == strange else {}
         return {**arithmetic_of(device), **odd}
 
-    monkeypatch.setattr(arithmetic, "arithmetic_of", of_worker)
+    monkeypatch.setattr(processor, "arithmetic_of", of_worker)
     renderer = spread(client)
     renderer.spread.crew.kind.update(arithmetic_of(one.device))
     warning = rf"^worker {strange} renders nothing, these differ: processor \(z80"

@@ -23,7 +23,7 @@ from wrt.kernels.integrators.aovs import add_color
 from wrt.kernels.native.constants import LEAF_FLOATS, NODE_FLOATS, PACKET, RAYS_PER_THREAD
 from wrt.kernels.textures.textures import image_color
 from wrt.upload.accel.geometry import upload_triangles
-from wrt.upload.limits import MOST_ELEMENTS, require_countable
+from wrt.upload.arrays import MOST_ELEMENTS, require_countable
 from wrt.upload.textures.texels import Texels
 
 GPU = "cuda:0"

@@ -12,7 +12,7 @@ from support.small_scenes import block_scene, finish
 
 import wrt
 from wrt.errors import InputWarning
-from wrt.upload.attributes import check_attributes
+from wrt.upload.prepare import check_attributes
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 FACE = np.array([[0, 1, 2]])
@@ -68,8 +68,8 @@ def test_misspelt_names_are_refused():
         # What files of simulations hold where there is nothing, such as 9.97e36, is masked when they are read.
         (lambda: wrt.Mesh(MASKED, FACE), "mesh: vertices must not have masked values; the first is number 1$"),
         (lambda: MESH.scaled((1.0, 2.0, 3.0)), r"mesh: a scale must be a number, not \(1.0, 2.0, 3.0\)$"),
-        (lambda: MESH.rotated("y", 90.0), "mesh: an axis must be three numbers, not 'y'$"),
-        (lambda: MESH.rotated((0, 0, 0), 90.0), "mesh: an axis must have a length above 0$"),
+        (lambda: MESH.rotated("y", 90.0), "axis must be three numbers, not 'y'$"),
+        (lambda: MESH.rotated((0, 0, 0), 90.0), "axis must not be zero$"),
         (lambda: wrt.Motion(0.5, [np.eye(4)]), "motion times must be one or more finite numbers$"),
         (lambda: wrt.Motion.rotation((0, 1, 0), 90.0, times=0.5), "times must be two numbers, not 0.5$"),
     ],

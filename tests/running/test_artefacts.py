@@ -22,9 +22,9 @@ from wrt import backend
 from wrt.backend import artefacts, current_backend, fingerprint
 from wrt.backend.arrays import Layout
 from wrt.backend.artefacts import Artefacts
+from wrt.backend.cache_folders import read_checked, write_checked
 from wrt.backend.describe import describe_struct
 from wrt.backend.device import Device
-from wrt.backend.kernel_cache import digest
 from wrt.kernels.bsdf import BSDFS, model_of
 
 
@@ -56,8 +56,8 @@ def test_the_second_start_is_without_warp_whatever_the_scene_has(tmp_path: Path,
 
 
 def read_table(path: Path) -> dict[str, dict[str, object]]:
-    said, _, text = path.read_bytes().partition(b"\n")
-    assert said == digest(text)
+    text = read_checked(path)
+    assert text is not None
     return json.loads(text)
 
 
@@ -72,8 +72,7 @@ def test_what_is_missing_is_compiled_and_nothing_is_said_twice(tmp_path: Path, e
     changes = {"split": {"bytes": 1}, "top": {"file": "gone.o"}}
     files = {f"wrt.kernels.accel.build.{name}": change for name, change in changes.items()}
     changed = known["files"] | {name: known["files"][name] | change for name, change in files.items()}
-    text = json.dumps(known | {"files": changed}).encode()
-    index.write_bytes(digest(text) + b"\n" + text)
+    write_checked(index, json.dumps(known | {"files": changed}).encode())
     assert render_small(tmp_path, environment, "b.npy", "dark.toml") == (True, said)
     assert read_table(index) == known
     assert render_small(tmp_path, environment, "c.npy", "dark.toml") == (False, said)
@@ -309,9 +308,9 @@ def test_what_another_render_saves_is_kept(tmp_path: Path) -> None:
     """Else the render after it would import Warp."""
     compiler, other = (table_of(tmp_path / "artefacts.json") for _ in range(2))
     for table, name in (other, "scalar"), (compiler, "wide"):
-        table.add("calls", name, {"value": 1})
+        table.add("values", name, {"value": 1})
         table.save()
-    assert set(table_of(tmp_path / "artefacts.json").table["calls"]) == {"scalar", "wide"}
+    assert set(table_of(tmp_path / "artefacts.json").table["values"]) == {"scalar", "wide"}
 
 
 def test_models_of_users_are_not_kept_for_other_processes() -> None:
@@ -321,7 +320,7 @@ def test_models_of_users_are_not_kept_for_other_processes() -> None:
     try:
         for name in ("mirror", "mirror_of_a_user"):
             assert current_backend().call("wrt.kernels.bsdf", "model_of", name).slots == model.slots
-        calls = current_backend().artefacts.table["calls"]
+        calls = current_backend().artefacts.table["values"]
         assert "wrt.kernels.bsdf.model_of('mirror')" in calls
         assert not [call for call in calls if "mirror_of_a_user" in call]
     finally:

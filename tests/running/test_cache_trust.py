@@ -1,4 +1,4 @@
-"""Machine code is loaded only from folders that nobody but the user and root can write to."""
+"""Machine code is loaded only from folders to which no user but this one and root can write."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ import pytest
 
 from wrt.backend import cache_folders
 from wrt.backend.artefacts import Artefacts
-from wrt.backend.kernel_cache import DIGEST, digest
+from wrt.backend.cache_folders import digest
+from wrt.backend.kernel_cache import DIGEST
 
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache in a folder of its own, with no folders used or warned of before."""
-    monkeypatch.setattr(cache_folders, "_said", set())
+    monkeypatch.setattr(cache_folders, "_warned_of", set())
     monkeypatch.delenv("WARP_CACHE_PATH", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path / "cache"

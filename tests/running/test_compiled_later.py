@@ -20,7 +20,7 @@ from support.wide_scenes import LANES, needs_lanes
 import wrt
 from wrt.backend import cache_folders, current_backend
 from wrt.backend.artefacts import Artefacts
-from wrt.backend.lanes import SWITCH as WIDE
+from wrt.backend.processor import SWITCH as WIDE
 from wrt.cli import main
 from wrt.compiling import kernel, later
 from wrt.compiling.general import general_features, is_general
@@ -51,7 +51,7 @@ def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     assert artefacts.path is not None
     artefacts.path = tmp_path / "wrt" / artefacts.path.name
     artefacts.folders = [artefacts.path.parent]
-    artefacts.table["calls"].clear()
+    artefacts.table["values"].clear()
     monkeypatch.setattr(current_backend(), "artefacts", artefacts)
     return artefacts.path
 

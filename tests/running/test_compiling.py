@@ -1,6 +1,6 @@
-"""Kernels are compiled beside other work: each once, whoever asks; after an error or an interrupt nothing goes on.
+"""Kernels are compiled beside other work: each once; after an error or an interrupt nothing goes on.
 
-Headers that Warp precompiles for the CPU are made once a machine, and lent to every thread that compiles.
+Headers that Warp precompiles for the CPU are made once a machine, and shared by all threads that compile.
 """
 
 from __future__ import annotations
@@ -167,20 +167,24 @@ end(143)"""
 
 
 COMPILE_ONCE = """
-import sys
+import sys, threading
 import warp as wp
 from wrt.backend import headers
 from wrt.backend.device import Device
+from wrt.backend.kernel_cache import compile_nothing
 
 @wp.kernel(enable_backward=False)
 def double(first: int, x: wp.array(dtype=float)):
     x[first + wp.tid()] *= 2.0
 
-kept = []
-keep, headers._keep = headers._keep, lambda *arguments: (kept.append(arguments), keep(*arguments))
+written = []
+keep, headers._keep = headers._keep, lambda path: (written.append(path), keep(path))
 wp.config.kernel_cache_dir = sys.argv[1]
 Device("cpu").compile(double)
-print("written" if kept else "lent")
+thread = threading.Thread(target=headers.share_headers, args=[compile_nothing])
+thread.start()
+thread.join()
+print(len(written))
 """
 
 
@@ -192,14 +196,13 @@ def test_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp
     def compile_once(number: int) -> str:
         return python(tmp_path, variables, "program.py", str(tmp_path / f"kernels{number}"))
 
-    assert compile_once(0) == "written\n"
-    assert compile_once(1) == "lent\n"
-    (kept,) = tmp_path.glob("wrt/headers-*/*")
-    whole = kept.read_bytes()
-    kept.write_bytes(whole[: len(whole) // 2])
-    assert compile_once(2) == "written\n"
-    (kept,) = tmp_path.glob("wrt/headers-*/*")
-    assert len(kept.read_bytes()) == len(whole)
+    assert [compile_once(0), compile_once(1)] == ["1\n", "0\n"]
+    (cached,) = tmp_path.glob("wrt/headers-*/*")
+    size = cached.stat().st_size
+    cached.write_bytes(cached.read_bytes()[: size // 2])
+    assert compile_once(2) == "1\n"
+    (cached,) = tmp_path.glob("wrt/headers-*/*")
+    assert cached.stat().st_size == size
 
 
 def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -207,8 +210,7 @@ def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path: Path, mo
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     monkeypatch.setattr(headers, "folder_of", lambda _: tmp_path)
-    folder_now = headers._kept.__wrapped__
-    before = folder_now()
-    assert folder_now() == before
+    before = headers.cached_folder()
+    assert headers.cached_folder() == before
     os.utime(tmp_path / "native/vec.h", (1, 1))
-    assert folder_now() != before
+    assert headers.cached_folder() != before

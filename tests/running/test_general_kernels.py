@@ -14,7 +14,7 @@ from support.digests import cases, film_digest, rendered
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
-from wrt.compiling import exercise, general, later
+from wrt.compiling import general, later
 from wrt.compiling.kernel import SCALAR, name_of_kernel
 from wrt.kernels.core.features import Features
 from wrt.rendering import render_kernel
@@ -58,9 +58,9 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
 
 
 def test_the_exercise_has_all_models_and_lights() -> None:
-    names = {model_name(material) for material in exercise.materials() if not material.parts}
-    assert names == set(general.TIERS[-1].models)
-    assert {light.model for light in exercise.lights()} >= set(WITH_HOLES.light_shapes)
+    names = {model_name(material) for material in general.materials() if not material.parts}
+    assert names == set(WITH_HOLES.models)
+    assert {light.model for light in general.lights()} >= set(WITH_HOLES.light_shapes)
 
 
 def test_the_best_that_is_compiled_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,8 +142,7 @@ def test_films_have_the_bits_of_their_own_kernel(name: str, by_general: list[Fea
 COMPILE = """
 import sys
 import warp as wp
-from wrt.compiling.exercise import exercise
-from wrt.compiling.general import general_features
+from wrt.compiling.general import exercise, general_features
 from wrt.compiling.kernel import SCALAR, compile_kernel
 from wrt.kernels.core.features import Features
 from wrt.rendering.guides import guide_features

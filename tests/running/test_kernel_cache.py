@@ -11,19 +11,20 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import warp as wp
 from conftest import ROOT
 from support.caches import CORNELL_BOX, copy_of_headers, copy_of_warm_cache
 from support.commands import ENVIRONMENT, run
 
 from wrt.backend import cache_folders, kernel_cache
 from wrt.backend.cache_folders import locked, put, remove_leftovers, user_folder, work_folder
-from wrt.backend.kernel_cache import State, seal, state
+from wrt.backend.kernel_cache import COMPILED, Build, State, state
 
 SMALL = """
 import sys
@@ -64,13 +65,8 @@ class Cache:
         process = self.begin(**variables)
         out, error = process.communicate()
         assert process.returncode == 0, error
-        said = [line.split("UserWarning: ")[1] for line in error.splitlines() if "UserWarning: " in line]
-        return int(out), "\n".join(said)
-
-    def file(self, suffix: str) -> Path:
-        """Return a file of the kernel."""
-        (found,) = self.folder.glob(f"warp/*/wp_wrt.test_cache_*/*{suffix}")
-        return found
+        warnings = [line.split("UserWarning: ")[1] for line in error.splitlines() if "UserWarning: " in line]
+        return int(out), "\n".join(warnings)
 
 
 @pytest.fixture
@@ -87,98 +83,89 @@ def flip(path: Path, at: int) -> None:
 # --- Digests of compiled kernels ----------------------------------------------------------------------
 
 
+class SmallBuild(Build):
+    """A build without Warp, whose files have the given contents."""
+
+    def __init__(self, content: bytes = b"new") -> None:
+        self.content = content
+        self._module: Any = SimpleNamespace(name="small", get_module_identifier=lambda _: "small")
+        self._device, self._block = SimpleNamespace(is_cpu=False), 1
+
+    def files_in(self, folder: Path) -> tuple[Path, Path]:
+        return folder / "a.o", folder / "a.meta"
+
+    def run_compiler(self, folder: Path) -> None:
+        folder.mkdir()
+        for file in self.files_in(folder):
+            file.write_bytes(file.suffix.encode() * 100 + self.content)
+
+
 @pytest.fixture
-def build(tmp_path: Path) -> tuple[Path, Path]:
-    """Return the files of an intact build."""
-    folder = tmp_path / "warp" / "module"
-    folder.mkdir(parents=True)
-    files = folder / "a.o", folder / "a.meta"
-    for file in files:
-        file.write_bytes(file.suffix.encode() * 100)
-    seal(*files)
-    return files
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """Return the files of an intact build in a cache."""
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    found = SmallBuild().provide()
+    assert found == tmp_path / "small"
+    return SmallBuild().files_in(found)
 
 
-def test_any_changed_or_missing_bit_is_damage_and_a_missing_file_is_not(build: tuple[Path, Path]) -> None:
-    assert state(*build) is state(build[0]) is State.WHOLE
-    for file in (*build, Path(f"{build[0]}.checksum")):
+def test_any_changed_or_missing_bit_is_damage_and_a_missing_file_is_not(files: tuple[Path, Path]) -> None:
+    assert state(*files) is state(files[0]) is State.WHOLE
+    for file in (*files, Path(f"{files[0]}.checksum")):
         whole = file.read_bytes()
         for at in (*range(0, len(whole), 7), len(whole) - 1):
             flip(file, at)
-            assert state(*build) is State.DAMAGED
+            assert state(*files) is State.DAMAGED
             file.write_bytes(whole[:at])
-            assert state(*build) is State.DAMAGED
+            assert state(*files) is State.DAMAGED
             file.write_bytes(whole)
         file.unlink()
-        assert state(*build) is State.UNKNOWN
+        assert state(*files) is State.UNKNOWN
         file.write_bytes(whole)
-    assert state(*build) is State.WHOLE
+    assert state(*files) is State.WHOLE
 
 
-def test_who_reads_while_others_write_sees_no_damage(
-    build: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_damage_is_told_once_and_mended_and_an_unsealed_kernel_silently_compiled(files: tuple[Path, Path]) -> None:
+    folder, before = files[0].parent, len(COMPILED)
+    flip(files[0], 7)
+    with pytest.warns(UserWarning, match="a.o: the compiled kernel was damaged, and is compiled again") as told:
+        assert SmallBuild().provide() == SmallBuild().provide() == folder
+    assert (len(told), len(COMPILED)) == (1, before + 1)
+    Path(f"{files[0]}.checksum").unlink()  # as in the caches of older versions
+    flip(files[0], 100)
+    assert SmallBuild().provide() == SmallBuild().provide() == folder
+    assert (state(*files), len(COMPILED)) == (State.WHOLE, before + 2)
+
+
+def test_readers_see_no_damage_while_another_build_is_written(files: tuple[Path, Path], tmp_path, monkeypatch) -> None:
+    seen: list[State] = []
+
+    def put_and_look(path: Path, data: bytes) -> None:
+        seen.append(state(*files))
+        put(path, data)
+        seen.append(state(*files))
+
+    SmallBuild(b"other")._compile(tmp_path / "other")
+    monkeypatch.setattr(kernel_cache, "put", put_and_look)
+    kernel_cache.publish(tmp_path / "other", files[0].parent)
+    assert seen == [State.UNKNOWN] * 5 + [State.WHOLE]
+    assert sorted(file.name for file in files[0].parent.iterdir()) == ["a.meta", "a.o", "a.o.checksum"]
+
+
+def test_nobody_waits_for_ever_for_a_stopped_compiler_or_writes_beside_it(
+    files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Two threads that write all the time keep a reader waiting for longer than the default on a busy machine.
-    monkeypatch.setattr(cache_folders, "LOCK_SECONDS", 60.0)
-    kept, over, others = build[0].parent, threading.Event(), []
-    for k in range(2):
-        own = tmp_path / f"own{k}"
-        own.mkdir()
-        (own / "a.o").write_bytes(bytes([k]) * 10_000)
-        (own / "a.meta").write_text("{}")
-        seal(own / "a.o", own / "a.meta")
-        others.append(own)
-
-    def write() -> None:
-        while not over.is_set():
-            for own in others:
-                kernel_cache._publish(own, kept, "a.o")
-            time.sleep(0.01)  # else they may never leave the lock to the reader
-
-    writers = [threading.Thread(target=write) for _ in range(2)]
-    for writer in writers:
-        writer.start()
-    try:
-        unsure = 0
-        for _ in range(300):
-            assert state(*build) is State.WHOLE
-            unsure += kernel_cache._state(*build) is not State.WHOLE
-    finally:
-        over.set()
-        for writer in writers:
-            writer.join()
-    assert unsure > 0  # a reader without the lock would have seen damage
-    assert sorted(file.name for file in kept.iterdir()) == ["a.meta", "a.o", "a.o.checksum"]
-
-
-def test_nobody_waits_for_ever_for_a_stopped_writer_or_writes_beside_it(
-    build: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cache_folders, "LOCK_SECONDS", 0.1)
-    own = tmp_path / "own"
-    shutil.copytree(build[0].parent, own)
-    flip(build[0], 0)
-    half_written = build[0].read_bytes()
-    with locked(build[0].parent.parent):
-        assert state(*build) is State.UNKNOWN
-        assert not kernel_cache._publish(own, build[0].parent, "a.o")
-        assert build[0].read_bytes() == half_written
-    assert state(*build) is State.DAMAGED
-    assert kernel_cache._publish(own, build[0].parent, "a.o")
-    assert state(*build) is State.WHOLE
-
-
-@pytest.mark.slow
-def test_damage_is_told_once_and_mended_and_an_unsealed_kernel_silently_compiled(cache: Cache) -> None:
-    copy_of_headers(cache.folder)
-    assert cache.run() == (1, "")
-    flip(cache.file(".o"), 7)
-    assert cache.run() == (1, f"{cache.file('.o')}: the compiled kernel was damaged, and is compiled again")
-    assert cache.run() == (0, "")
-    cache.file(".checksum").unlink()  # as in the caches of older versions
-    flip(cache.file(".o"), 100)
-    assert cache.run() == (1, "")
-    assert cache.run() == (0, "")
+    monkeypatch.setattr(kernel_cache, "COMPILING_SECONDS", 0.1)
+    flip(files[0], 0)
+    half_written = files[0].read_bytes()
+    with locked(files[0].parent):
+        found = SmallBuild().provide()
+        assert state(*SmallBuild().files_in(found)) is State.WHOLE
+    assert found.parent == work_folder() / "kernels"
+    assert files[0].read_bytes() == half_written
+    with pytest.warns(UserWarning, match="damaged"):
+        assert SmallBuild().provide() == files[0].parent
+    assert state(*files) is State.WHOLE
 
 
 @pytest.mark.slow
@@ -186,7 +173,8 @@ def test_of_processes_that_need_the_same_kernel_at_once_one_compiles_it(cache: C
     copy_of_headers(cache.folder)
     for damaged in (False, True):
         if damaged:
-            flip(cache.file(".o"), 200)
+            (binary,) = cache.folder.glob("warp/*/wp_wrt.test_cache_*/*.o")
+            flip(binary, 200)
         compiled = 0
         for process in [cache.begin() for _ in range(3)]:
             out, error = process.communicate()
@@ -205,7 +193,7 @@ DAMAGED_FILES: dict[str, tuple[str, ...]] = {
     "a digest that Warp reads": ("warp/*/*/*.checksum", TABLE),
     "the description of a module": ("warp/*/*/*.meta", TABLE),
     "the table of artefacts": (TABLE,),
-    "headers": ("wrt/headers-*/*", "warp/*/wp_wrt.kernels.film_*"),
+    "headers": ("wrt/headers-*/*.pch", "warp/*/wp_wrt.kernels.film_*"),
     "the source of a module": ("warp/*/*/*.cpp", TABLE),
 }
 """The files to damage, and those to remove so that the damaged one is read."""
@@ -253,12 +241,9 @@ def test_damage_to_any_file_is_harmless_and_reported_once_at_most(tmp_path: Path
 
 def test_where_caches_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", "/home/somebody")
-    for told, expected in (
-        ("/elsewhere", "/elsewhere"),
-        ("", "/home/somebody/.cache"),
-        ("./x", "/home/somebody/.cache"),
-    ):
-        monkeypatch.setenv("XDG_CACHE_HOME", told)
+    home_cache = "/home/somebody/.cache"
+    for variable, expected in ("/elsewhere", "/elsewhere"), ("", home_cache), ("./x", home_cache):
+        monkeypatch.setenv("XDG_CACHE_HOME", variable)
         assert user_folder() == Path(expected)
     monkeypatch.setenv("HOME", "relative")
     assert user_folder() == Path(pwd.getpwuid(os.getuid()).pw_dir, ".cache")
@@ -281,10 +266,10 @@ def mounted(folder: Path, *options: str) -> Iterator[None]:
 @pytest.mark.slow
 def test_a_cache_that_cannot_be_written_is_done_without(cache: Cache) -> None:
     cache.folder.write_text("a file where the folder should be")
-    count, said = cache.run()
-    assert (count, said.count("\n")) == (1, 0)
-    assert f"{cache.folder}/warp: cannot be written: Not a directory; compiled kernels are kept in " in said
-    assert not Path(said.split(" kept in ")[1].split()[0]).exists()  # once the process has ended
+    count, warned = cache.run()
+    assert (count, warned.count("\n")) == (1, 0)
+    assert f"{cache.folder}/warp: cannot be written: Not a directory; compiled kernels are kept in " in warned
+    assert not Path(warned.split(" kept in ")[1].split()[0]).exists()  # once the process has ended
 
 
 @pytest.mark.machinery
@@ -294,13 +279,13 @@ def test_a_read_only_cache_is_of_use_and_a_full_disk_is_done_without(cache: Cach
         subprocess.run(["mount", "-o", "remount,ro", str(cache.folder)], check=True)
         assert cache.run() == (0, "")
         cache.program.write_text(SMALL.replace("*= 2.0", "+= 1.0"))  # another kernel
-        count, said = cache.run()
-        assert (count, said.count("cannot be written: Read-only file system")) == (1, 1)
+        count, warned = cache.run()
+        assert (count, warned.count("cannot be written: Read-only file system")) == (1, 1)
     with mounted(cache.folder, "-o", "size=8k"):
         for _ in range(2):
-            count, said = cache.run()
-            assert (count, said.count("\n")) == (1, 0)
-            assert said.count("cannot be written: No space left on device") == 1
+            count, warned = cache.run()
+            assert (count, warned.count("\n")) == (1, 0)
+            assert warned.count("cannot be written: No space left on device") == 1
     assert cache.run() == (1, "")
 
 
@@ -328,25 +313,13 @@ def test_no_room_to_compile_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- What killed processes leave ----------------------------------------------------------------------
 
 
-def test_leftovers_of_the_dead_go_and_those_of_the_living_stay(tmp_path: Path) -> None:
-    ended = subprocess.Popen([sys.executable, "-c", ""])
-    ended.wait()
-    stays = {
-        f"wp_wrt.render.x_1234567_p{ended.pid}_t99": False,
-        f".0011_p{ended.pid}_t99": False,
-        f"wp_wrt.render.x_1234567_p{os.getpid()}_t99": True,
-        f".0011_p{os.getpid()}_t99": True,
-        f"wp_other.program_1234567_p{ended.pid}_t99": True,  # not ours
-        "wp_wrt.render.x_1234567": True,
-    }
-    for name in stays:
-        if name.startswith("."):
-            (tmp_path / name).write_text("half")
-        else:
-            (tmp_path / name).mkdir()
-            (tmp_path / name / "half.cpp").write_text("half")
+def test_what_a_killed_process_was_writing_is_removed_after_an_hour(tmp_path: Path) -> None:
+    for name in (".0011", ".0022", "kernel.o"):
+        (tmp_path / name).write_text("half")
+    for name in (".0011", "kernel.o"):
+        os.utime(tmp_path / name, (1.0, 1.0))
     remove_leftovers(tmp_path, tmp_path / "not there")
-    assert {path.name for path in tmp_path.iterdir()} == {name for name in stays if stays[name]}
+    assert {path.name for path in tmp_path.iterdir()} == {".0022", "kernel.o"}
 
 
 WORK = """

@@ -18,10 +18,10 @@ from support.caches import without_artefacts
 from support.wide_scenes import needs_lanes, with_uvs
 
 import wrt
-from wrt.backend import lanes
+from wrt.backend import processor
 from wrt.backend.artefacts import Artefacts
 from wrt.backend.device import Device
-from wrt.backend.lanes import NEEDED, SWITCH, lanes_here
+from wrt.backend.processor import NEEDED, SWITCH, lanes_here
 from wrt.compiling import kernel as compiler
 from wrt.compiling import later
 from wrt.rendering import wide_kernel as wide
@@ -81,7 +81,7 @@ def known(monkeypatch: pytest.MonkeyPatch) -> Known:
     found = Known()
     started.clear()
     monkeypatch.setattr(compiler, "is_compiled", lambda *_: found.is_compiled)
-    monkeypatch.setattr(lanes, "processor_flags", lambda: NEEDED[16])
+    monkeypatch.setattr(processor, "processor_flags", lambda: NEEDED[16])
     monkeypatch.setattr(subprocess, "Popen", Compiler)
     monkeypatch.setattr(WideKernel, "_load", lambda kernel: setattr(kernel, "kernel", "loaded"))
     return found
@@ -144,7 +144,7 @@ def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, aske
     monkeypatch.setattr(WideKernel, "_folders", lambda _: [])
     monkeypatch.setattr(WideKernel, "_is_usable", lambda _: True)
     real, sleep = subprocess.Popen, [sys.executable, "-c", "import time; time.sleep(60)"]
-    monkeypatch.setattr("wrt.rendering.wide_kernel.subprocess.Popen", lambda *_, **__: real(sleep))
+    monkeypatch.setattr("subprocess.Popen", lambda *_, **__: real(sleep))
     kernel = kernel_of(renderer)
     kernel.prepare(10.0 * COMPILING_SECONDS)
     process, features = kernel._compiler, kernel._features
@@ -169,7 +169,7 @@ def test_what_loads_quickly_is_loaded_before_the_first_pass(known: Known, render
 def test_where_it_cannot_be_had_nothing_is_tried(lacking: str, known: Known, renderer, monkeypatch) -> None:
     kernel = kernel_of(renderer)
     if lacking == "processor":
-        monkeypatch.setattr(lanes, "processor_flags", lambda: NEEDED[8] - {"avx2"})
+        monkeypatch.setattr(processor, "processor_flags", lambda: NEEDED[8] - {"avx2"})
     elif lacking == "warp":
         monkeypatch.setattr(renderer.device.backend.artefacts, "can_launch", False)
     elif lacking == "array":
@@ -199,7 +199,7 @@ def test_lanes_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> No
         (NEEDED[8], "0", 0),
         (NEEDED[8], "4", 4),
     ):
-        monkeypatch.setattr(lanes, "processor_flags", lambda flags=flags: flags)
+        monkeypatch.setattr(processor, "processor_flags", lambda flags=flags: flags)
         monkeypatch.setenv(SWITCH, told)
         assert lanes_here() == expected
     monkeypatch.setenv(SWITCH, "5")

@@ -13,8 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 import wrt
-from wrt.backend.lanes import lanes_of
-from wrt.backend.processor import processor_flags
+from wrt.backend.processor import lanes_of, processor_flags
 from wrt.rendering.wide_kernel import threads_of
 from wrt.scene.layers import LAYERS
 

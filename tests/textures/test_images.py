@@ -128,6 +128,34 @@ def test_factors_vertex_colors_channels_and_cutoffs(device: str) -> None:
     assert 0.2 < mask.mean() < 0.8
 
 
+@pytest.mark.usefixtures("one_kernel")
+def test_second_coordinates_and_alpha_are_read_as_the_first_and_colors(device: str) -> None:
+    """A square by its second coordinates, or with holes by alpha, is one that has these alone, to the bit."""
+    first, second, colors = (np.random.default_rng(k).random((4, n), np.float32) for k, n in ((1, 2), (2, 2), (3, 4)))
+    alpha = colors[:, [3, 3, 3]]
+    vertices, faces = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]]
+
+    def shown(uvs: Pixels, colors: Pixels, reflectance: Any = 0.5, **opacity: Any) -> Pixels:
+        scene = wrt.Scene(camera=wrt.PerspectiveCamera(), environment=wrt.ConstantEnvironment(0.5))
+        mesh = wrt.Mesh(np.float32(vertices), faces, None, uvs, colors)
+        scene.add(mesh, material=wrt.Diffuse(reflectance, **opacity))
+        return rendered(scene, device, 4).image()
+
+    texture, by_alpha = wrt.ImageTexture(PIXELS), {"vertex_alpha": True, "channel": "g"}
+    both = np.hstack([first, second])
+    by_second = shown(both, alpha, wrt.ImageTexture(PIXELS, uv_set=1))
+    np.testing.assert_array_equal(by_second, shown(second, alpha, texture))
+    assert (by_second != shown(both, alpha, texture)).any()
+    for ours, plain in (
+        (wrt.VertexColor(alpha=True), wrt.VertexColor()),
+        (wrt.VertexColor(alpha=True, cutoff=0.5), wrt.VertexColor(cutoff=0.5)),
+        (wrt.ImageTexture(PIXELS, **by_alpha), wrt.ImageTexture(PIXELS, vertex_colors=True, channel="g")),
+    ):
+        of_alpha, of_grey = shown(first, colors, opacity=ours), shown(first, alpha, opacity=plain)
+        np.testing.assert_array_equal(of_alpha, of_grey)
+        assert (of_alpha != shown(first, alpha)).any()
+
+
 # --- Texels on the device: those of 8 bits take four bytes, and not one bit of their colours changes ---
 
 CODES = np.random.default_rng(5).integers(0, 256, (40, 33, 3), dtype=np.uint8)

@@ -31,7 +31,7 @@ from wrt.backend.device import Device
 from wrt.kernels.bsdf import filtered_name
 from wrt.kernels.core.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, NORMALS_FILTERED_ALONG_TEXTURE
 from wrt.upload.scene_data import build_scene
-from wrt.upload.textures.normal_maps import normals_of
+from wrt.upload.textures.pyramid import normals_of
 
 SIZE = 128
 """Texels along a side of the map."""

@@ -14,7 +14,7 @@ from support.feature_sets import FEATURES
 from support.wide_scenes import CAMERAS, LANES, SCENES, bits, differences, needs_lanes, wide_kernel
 
 import wrt
-from wrt.backend.lanes import WIDTHS
+from wrt.backend.processor import WIDTHS
 from wrt.kernels.core.features import Features
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.native.constants import LARGE_TREE

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wrt.backend.lanes import WIDTHS
+from wrt.backend.processor import WIDTHS
 from wrt.kernels.native import at_file_level
 from wrt.spmd.library import library
 

@@ -1,13 +1,13 @@
 """Compiled kernels and what the host knows of `kernels/`, kept for processes that then need not import Warp.
 
 An artefact is a file that Warp has compiled, with the symbol and the argument layout of each of its kernels. The table
-of artefacts is a file in the user's cache folder, named by a digest of everything that they depend on. It has four
+of artefacts is a file in the user's cache folder, named by a digest of everything that they depend on. It has three
 parts by name:
 
 - `files`: Warp's modules: the compiled file, its size, and the symbol and argument layout of each kernel;
 - `structs`: size in bytes, and name, type and offset of each field (see `arrays.Field`);
-- `modules`: constants, structs and kernels of the modules of `kernels/` that the host uses;
-- `calls`: results of functions of those modules.
+- `values`: constants, structs and kernels of the modules of `kernels/` that the host uses, and what their functions
+  return (see `describe.call_name`).
 """
 
 from __future__ import annotations
@@ -20,14 +20,22 @@ import math
 import os
 import sys
 import threading
-import warnings
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from wrt.backend.cache_folders import is_private, keep_latest, locked, make_private, put, wrt_folder
+from wrt.backend.cache_folders import (
+    is_private,
+    keep_latest,
+    locked,
+    make_private,
+    read_checked,
+    warn_once,
+    write_checked,
+    wrt_folder,
+)
 from wrt.backend.fingerprint import TESTED, fingerprint, folder_of, version_of
-from wrt.backend.kernel_cache import State, digest, state
+from wrt.backend.kernel_cache import State, state
 
 KEPT = 16
 """Tables that are kept, for different versions of the kernels and of Warp, and for different processors."""
@@ -56,10 +64,9 @@ class Artefacts:
         self.can_launch = sys.platform.startswith("linux") and self.warp_version in TESTED
         self.path: Path | None = None
         self.folders: list[Path] = []
-        self.table: Table = {"files": {}, "structs": {}, "modules": {}, "calls": {}}
+        self.table: Table = {"files": {}, "structs": {}, "values": {}}
         self._clang: Any = None
         self._loaded: dict[str, bytes] = {}
-        self._damaged: set[Path] = set()
         self._lock = threading.RLock()
         self._added: Table = {part: {} for part in self.table}
         self._is_saved = True
@@ -75,13 +82,11 @@ class Artefacts:
             assert self.path is not None
             path = folder / self.path.name
             with contextlib.suppress(OSError):
-                checksum, _, text = path.read_bytes().partition(b"\n")
-                if checksum == digest(text):
+                if (text := read_checked(path)) is None:
+                    warn_once(path, "the table of compiled kernels was damaged; it is replaced")
+                else:
                     for part, entries in json.loads(text).items():
                         self.table[part] |= entries | self._added[part]
-                elif path not in self._damaged:
-                    self._damaged.add(path)
-                    warnings.warn(f"{path}: the table of compiled kernels was damaged; it is replaced", stacklevel=2)
 
     def lock(self) -> AbstractContextManager[bool]:
         """Return a context that only one process of a user can hold at a time."""
@@ -103,7 +108,7 @@ class Artefacts:
 
     def has(self, call: str) -> bool:
         """Return whether the kernel that a call returns is compiled and in the cache (see `describe.call_name`)."""
-        kernel = self.table["calls"].get(call, {}).get("kernel")
+        kernel = self.table["values"].get(call, {}).get("kernel")
         return kernel is not None and self._has_file(kernel[0])
 
     def _has_file(self, module: str) -> bool:
@@ -173,7 +178,7 @@ class Artefacts:
             with contextlib.suppress(OSError):
                 make_private(folder)
                 # If two processes write at once, one loses its entries; it writes them again after its next render.
-                put(folder / self.path.name, digest(text) + b"\n" + text)
+                write_checked(folder / self.path.name, text)
                 keep_latest(folder, "artefacts-*.json", KEPT)
                 return
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from wrt.backend import arrays, kernel_cache
+from wrt.backend import arrays
 from wrt.backend.arrays import Array, Layout, Struct
 from wrt.backend.artefacts import Artefacts
 from wrt.backend.cache_folders import remove_leftovers
@@ -28,12 +28,18 @@ from wrt.backend.cuda.gpus import CudaVersions, Gpu
 from wrt.backend.cuda.staging import LARGEST_PINNED, Staging
 from wrt.backend.cuda.warp_errors import on_device, plain, ran_out
 from wrt.backend.describe import COOPERATIVE, call_name, describe, describe_arguments
-from wrt.backend.headers import has_usual_flags, precompile_early
+from wrt.backend.kernel_cache import Build
 from wrt.backend.memory import LARGE, forget_code, trim
 from wrt.backend.warp_start import initialize_warp, warp_libraries
 
 LOAD_SECONDS = 0.2
 """A module that takes longer was compiled, which leaves 40 MB in the heap, and 27 MB of the compiler's own code."""
+
+FLAGS = (
+    "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
+    " -mllvm=-slp-recursion-max-depth=4"
+)
+"""Warp's flags for compiling for the CPU: what is compiled with others is not for other processes."""
 
 _NO_SUM = -1.0
 """What stands in place of a sum until it is there."""
@@ -108,8 +114,7 @@ class Backend:
         self._kernels: weakref.WeakKeyDictionary[Any, Kernel] = weakref.WeakKeyDictionary()
         # By the names of GPUs, as Warp's devices have no hash.
         self._streams: dict[str, Any] = {}
-        self._staging: dict[str, Staging] = {}
-        self._staging_beside: weakref.WeakValueDictionary[str, Staging] = weakref.WeakValueDictionary()
+        self._staging: dict[tuple[str, bool], Staging] = {}
 
     @property
     def version(self) -> str:
@@ -119,8 +124,6 @@ class Backend:
     @property
     def _wp(self) -> Any:
         """Warp, which this imports and starts."""
-        if "warp" not in sys.modules:
-            precompile_early()
         import warp
 
         initialize_warp()
@@ -135,16 +138,15 @@ class Backend:
         return self._modules[module]
 
     def _attribute(self, module: str, name: str) -> Any:
-        entries = self.artefacts.get("modules", module) or {}
-        if name not in entries:
+        key = f"{module}.{name}"
+        if self.artefacts.get("values", key) is None:
             _ = self._wp
-            attributes = vars(importlib.import_module(module))
-            found = {key: self._describe(value) for key, value in attributes.items() if not key.startswith("_")}
-            entries = {key: entry for key, entry in found.items() if entry is not None}
-            self.artefacts.add("modules", module, entries)
-        if name not in entries:
+            for each, value in vars(importlib.import_module(module)).items():
+                if not each.startswith("_") and (entry := self._describe(value)) is not None:
+                    self.artefacts.add("values", f"{module}.{each}", entry)
+        if (entry := self.artefacts.get("values", key)) is None:
             raise AttributeError(f"{module} has no constant, struct or kernel {name}")
-        return self._value(entries[name], lambda: getattr(importlib.import_module(module), name))
+        return self._value(entry, lambda: getattr(importlib.import_module(module), name))
 
     def call(self, module: str, function: str, *arguments: Any) -> Any:
         """Call a function of a module of `kernels/` that returns a kernel, a number, a name, or a description."""
@@ -154,17 +156,17 @@ class Backend:
 
         name = call_name(module, function, arguments)
         is_shared = not names_user_model(name)
-        entry = self.artefacts.get("calls", name) if is_shared else None
+        entry = self.artefacts.get("values", name) if is_shared else None
         if entry is None:
             _ = self._wp
             value = result()
             entry = self._describe(value)
             if entry is None:
                 return value
-            if "kernel" in entry and not is_shared:
-                return self._kernel_of(value)
             if is_shared:
-                self.artefacts.add("calls", name, entry)
+                self.artefacts.add("values", name, entry)
+            elif "kernel" in entry:
+                return self._kernel_of(value)
         return self._value(entry, result)
 
     def _describe(self, value: Any) -> dict[str, Any] | None:
@@ -209,19 +211,15 @@ class Backend:
         kernel = self._kernel_of(kernel)
         if device == "cpu" and self.artefacts.can_launch:
             return kernel.function is not None
-        return kernel_cache.Build(kernel.declared().module, device).is_loaded
+        return Build(kernel.declared().module, device).is_loaded
 
     def load(self, kernel: Any, device: str) -> None:
         """Load a kernel's module, and compile it if necessary."""
         kernel, start = self._kernel_of(kernel), time.perf_counter()
         if device != "cpu" or not self.artefacts.can_launch:
-            module = kernel.declared().module
-            build = kernel_cache.Build(module, device)
-            if not build.is_loaded and not (file := kernel_cache.provide(module, device)).is_relative_to(
-                self._wp.config.kernel_cache_dir
-            ):
-                build.load(file.parent)
-            self._wp.load_module(module, device=device)
+            build = Build(kernel.declared().module, device)
+            if not build.is_loaded:
+                build.load()
         elif (found := self.artefacts.kernel(kernel.module, kernel.key)) is not None:
             kernel.function, (size, fields) = found
             kernel.arguments = Layout("", size, fields, self.struct)
@@ -234,10 +232,10 @@ class Backend:
 
     def _compile(self, kernel: Kernel) -> None:
         """Compile a kernel's module for the CPU, load it, and add it to the table."""
-        _ = self._wp
-        declared = kernel.declared()
-        file = kernel_cache.provide(declared.module, "cpu")
-        symbols = kernel_cache.Build(declared.module, "cpu").symbols()
+        wp, declared = self._wp, kernel.declared()
+        build = Build(declared.module, "cpu")
+        file, _ = build.files_in(build.provide())
+        symbols = build.symbols()
         with _DESCRIBING:
             entries = {
                 each.func.__qualname__: [symbol, *describe_arguments(each, self._add_struct)]
@@ -252,7 +250,7 @@ class Backend:
         binary = file.read_bytes()
         # Left out: kernels of one name, or with more than one dimension of threads, and those of users.
         is_shared = len(entries) == len(symbols) and kernel.module.startswith("wrt.") and bool(kernel.key)
-        if is_shared and has_usual_flags() and COOPERATIVE not in binary:
+        if is_shared and wp.config.cpu_compiler_flags == FLAGS and COOPERATIVE not in binary:
             entry = {"file": str(file), "bytes": len(binary), "kernels": entries}
             self.artefacts.add("files", kernel.module, entry)
 
@@ -310,14 +308,6 @@ class Backend:
             return array
         with on_device(device):
             return self._wp.zeros(shape, dtype=self._type(dtype), device=device)
-
-    def empty_large(self, count: int, dtype: Any = float, device: str = "cpu") -> Any:
-        """Return an uninitialised array for large data such as a ray tree.
-
-        On the CPU it asks for huge pages: with small ones, most reads of a tree over millions of triangles also miss
-        the TLB (docs/performance.md has the gain).
-        """
-        return self.empty(count, dtype, device)
 
     def view(self, array: Any, dtype: Any, shape: Any) -> Any:
         """Return the memory of an array as one of another type and shape, which keeps the array alive."""
@@ -395,30 +385,19 @@ class Backend:
         """
         if isinstance(array, Array) or array.device.is_cpu:
             return array.numpy()
-        stream = self._copies(array.device) if beside else array.device.stream
+        name = str(array.device)
+        if beside and name not in self._streams:
+            self._streams[name] = self._wp.Stream(array.device)
+        stream = self._streams[name] if beside else array.device.stream
         # Pinning much memory takes longer than copying it once; what is copied beside is a picture after each pass.
         if 0 < array.capacity <= (LARGEST_PINNED if beside else LARGE):
-            staging = self.staging_beside(array) if beside else self._staging.setdefault(str(array.device), Staging())
+            staging = self._staging.setdefault((name, beside), Staging())
             with on_device(array.device):
                 return staging.fetch(self._wp, array, stream)
         copy = self._wp.empty(array.shape, dtype=array.dtype, device="cpu")
         self._wp.copy(copy, array, stream=stream)
         self._wp.synchronize_stream(stream)
         return copy.numpy()
-
-    def staging_beside(self, array: Any) -> Staging:
-        """Return the pinned memory through which arrays of this one's GPU are fetched `beside`.
-
-        Who holds it keeps it for the next fetch: it is up to LARGEST_PINNED bytes, which nothing else can use.
-        """
-        return self._staging_beside.setdefault(str(array.device), Staging())
-
-    def _copies(self, device: Any) -> Any:
-        """Return the stream for copies of a GPU."""
-        name = str(device)
-        if name not in self._streams:
-            self._streams[name] = self._wp.Stream(device)
-        return self._streams[name]
 
     # --- GPUs ---------------------------------------------------------------------------------------------------------
 

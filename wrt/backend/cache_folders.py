@@ -6,11 +6,12 @@ import atexit
 import contextlib
 import errno
 import os
-import re
 import stat
 import sys
 import threading
+import time
 import warnings
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,17 +24,16 @@ large kernel 4 MB. LLVM ends the process when the disk is full."""
 LOCK_SECONDS = 2.0
 """Longest wait for a lock. Processes hold it for milliseconds, so a longer hold means that the process is stopped."""
 
-_OF_PROCESS = re.compile(r"_p(\d+)_t\d+$")
-"""End of the name of a folder or file that a thread is still writing: used by Warp, and by `put`."""
+ABANDONED_SECONDS = 3600.0
+"""Age from which a file that `put` has begun was left by a killed process."""
 
 _PREFIX = "wrt-work-"
 """Start of the names of work folders."""
 
 _lock = threading.Lock()
 _work: tuple[int, Path] | None = None
-_held: list[int] = []
-_within: Path | None = None
-_said: set[Path] = set()
+_locks_of_work: list[int] = []
+_warned_of: set[Path] = set()
 
 
 def user_folder() -> Path:
@@ -117,10 +117,7 @@ def _trusted(folder: Path, name: str) -> Path:
         return folder
     if not why:
         return folder
-    if folder not in _said:
-        _said.add(folder)
-        now = f"compiled kernels are kept in {work_folder()} until this process ends"
-        warnings.warn(f"{folder}: not used as a cache of machine code: {why}; {now}", stacklevel=4)
+    warn_once(folder, f"not used as a cache of machine code: {why}; {_kept_for_now()}")
     return work_folder() / name
 
 
@@ -190,11 +187,18 @@ def choose_warp_folder() -> None:
 
 def say_unwritable(folder: Path, error: OSError) -> None:
     """Warn, once for each folder, that compiled kernels will not outlive this process."""
-    if folder not in _said:
-        _said.add(folder)
-        why = error.strerror or str(error)
-        now = f"compiled kernels are kept in {work_folder()} until this process ends"
-        warnings.warn(f"{folder}: cannot be written: {why}; {now}", stacklevel=3)
+    warn_once(folder, f"cannot be written: {error.strerror or error}; {_kept_for_now()}")
+
+
+def _kept_for_now() -> str:
+    return f"compiled kernels are kept in {work_folder()} until this process ends"
+
+
+def warn_once(path: Path, text: str) -> None:
+    """Warn of a file or a folder, unless that was done before."""
+    if path not in _warned_of:
+        _warned_of.add(path)
+        warnings.warn(f"{path}: {text}", stacklevel=3)
 
 
 def require_writable(folder: Path) -> None:
@@ -218,7 +222,7 @@ def put(path: Path, data: bytes) -> None:
     Raises:
         OSError: when it cannot be written.
     """
-    temporary = path.with_name(f".{os.urandom(4).hex()}_p{os.getpid()}_t{threading.get_ident()}")
+    temporary = path.with_name(f".{os.urandom(8).hex()}")
     try:
         temporary.write_bytes(data)
         temporary.replace(path)
@@ -226,6 +230,31 @@ def put(path: Path, data: bytes) -> None:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
         raise
+
+
+def digest(data: bytes) -> bytes:
+    """Return a checksum of 16 characters, the same in every version of Python."""
+    # Importing hashlib takes longer than reading the cache.
+    return b"%08x%08x" % (zlib.crc32(data), len(data) & 0xFFFFFFFF)
+
+
+def write_checked(path: Path, data: bytes) -> None:
+    """Write a file atomically, after a line with its digest.
+
+    Raises:
+        OSError: when it cannot be written.
+    """
+    put(path, digest(data) + b"\n" + data)
+
+
+def read_checked(path: Path) -> bytes | None:
+    """Return the data that `write_checked` wrote; None if the file is damaged.
+
+    Raises:
+        OSError: when it cannot be read.
+    """
+    checksum, _, data = path.read_bytes().partition(b"\n")
+    return data if checksum == digest(data) else None
 
 
 def keep_latest(folder: Path, pattern: str, count: int) -> None:
@@ -242,7 +271,6 @@ def locked(folder: Path, *, seconds: float | None = None) -> Iterator[bool]:
     Yields False if another process still held the lock after these seconds.
     """
     import fcntl
-    import time
 
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -268,12 +296,6 @@ def locked(folder: Path, *, seconds: float | None = None) -> Iterator[bool]:
         os.close(handle)
 
 
-def work_within(folder: Path) -> None:
-    """Make `work_folder` return a subfolder of another process's work folder; that process removes it."""
-    global _within
-    _within = folder
-
-
 def work_folder() -> Path:
     """Return this process's temporary folder, readable by its user alone; it is removed when the process ends.
 
@@ -292,8 +314,6 @@ def _make_work_folder() -> Path:
     import fcntl
     import tempfile
 
-    if _within is not None:
-        return Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_within))
     while True:
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_place_with_room()))
         try:
@@ -304,7 +324,7 @@ def _make_work_folder() -> Path:
         with contextlib.suppress(OSError):
             fcntl.flock(handle, fcntl.LOCK_EX)
         if folder.is_dir():  # no other process removed it as a leftover before it was locked
-            _held.append(handle)
+            _locks_of_work.append(handle)
             return folder
         os.close(handle)
 
@@ -334,24 +354,16 @@ def remove_leftovers(*folders: Path) -> None:
     """Remove unfinished files and work folders of processes that no longer run.
 
     Args:
-        folders: the folders of kernels and notes; those for temporary files are always searched.
+        folders: folders of the cache; those for temporary files are always searched.
     """
     for folder in folders:
-        for name in _names(folder):
-            found = _OF_PROCESS.search(name)
-            if found and name.startswith(("wp_wrt.", ".")) and not _lives(int(found[1])):
-                _remove_any(folder / name)
+        for path in folder.glob(".*"):
+            with contextlib.suppress(OSError):
+                if time.time() - path.stat().st_mtime > ABANDONED_SECONDS:
+                    path.unlink()
     for place in {*_places()}:
-        for name in _names(place):
-            if name.startswith(_PREFIX):
-                _remove_if_nobody_works_in(Path(place, name))
-
-
-def _names(folder: str | Path) -> list[str]:
-    try:
-        return os.listdir(folder)
-    except OSError:
-        return []
+        for path in Path(place).glob(f"{_PREFIX}*"):
+            _remove_unless_in_use(path)
 
 
 def _remove_any(path: Path) -> None:
@@ -364,17 +376,7 @@ def _remove_any(path: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _lives(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True
-    return True
-
-
-def _remove_if_nobody_works_in(folder: Path) -> None:
+def _remove_unless_in_use(folder: Path) -> None:
     import fcntl
     import shutil
 

@@ -101,8 +101,12 @@ class Device:
                 raise NotEnoughMemory(f"{text}; {advice}" if advice else text)
 
     def empty_large(self, count: int, dtype: Any = float) -> Any:
-        """Return an uninitialised array in huge pages, for large data such as a ray tree."""
-        return self.backend.empty_large(count, dtype, self.name)
+        """Return an uninitialised array for large data such as a ray tree.
+
+        On the CPU it asks for huge pages: with small ones, most reads of a tree over millions of triangles also miss
+        the TLB (docs/performance.md has the gain).
+        """
+        return self.backend.empty(count, dtype, self.name)
 
     def compile(self, kernel: Any) -> float:
         """Load a kernel's module, compiling it if the cache has no intact build; return the seconds.

@@ -8,7 +8,7 @@ import threading
 from functools import cache
 from pathlib import Path
 
-from wrt.backend import cache_folders
+from wrt.backend.cache_folders import choose_warp_folder, remove_leftovers, wrt_folder
 from wrt.backend.memory import forget_code
 
 # Lines that Warp writes at every start and that users cannot act on: that there is no GPU or its driver is too old,
@@ -21,7 +21,6 @@ _HELD_BACK = (
     b"Visit https://nvidia.github.io/warp",
     b"Support for Python",
 )
-
 
 _STARTING = threading.Lock()
 
@@ -40,36 +39,26 @@ def _initialize() -> None:
     import warp as wp
 
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
-    _prepare_folders()
+    choose_warp_folder()
     sys.stderr.flush()
-    kept = os.dup(2)
+    stderr = os.dup(2)
     try:
         with tempfile.TemporaryFile() as caught:
             os.dup2(caught.fileno(), 2)
             try:
                 wp.init()
             finally:
-                os.dup2(kept, 2)
+                os.dup2(stderr, 2)
             caught.seek(0)
             for line in caught:
                 if not any(text in line for text in _HELD_BACK):
                     os.write(2, line)
     finally:
-        os.close(kept)
+        os.close(stderr)
+    kernels, notes = Path(wp.config.kernel_cache_dir), wrt_folder()
+    remove_leftovers(kernels, notes, *notes.glob("headers-*"))
     # Release 90 MB of code of Warp's libraries: the code that runs when they load is spread all over them.
     forget_code(*warp_libraries())
-
-
-def _prepare_folders() -> None:
-    """Choose the folder of compiled kernels, and remove leftovers of killed processes."""
-    import warp as wp
-
-    cache_folders.choose_warp_folder()
-    version = wp.config.version
-    kernels = Path(wp.config.kernel_cache_dir)
-    kernels = kernels if kernels.name == version else kernels / version  # Warp adds the version when it starts
-    notes = cache_folders.wrt_folder()
-    cache_folders.remove_leftovers(kernels, notes, *notes.glob("headers-*"))
 
 
 def warp_libraries() -> list[Path]:

@@ -152,11 +152,10 @@ def compile(*, general: bool, own_process: bool, **arguments: Any) -> int:
         InputError: if nothing is to be compiled.
     """
     from wrt.backend import current_backend
-    from wrt.backend.kernel_cache import compiled_modules
     from wrt.cli.load import load_input, make_renderer
     from wrt.cli.options import RenderOptions
     from wrt.cli.signals import Interrupts
-    from wrt.compiling.precompile import compile_general, precompiled
+    from wrt.compiling.precompile import compile_general, precompiled_by
     from wrt.errors import InputError
     from wrt.progress.bar import short_warnings
 
@@ -165,9 +164,8 @@ def compile(*, general: bool, own_process: bool, **arguments: Any) -> int:
         raise InputError("name a scene, or give --general")
 
     def compile_for(source: str) -> int:
-        with compiled_modules() as modules:
-            renderer = make_renderer(load_input(source, options), options)
-        return _print(f"{source}: {precompiled(renderer, tuple(sorted(modules)))}")
+        scene = load_input(source, options)
+        return _print(f"{source}: {precompiled_by(lambda: make_renderer(scene, options))}")
 
     def work() -> int:
         highest = 0

@@ -8,20 +8,48 @@ render meets the first scene that it covers, for scenes to come.
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from wrt.backend import current_backend
+from wrt.backend.device import Device
 from wrt.compiling.kernel import SCALAR, UNLIKE_PATHS, is_compiled
+from wrt.scene.camera import FisheyeCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
+from wrt.scene.environment import ImageEnvironment
+from wrt.scene.lights import (
+    DirectionalLight,
+    DiskLight,
+    Light,
+    PointLight,
+    ProjectorLight,
+    RectangleLight,
+    SphereLight,
+    SpotLight,
+)
+from wrt.scene.materials import (
+    MATERIALS,
+    Diffuse,
+    Material,
+    Measured,
+    Principled,
+    RoughConductor,
+    RoughDielectric,
+    RoughPlastic,
+)
+from wrt.scene.mesh import Mesh
+from wrt.scene.scene import Scene, Shape
+from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
+
+_FACETS: tuple[dict[str, Any], ...] = (
+    {"distribution": "beckmann", "masking": "walter"},
+    {"distribution": "ggx", "masking": "smith-separable"},
+)
+"""What rough materials may have other than their defaults."""
 
 _OF_MESHES = ("diffuse", "principled")
-_WITHOUT_HOLES = (
-    *("burley", "conductor", "dielectric", "diffuse", "glossy", "mirror", "oren_nayar", "plastic", "principled"),
-    "principled:transmission",
-    "rough_conductor:beckmann:walter:conductor",
-    *("rough_conductor:ggx:smith-separable:conductor", "rough_conductor:ggx:smith:conductor"),
-    *("rough_dielectric:beckmann:walter", "rough_dielectric:ggx:smith", "rough_dielectric:ggx:smith-separable"),
-    *("rough_plastic:beckmann:walter", "rough_plastic:ggx:smith", "rough_plastic:ggx:smith-separable"),
-)
+_LET_RAYS_PASS = frozenset(("null", "thin_dielectric"))
 
 
 class Tier(NamedTuple):
@@ -31,18 +59,30 @@ class Tier(NamedTuple):
     passes: bool
 
 
-TIERS = (
-    Tier(_OF_MESHES, passes=False),
-    Tier(_WITHOUT_HOLES, passes=False),
-    Tier(tuple(sorted((*_WITHOUT_HOLES, "null", "thin_dielectric"))), passes=True),
-)
-"""The general kernels, from the one that is compiled and runs fastest: files of meshes, other files, surfaces with
-holes. Compiling takes 20, 50 and 60 s of CPU; the second has three quarters of the speed of a scene's own wide kernel,
-the third half of it."""
+def materials() -> list[Material]:
+    """Return a material for each reflection model of the general kernels, and the composite materials."""
+    image = ImageTexture(np.full((4, 4, 3), 0.5, np.float32))
+    normals = NormalMap(np.full((4, 4, 3), (0.5, 0.5, 1.0), np.float32), filter=False)
+    return [
+        *(cls.example() for cls in MATERIALS.values() if cls is not Measured),
+        *(cls(**facets) for cls in (RoughConductor, RoughDielectric, RoughPlastic) for facets in _FACETS),
+        Principled(transmission=1.0),
+        Principled(base_color=image, normal_map=normals, opacity=image),
+        Diffuse(VertexColor()),
+    ]
 
 
-TIERS_OF_GUIDES = TIERS[0], TIERS[-1]
-"""Of the kernels for a denoiser's guides, which take few samples. Compiling takes 5 and 15 s of CPU."""
+@cache
+def tiers() -> tuple[Tier, Tier, Tier]:
+    """Return what the general kernels have, from the one that is compiled and runs fastest.
+
+    They are for files of meshes, other files, and surfaces with holes. Compiling takes 20, 50 and 60 s of CPU; the
+    second has three quarters of the speed of a scene's own wide kernel, the third half of it. A denoiser's guides take
+    few samples, so they have the first and the last, which compile in 5 and 15 s.
+    """
+    models = {material.model for material in materials() if not material.parts}
+    without_holes = tuple(sorted(models - _LET_RAYS_PASS))
+    return Tier(_OF_MESHES, False), Tier(without_holes, False), Tier(tuple(sorted(models)), True)
 
 
 def general_features(features: Any) -> list[Any]:
@@ -54,16 +94,17 @@ def general_features(features: Any) -> list[Any]:
         return []
     if features.media != "none" or features.clamped or features.regularized or features.cameras:
         return []
-    own: dict[str, Any] = {"textured": True, "mipmapped": True, "tangents": True, "light_tree": True, "uv2_alpha": True}
+    general: dict[str, Any] = dict.fromkeys(("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha"), True)
     if not features.guides:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
-        own |= {"environment": "image", "light_shapes": shapes}
-    kernels = [
+        general |= {"environment": "image", "light_shapes": shapes}
+    small, large, with_holes = (
         dataclasses.replace(
-            features, models=tier.models, opacity=tier.passes, composite="none" if tier.passes else "sides", **own
+            features, models=tier.models, opacity=tier.passes, composite="none" if tier.passes else "sides", **general
         )
-        for tier in (TIERS_OF_GUIDES if features.guides else TIERS)
-    ]
+        for tier in tiers()
+    )
+    kernels = [small, with_holes] if features.guides else [small, large, with_holes]
     return [kernel for kernel in kernels if kernel.covers(features)]
 
 
@@ -85,3 +126,39 @@ def compiled_for(features: Any, lanes: int) -> Any:
     if is_compiled(features, lanes):
         return None if is_compiled(features, SCALAR) else features
     return next((kernel for kernel in general_features(features) if is_compiled(kernel, lanes)), None)
+
+
+# --- What they are compiled with ----------------------------------------------------------------------
+
+
+def lights() -> list[Light]:
+    """Return a light of each kind."""
+    above, down = (0.0, 9.0, 0.0), (0.0, -1.0, 0.0)
+    return [
+        PointLight(above, 1.0),
+        SpotLight(above, down, 1.0),
+        ProjectorLight(above, down, (1.0, 0.0, 0.0)),
+        DirectionalLight(down, 1.0),
+        DirectionalLight(down, 1.0, angle_degrees=0.5),
+        RectangleLight(above, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1.0),
+        DiskLight(above, down, 1.0, 1.0),
+        SphereLight(above, 1.0, 1.0),
+    ]
+
+
+def exercise(device: Device) -> None:
+    """Upload a scene with everything that general kernels cover, and each camera.
+
+    That uses all functions of `kernels/` that uploads of such scenes need, so that they are compiled and noted.
+    """
+    from wrt.upload.camera import build_camera
+    from wrt.upload.scene_data import build_scene
+
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    normals = np.array([[0.0, 0.0, 1.0]] * 3)
+    mesh = Mesh(corners, np.array([[0, 1, 2]]), normals=normals, uvs=corners[:, :2], colors=np.ones((3, 4)))
+    shapes = [*(Shape(mesh, material) for material in materials()), Shape(mesh, Diffuse(), emission=1.0)]
+    around = ImageEnvironment(np.full((2, 4, 3), 0.5, np.float32))
+    build_scene(Scene(shapes=shapes, lights=lights(), environment=around, camera=None), device)
+    for camera in (PerspectiveCamera, OrthographicCamera, PanoramaCamera, FisheyeCamera):
+        build_camera(camera(), 8, 8, (0, 0, 8, 8), device=device.name)

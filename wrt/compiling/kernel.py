@@ -10,12 +10,13 @@ import dataclasses
 import json
 import os
 import signal
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from wrt import child
-from wrt.backend import cache_folders, current_backend
+from wrt.backend import current_backend
 from wrt.backend.describe import call_name
 from wrt.backend.device import Device
 
@@ -63,6 +64,16 @@ def command(module: str, *arguments: str) -> list[str]:
     return child.command(f"from {module} import main; sys.exit(main(sys.argv))", *arguments)
 
 
+def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[bytes]:
+    """Run `main` of a module of wrt in another process, which reads nothing and prints nothing.
+
+    Raises:
+        OSError: if it cannot be started.
+    """
+    nothing = subprocess.DEVNULL
+    return subprocess.Popen(command(module, *arguments), stdin=nothing, stdout=nothing, stderr=nothing, **options)
+
+
 def is_compiled(features: Any, lanes: int) -> bool:
     """Return whether the kernel is compiled and in the cache."""
     return current_backend().artefacts.has(name_of_kernel(features, lanes))
@@ -87,7 +98,8 @@ def main(arguments: list[str]) -> int:
     """Compile the kernel for features given as JSON.
 
     The arguments are the program's name, the features, the lanes, the id of the parent process, and the folders of
-    `WideKernel._folders`. This process ends with its parent. Concurrent processes compile one after the other.
+    Warp's kernels and of the table of artefacts if the usual one fails. This process ends with its parent. Concurrent
+    processes compile one after the other.
     """
     import warp as wp
 
@@ -97,10 +109,8 @@ def main(arguments: list[str]) -> int:
         return 1  # the parent ended before the line above
     artefacts = current_backend().artefacts
     if arguments[4:]:
-        work, kernels, table = map(Path, arguments[4:])
-        cache_folders.work_within(work)
-        wp.config.kernel_cache_dir = str(kernels)
-        artefacts.folders.append(table)
+        wp.config.kernel_cache_dir, table = arguments[4:]
+        artefacts.folders.append(Path(table))
     features, lanes = from_json(arguments[1]), int(arguments[2])
     with artefacts.lock():
         artefacts.refresh()

@@ -15,14 +15,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from wrt.backend import cache_folders, current_backend
 from wrt.backend.artefacts import Artefacts
-from wrt.backend.kernel_cache import digest
-from wrt.compiling.kernel import as_json, command, compile_kernel, from_json, is_compiled, name_of_kernel
+from wrt.compiling.kernel import as_json, compile_kernel, from_json, is_compiled, name_of_kernel, start
 
 SWITCH = "WRT_BACKGROUND"
 """Environment variable: 0 compiles nothing for the next render; 1 does so on build machines, too."""
@@ -31,7 +29,7 @@ BUILD_MACHINE = "CI"
 """Environment variable that services of continuous integration set."""
 
 RETRY_SECONDS = 3600.0
-"""Time after which a kernel is requested again whose compiler has not finished, as it was killed."""
+"""Time after which a kernel is requested again if its compiler has not finished, for instance because it was killed."""
 
 KEPT_SECONDS = 7 * 86400.0
 """Age from which requests are removed."""
@@ -40,8 +38,8 @@ LONGEST_SECONDS = 3600
 """Time after which the compiler is ended, whatever it does; kernels take seconds, minutes on a machine that is busy."""
 
 PRIORITY = 10
-"""How much the compiler gives way (`nice`): where all cores are busy, it has about a tenth of one. At 19 it does not
-end while renders follow one another."""
+"""The compiler's niceness: where all cores are busy, it gets about a tenth of one. At 19 it does not finish while
+renders follow one another."""
 
 REQUESTED, BEGUN = ".json", ".begun"
 """Suffixes of a request, and of one whose kernel is being compiled, or was when its compiler ended."""
@@ -51,8 +49,8 @@ _started: list[subprocess.Popen[bytes]] = []
 
 def is_wanted() -> bool:
     """Return whether kernels may be compiled for later renders, by what the environment says."""
-    told = os.environ.get(SWITCH, "")
-    return told == "1" or (told != "0" and os.environ.get(BUILD_MACHINE, "").lower() in ("", "0", "false"))
+    switch = os.environ.get(SWITCH, "")
+    return switch == "1" or (switch != "0" and os.environ.get(BUILD_MACHINE, "").lower() in ("", "0", "false"))
 
 
 def request(features: Any, lanes: int) -> Path | None:
@@ -72,7 +70,7 @@ def request(features: Any, lanes: int) -> Path | None:
     except FileNotFoundError:  # nothing that is compiled could be kept
         return None
     folder, group = requests_folder(artefacts.path), _group(artefacts.path, kernels)
-    path = folder / f"{group}-{digest(name_of_kernel(features, lanes).encode()).decode()}{REQUESTED}"
+    path = folder / f"{group}-{cache_folders.digest(name_of_kernel(features, lanes).encode()).decode()}{REQUESTED}"
     try:
         cache_folders.require_writable(kernels / artefacts.warp_version)
         folder.mkdir(parents=True, exist_ok=True)
@@ -89,10 +87,7 @@ def request(features: Any, lanes: int) -> Path | None:
 def _start(table: Path, kernels: Path) -> None:
     """Start the process that compiles, in a session of its own, with none of the files and folders of this one."""
     _started[:] = [process for process in _started if process.poll() is None]
-    call, nothing = command(__name__, table.stem, str(kernels)), subprocess.DEVNULL
-    _started.append(
-        subprocess.Popen(call, stdin=nothing, stdout=nothing, stderr=nothing, cwd="/", start_new_session=True)
-    )
+    _started.append(start(__name__, table.stem, str(kernels), cwd="/", start_new_session=True))
 
 
 def is_done(path: Path) -> bool:
@@ -106,7 +101,7 @@ def requests_folder(table: Path) -> Path:
 
 
 def main(arguments: list[str]) -> int:
-    """Compile what is requested, and what is requested meanwhile.
+    """Compile what is requested, until nothing is.
 
     The arguments are the program's name, the stem of the table of artefacts, and Warp's folder of compiled kernels.
     """
@@ -117,8 +112,8 @@ def main(arguments: list[str]) -> int:
         return 1  # the sources of kernels have changed since
     folder, pattern = requests_folder(artefacts.path), f"{_group(artefacts.path, kernels)}-*{REQUESTED}"
     while any(folder.glob(pattern)):
-        with _alone_in(folder) as alone:
-            if not alone:
+        with cache_folders.locked(folder, seconds=0.0) as is_free:
+            if not is_free:
                 return 0
             _remove_old(folder)
             for path in sorted(folder.glob(pattern)):
@@ -130,8 +125,7 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
     """Compile what a request says. If that fails it stays as BEGUN, so that it is not repeated at once."""
     import warp as wp
 
-    from wrt.compiling.exercise import exercise
-    from wrt.compiling.general import is_general
+    from wrt.compiling.general import exercise, is_general
     from wrt.spmd.ir import Unsupported
 
     begun = path.with_suffix(BEGUN)
@@ -150,7 +144,7 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
 
 def _group(table: Path, kernels: Path) -> str:
     """Return the beginning of the names of requests that one process can serve."""
-    return f"{table.stem}-{digest(os.fsencode(kernels)).decode()}"
+    return f"{table.stem}-{cache_folders.digest(os.fsencode(kernels)).decode()}"
 
 
 def _is_young(path: Path, seconds: float) -> bool:
@@ -161,7 +155,7 @@ def _is_young(path: Path, seconds: float) -> bool:
 
 
 def _remove_old(folder: Path) -> None:
-    """Remove requests that nobody has served, for instance since wrt has changed."""
+    """Remove requests that were not served, for instance since wrt has changed."""
     for path in folder.iterdir():
         if not _is_young(path, KEPT_SECONDS):
             path.unlink(missing_ok=True)
@@ -177,26 +171,9 @@ def _give_way() -> None:
             Path("/proc/self", name).write_text(value, encoding="ascii")
 
 
-@contextlib.contextmanager
-def _alone_in(folder: Path) -> Iterator[bool]:
-    """Hold the lock on a folder if it is free; without locks in its file system, it never is."""
-    import fcntl
-
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            yield False
-        else:
-            yield True
-    finally:
-        os.close(handle)
-
-
 def _is_locked(folder: Path) -> bool:
-    with _alone_in(folder) as alone:
-        return not alone
+    with cache_folders.locked(folder, seconds=0.0) as is_free:
+        return not is_free
 
 
 if __name__ == "__main__":

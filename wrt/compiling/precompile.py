@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from wrt.api import load
-from wrt.backend import current_backend, kernel_cache
-from wrt.backend.lanes import lanes_here
+from wrt.backend import current_backend
+from wrt.backend.kernel_cache import COMPILED
+from wrt.backend.processor import lanes_here
 from wrt.rendering.renderer import Renderer
 from wrt.scene.scene import Scene
 
@@ -37,8 +39,8 @@ class Precompiled:
             done.append(f"{count} module{'s' if count > 1 else ''} of kernels compiled in {self.seconds:.1f} s")
         if self.wide_seconds > 0.0:
             done.append(f"the wide kernel of {self.lanes} lanes compiled in {self.wide_seconds:.1f} s")
-        said = "; ".join(done) or "everything was compiled before"
-        return said if self.lanes > 1 else f"{said}; there is only the scalar kernel"
+        text = "; ".join(done) or "everything was compiled before"
+        return text if self.lanes > 1 else f"{text}; there is only the scalar kernel"
 
 
 def precompile(source: Any, **options: Any) -> Precompiled:
@@ -55,9 +57,16 @@ def precompile(source: Any, **options: Any) -> Precompiled:
         InputError: see `wrt.load` and `wrt.Renderer`.
     """
     scene = source if isinstance(source, Scene) else load(source)
-    with kernel_cache.compiled_modules() as modules:
-        renderer = Renderer(scene, **options)
-    return precompiled(renderer, tuple(sorted(modules)))
+    return precompiled_by(lambda: Renderer(scene, **options))
+
+
+def precompiled_by(make_renderer: Callable[[], Renderer]) -> Precompiled:
+    """Make a renderer and compile its wide kernel; return what was compiled."""
+    before = len(COMPILED)
+    renderer = make_renderer()
+    modules, seconds = tuple(sorted(set(COMPILED[before:]))), renderer.seconds_compile
+    renderer.compile()
+    return Precompiled(modules, seconds, renderer.lanes, renderer.seconds_compile_beside)
 
 
 def compile_general(sampler: str | None = None) -> str:
@@ -68,7 +77,7 @@ def compile_general(sampler: str | None = None) -> str:
     Args:
         sampler: the sampler of later renders; by default that of scenes which name none.
     """
-    from wrt.compiling import exercise, general, kernel
+    from wrt.compiling import general, kernel
     from wrt.kernels.core.features import Features
     from wrt.rendering.guides import guide_features
     from wrt.scene.scene import RenderSettings
@@ -77,20 +86,11 @@ def compile_general(sampler: str | None = None) -> str:
     if lanes == 0 or not current_backend().artefacts.can_launch:
         return "there is only the scalar kernel"
     started, count = time.perf_counter(), 0
-    plain = Features((general.TIERS[0].models[0],), False, "none", sampler=sampler or RenderSettings().sampler)
-    guides = guide_features(plain, RenderSettings())
-    wanted = [(features, lanes) for features in general.general_features(plain)]
-    wanted += [(features, kernel.SCALAR) for features in general.general_features(guides)]
-    for features, width in wanted:
-        if not kernel.is_compiled(features, width):
-            count += 1
-            kernel.compile_kernel(features, width, exercise.exercise)
+    plain = Features(("diffuse",), False, "none", sampler=sampler or RenderSettings().sampler)
+    for scene, width in (plain, lanes), (guide_features(plain, RenderSettings()), kernel.SCALAR):
+        for features in general.general_features(scene):
+            if not kernel.is_compiled(features, width):
+                count += 1
+                kernel.compile_kernel(features, width, general.exercise)
     seconds = time.perf_counter() - started
     return f"{count} general kernels compiled in {seconds:.1f} s" if count else "everything was compiled before"
-
-
-def precompiled(renderer: Renderer, modules: tuple[str, ...]) -> Precompiled:
-    """Compile the wide kernel of a renderer, and return what was compiled, where its making compiled `modules`."""
-    seconds = renderer.seconds_compile
-    renderer.compile()
-    return Precompiled(modules, seconds, renderer.lanes, renderer.seconds_compile_beside)

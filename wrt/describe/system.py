@@ -7,9 +7,8 @@ import platform
 
 from wrt.backend import current_backend
 from wrt.backend.cuda.gpus import dotted
-from wrt.backend.lanes import NEEDED, SWITCH, lanes_here, lanes_of
 from wrt.backend.memory import memory_left
-from wrt.backend.processor import processor_flags
+from wrt.backend.processor import NEEDED, SWITCH, lanes_here, lanes_of, processor_flags
 from wrt.backend.slices import available_threads
 from wrt.compiling import later
 

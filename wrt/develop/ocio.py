@@ -44,11 +44,7 @@ class View:
 
 
 def find_view(tone: str) -> View:
-    """Return the view of a tone such as "ocio:CONFIG,DISPLAY,VIEW".
-
-    Raises:
-        InputError: if the configuration cannot be read, or has no such display or view, or no linear Rec. 709.
-    """
+    """Return the view of a tone such as "ocio:CONFIG,DISPLAY,VIEW"."""
     import OpenImageIO
 
     parts = [part.strip() for part in tone.partition(":")[2].split(",")]

@@ -1,16 +1,17 @@
-"""Develop radiance to 8 bits."""
+"""Develop radiance to 8 bits: exposure, tone curve, dither."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wrt.backend.slices import Threads, available_threads
 from wrt.develop.exposure import peak, stops
 from wrt.develop.ocio import encode, find_view
-from wrt.develop.quantize import quantize
 from wrt.develop.settings import DEFAULT_TONE, Exposure, check_exposure, check_tone
 from wrt.develop.tones import CURVES
 from wrt.errors import InputError
@@ -21,7 +22,8 @@ NOTICEABLE = 0.05
 """Share of pixels that may clip to white before a warning: lamps, windows and their reflections are supposed to, and
 take up to a twentieth of a picture of a room."""
 
-_WHITE = 254.5 / 255.0
+_WHITE = 254.5 / 255.0  # smallest value that counts as white
+_ROWS_AT_ONCE = 16  # rows that are converted in one step: few enough to stay in a core's cache
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def develop(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = 
         def encoded(rows: slice) -> NDArray[Any]:
             return on_display[rows].astype(np.float64)
 
-    codes, white = quantize(pixels.shape[:2], encoded, _WHITE)
+    codes, white = _quantized(pixels.shape[:2], encoded)
     return Developed(codes, chosen, tone, float((white & bright).mean()), brightest == 0.0)
 
 
@@ -114,3 +116,47 @@ def _usable(pixels: NDArray[np.float32], gain: np.float32) -> NDArray[np.float64
     """Return exposed pixels, finite and not negative."""
     exposed = np.nan_to_num(pixels.astype(np.float64) * float(gain), nan=0.0, posinf=FLOAT32_MAX, neginf=0.0)
     return exposed.clip(0.0, FLOAT32_MAX)
+
+
+def _quantized(
+    size: tuple[int, ...], encoded: Callable[[slice], NDArray[Any]]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return the (H, W, 3) 8-bit codes of a picture, and (H, W) whether a channel of a pixel is white.
+
+    Dithering avoids bands in dark gradients: the code is floor(255 v + u), where u in (0, 1) is a fixed hash of
+    column, row and channel. A value that equals a code, such as 0 or 1, is not dithered. `encoded` returns
+    (rows, W, 3) float64 values of some rows, encoded for a display, 0 to 1.
+    """
+    height, width = size
+    codes = np.empty((height, width, 3), np.uint8)
+    whites = np.empty((height, width), np.bool_)
+    x = np.arange(width, dtype=np.uint32)[:, None]
+    c = np.arange(3, dtype=np.uint32)
+    columns = _hash(x ^ _hash(c + np.uint32(0x9E3779B9)))
+
+    def fill(rows: slice) -> None:
+        values = encoded(rows)
+        noise = _hash(columns + _hash(np.arange(height, dtype=np.uint32)[rows, None, None]))
+        # 256 levels from 1/512 to 511/512, so that rounding errors cannot change a value that equals a code.
+        u = ((noise >> np.uint32(24)).astype(np.float64) + 0.5) / 256.0
+        codes[rows] = np.floor(255.0 * values + u).clip(0.0, 255.0).astype(np.uint8)
+        whites[rows] = (values >= _WHITE).any(axis=2)
+
+    # A few rows at a time: a whole picture in float64 would take several times its memory.
+    pool = Threads(available_threads(), "wrt-dither")
+    try:
+        for each in [pool.submit(fill, slice(y, y + _ROWS_AT_ONCE)) for y in range(0, height, _ROWS_AT_ONCE)]:
+            each.result()
+    finally:
+        pool.end()
+    return codes, whites
+
+
+def _hash(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Mix 32 bits (Wellons 2018, the "lowbias32" function)."""
+    x = x ^ (x >> np.uint32(16))
+    with np.errstate(over="ignore"):
+        x = x * np.uint32(0x7FEB352D)
+        x = x ^ (x >> np.uint32(15))
+        x = x * np.uint32(0x846CA68B)
+    return x ^ (x >> np.uint32(16))

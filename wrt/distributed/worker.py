@@ -74,8 +74,8 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> tuple[dict[str, str], str
         job's digest if the worker has built the scene, else "".
     """
     from wrt._version import __version__
-    from wrt.backend.arithmetic import arithmetic_of
     from wrt.backend.device import Device
+    from wrt.backend.processor import arithmetic_of
 
     device = Device(job.options["device"])
     kind = {"wrt": __version__, "warp": device.backend.version, **arithmetic_of(device)}

@@ -70,11 +70,7 @@ def looks_like(data: bytes) -> tuple[str, tuple[str, ...]] | None:
 
 
 def hint(path: Path) -> str | None:
-    """Return a hint at the type of a file and what to do; None if the type fits the suffix, or is unknown.
-
-    Raises:
-        InputError: where it cannot be read.
-    """
+    """Return a hint at the type of a file and what to do; None if the type fits the suffix, or is unknown."""
     head = read_file(path, HEAD)
     found = looks_like(head)
     if found is None and path.stat().st_size == 84 + 50 * int.from_bytes(head[80:84], "little"):

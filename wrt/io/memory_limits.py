@@ -7,14 +7,13 @@ load and compared with their total size.
 
 from __future__ import annotations
 
-import contextvars
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from wrt.errors import InputError
-from wrt.io.safe_read import counting_sizes
+from wrt.io.safe_read import LOAD, Load
 
 if TYPE_CHECKING:
     from wrt.scene.mesh import Mesh
@@ -66,38 +65,9 @@ BYTES_PER_SHAPE = 4096
 
 BYTES_PER_ELEMENT = 2**14  # counted for a shape from an XML element, for the same reason: each takes 0.3 ms to load
 
-PATIENCE = 200_000_000
-"""Steps that a load may spend on superlinear work, such as triangulating concave polygons: a few seconds."""
-
-PATIENCE_PER_BYTE = 64
-"""Additional steps for each byte of the files: concave polygons of a few corners take about as many."""
-
-
-@dataclass
-class _Load:
-    """The files and the memory of a load so far.
-
-    Attributes:
-        sizes: bytes of each file; a file counts once, even under different paths.
-        made: bytes of memory counted against each limit.
-        patience: see `patience`.
-        counted: the number of files and their bytes when they were last summed.
-    """
-
-    sizes: dict[str, int]
-    made: dict[Limit, int] = field(default_factory=dict)
-    patience: int = PATIENCE
-    counted: tuple[int, int] = (0, 0)
-
-    @property
-    def size(self) -> int:
-        """Total bytes of the files."""
-        if len(self.sizes) != self.counted[0]:  # summing at every call would be quadratic in the files
-            self.counted = len(self.sizes), sum(self.sizes.values())
-        return self.counted[1]
-
-
-_LOAD: contextvars.ContextVar[_Load | None] = contextvars.ContextVar("wrt_load", default=None)
+STEPS = Limit("steps", 200_000_000, 64)
+"""Steps of superlinear work, such as triangulating concave polygons, which is then cut short: a few seconds, plus about
+as many as concave polygons of a few corners take."""
 
 
 @contextmanager
@@ -106,20 +76,19 @@ def one_load() -> Iterator[None]:
 
     A nested context belongs to the outer one.
     """
-    if _LOAD.get() is not None:
+    if LOAD.get() is not None:
         yield
         return
-    with counting_sizes() as sizes:
-        token = _LOAD.set(_Load(sizes))
-        try:
-            yield
-        finally:
-            _LOAD.reset(token)
+    token = LOAD.set(Load())
+    try:
+        yield
+    finally:
+        LOAD.reset(token)
 
 
 def size_of_files() -> int:
     """Return the bytes of the files that this load has read."""
-    load = _LOAD.get()
+    load = LOAD.get()
     return 0 if load is None else load.size
 
 
@@ -128,39 +97,33 @@ def most(limit: Limit) -> int:
     return limit.free + limit.per_byte * size_of_files()
 
 
-def require(limit: Limit, size: int) -> int:
-    """Return the memory of a kind of content with `size` more bytes, or raise InputError if it exceeds the limit."""
-    load = _LOAD.get()
-    if load is None:
-        return size  # the arrays come from memory, not from files
-    total = load.made.get(limit, 0) + size
-    if total > most(limit):
+def remaining(limit: Limit) -> int:
+    """Return how many bytes of memory, or steps, one kind of content may still take."""
+    load = LOAD.get()
+    return most(limit) - (0 if load is None else load.counts[limit])
+
+
+def require(limit: Limit, size: int) -> None:
+    """Raise InputError if `size` more bytes of a kind of content exceed the limit."""
+    load = LOAD.get()
+    if load is not None and size > remaining(limit):
         raise InputError(
-            f"its {limit.what} would take {_amount(total)}; for files of {_amount(load.size)} the limit is "
-            f"{_amount(most(limit))} ({_amount(limit.free)} plus {limit.per_byte} times the file size)"
+            f"its {limit.what} would take {_amount(load.counts[limit] + size)}; for files of {_amount(load.size)} the "
+            f"limit is {_amount(most(limit))} ({_amount(limit.free)} plus {limit.per_byte} times the file size)"
         )
-    return total
+
+
+def count(limit: Limit, size: int) -> None:
+    """Count `size` more bytes, or steps, whatever the limit."""
+    load = LOAD.get()
+    if load is not None:
+        load.counts[limit] += size
 
 
 def take(limit: Limit, size: int) -> None:
     """Count `size` more bytes of memory, or raise InputError if they exceed the limit."""
-    total = require(limit, size)
-    load = _LOAD.get()
-    if load is not None:
-        load.made[limit] = total
-
-
-def patience() -> int:
-    """Return the remaining steps of PATIENCE, for work that can be cut short."""
-    load = _LOAD.get()
-    return PATIENCE if load is None else load.patience + PATIENCE_PER_BYTE * load.size
-
-
-def spend(steps: int) -> None:
-    """Subtract steps from the patience of this load."""
-    load = _LOAD.get()
-    if load is not None:
-        load.patience -= steps
+    require(limit, size)
+    count(limit, size)
 
 
 def size_of(mesh: Mesh) -> int:

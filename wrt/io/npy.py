@@ -38,9 +38,6 @@ def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str,
     Args:
         data: the whole file.
         names: the arrays to read, where present; None reads all.
-
-    Raises:
-        InputError: when it is not an archive, is damaged, or expands to far more than its size.
     """
     import zipfile
 
@@ -60,11 +57,7 @@ def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str,
 
 
 def read_array(data: bytes) -> NDArray[Any]:
-    """Return the array of numbers or text in the data of an .npy file.
-
-    Raises:
-        InputError: when it is no array, its length contradicts its header, or it holds Python objects.
-    """
+    """Return the array of numbers or text in the data of an .npy file."""
     file = io.BytesIO(data)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     try:
@@ -91,11 +84,7 @@ def read_array(data: bytes) -> NDArray[Any]:
 
 
 def read_arrays(file: Path, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, NDArray[Any]]:
-    """Return arrays of an archive by name.
-
-    Raises:
-        InputError: when the file does not exist, is damaged, or lacks a required array.
-    """
+    """Return arrays of an archive by name."""
     data = read_file(file)
     try:
         arrays = read_archive(data, (*required, *optional))

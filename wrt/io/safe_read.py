@@ -6,13 +6,16 @@ All input goes through `read_file` and `require_file`. They record what was read
 
 from __future__ import annotations
 
+import codecs
 import os
 import stat
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from wrt.errors import InputError, one_line
 
@@ -30,12 +33,27 @@ class _Confinement:
         self.refused: Path | None = None
 
 
+@dataclass
+class Load:
+    """The files and the memory of a load so far, which `wrt.io.memory_limits` compares.
+
+    Attributes:
+        files: the files, each once, even under different paths.
+        size: their bytes.
+        counts: bytes of memory by limit.
+    """
+
+    files: set[str] = field(default_factory=set)
+    size: int = 0
+    counts: Counter[Any] = field(default_factory=Counter)
+
+
 class _OutsideError(Exception):
     """A path leads out of the folder. Not an InputError, which readers may turn into a warning."""
 
 
 _confinement: ContextVar[_Confinement | None] = ContextVar("confinement", default=None)
-_sizes: ContextVar[dict[str, int] | None] = ContextVar("sizes", default=None)
+LOAD: ContextVar[Load | None] = ContextVar("load", default=None)
 _inputs: dict[str, Identity] = {}  # the files that this process has read, by real path
 
 
@@ -56,17 +74,6 @@ def is_input(path: Path) -> bool:
 def forget_input(path: Path) -> None:
     """Stop counting the file at `path` as read, so that it may be replaced."""
     _inputs.pop(os.path.realpath(path), None)
-
-
-@contextmanager
-def counting_sizes() -> Iterator[dict[str, int]]:
-    """Record the sizes of the files that are read within the context, by real path."""
-    sizes: dict[str, int] = {}
-    token = _sizes.set(sizes)
-    try:
-        yield sizes
-    finally:
-        _sizes.reset(token)
 
 
 @contextmanager
@@ -158,9 +165,10 @@ def read_file(path: Path, most: int = -1) -> bytes:
     if not data:
         raise InputError(f"{path}: the file is empty")
     _inputs[real] = identity_of(found)
-    sizes = _sizes.get()
-    if sizes is not None:
-        sizes[real] = found.st_size
+    load = LOAD.get()
+    if load is not None and real not in load.files:
+        load.files.add(real)
+        load.size += found.st_size
     return data
 
 
@@ -186,3 +194,46 @@ def first_line(error: BaseException) -> str:
         return error.strerror
     lines = str(error).strip().splitlines()
     return lines[0].strip() if lines else type(error).__name__
+
+
+# --- Text ------------------------------------------------------------------------------------------
+
+# Longer marks first: the UTF-32 mark starts with the UTF-16 mark.
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8",
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
+
+
+def as_utf8(data: bytes) -> bytes:
+    """Return the data of a text file as UTF-8 without its byte-order mark, which programs on Windows often write.
+
+    Data without a mark are returned unchanged.
+
+    Raises:
+        InputError: where the data are not valid in the encoding of the mark.
+    """
+    for mark, encoding in _MARKS.items():
+        if data.startswith(mark):
+            if encoding == "utf-8":
+                return data[len(mark) :]
+            try:
+                return data.decode(encoding).encode("utf-8")
+            except UnicodeDecodeError as error:
+                name = encoding.upper()
+                raise InputError(f"begins as {name} text but is invalid (byte {error.start}); save as UTF-8") from None
+    return data
+
+
+def as_text(data: bytes) -> str:
+    """Decode the data of a text file; bytes that are not UTF-8 survive as surrogates, so that file names keep working.
+
+    trimesh itself decodes only UTF-8 without an optional library.
+
+    Raises:
+        InputError: see `as_utf8`.
+    """
+    return as_utf8(data).decode("utf-8", "surrogateescape")

@@ -27,7 +27,7 @@ from wrt.errors import InputError
 from wrt.io.safe_read import Identity, first_line, forget_input, identity_of, is_input
 
 _TEMPORARY = re.compile(r"\.wrt-([0-9a-f]{8})-[0-9a-f]{8}\.part(\..*)?")
-"""Names of temporary files and folders, with a digest of the host's name."""
+"""Names of temporary files, with a digest of the host's name."""
 
 _FOREIGN_SECONDS = 3600.0
 """Age from which on a temporary file of another host counts as left over; its locks may not be visible here."""
@@ -112,27 +112,20 @@ def write_atomically(path: Path, write: Callable[[Path], object], kind: Kind, *,
 
 @contextlib.contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Give an empty temporary folder, which is moved to `path` at the end of the context unless it is still empty."""
-    if os.path.lexists(path):
-        raise NotReplacedError(f"{path}: already exists; name another file")
+    """Make a folder, which is removed again after an error in the context, or if it is still empty."""
+    import shutil
+
     try:
-        _sweep(path.parent)
-        with _temporary(path, is_folder=True) as (folder, _):
-            yield folder
-            if any(folder.iterdir()):
-                folder.rename(path)
+        path.mkdir()
     except OSError as error:
         raise InputError(f"{path}: cannot be made: {first_line(error)}") from None
-
-
-def _remove(path: Path) -> None:
-    """Remove a file or a folder if it exists."""
-    if path.is_dir():
-        import shutil
-
+    try:
+        yield path
+    except BaseException:
         shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+        raise
+    with contextlib.suppress(OSError):  # it is not empty
+        path.rmdir()
 
 
 def _target(path: Path, kind: Kind, force: bool) -> Path:
@@ -175,31 +168,23 @@ def _require_folder(path: Path, folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def _temporary(target: Path, *, is_folder: bool = False) -> Iterator[tuple[Path, int]]:
-    """Give the path and file descriptor of an empty file or folder beside the target, removed unless renamed.
+def _temporary(target: Path) -> Iterator[tuple[Path, int]]:
+    """Give the path and file descriptor of an empty file beside the target, removed unless renamed.
 
     It is locked, so that no other process takes it for a leftover. Its name is short, since a longer form of the
     target's name could exceed the limit of the file system.
     """
     while True:
-        path = target.with_name(f".wrt-{_host()}-{os.urandom(4).hex()}.part" + ("" if is_folder else target.suffix))
-        if is_folder:
-            path.mkdir()
+        path = target.with_name(f".wrt-{_host()}-{os.urandom(4).hex()}.part{target.suffix}")
         # Opened without mkstemp, whose files only their owner may read.
-        flags = os.O_RDONLY | os.O_DIRECTORY if is_folder else os.O_WRONLY | os.O_CREAT | os.O_EXCL
-        try:
-            handle = os.open(path, flags | os.O_CLOEXEC, 0o666)
-        except FileNotFoundError:
-            if not is_folder:
-                raise
-            continue  # another process removed it as a leftover before it was locked
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         try:
             _lock(handle, wait=True)
-            if path.exists():  # not removed either
+            if path.exists():  # no other process removed it as a leftover before it was locked
                 yield path, handle
                 return
         finally:
-            _remove(path)
+            path.unlink(missing_ok=True)
             os.close(handle)
 
 
@@ -233,6 +218,6 @@ def _sweep(folder: Path) -> None:
                 try:
                     age = time.time() - os.fstat(handle).st_mtime
                     if (found[1] == _host() or age > _FOREIGN_SECONDS) and _lock(handle, wait=False):
-                        _remove(leftover)
+                        leftover.unlink(missing_ok=True)
                 finally:
                     os.close(handle)

@@ -5,8 +5,10 @@ A missing or damaged image is left out with one warning; the rest of the file is
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import math
+import struct
 from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -15,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.io.images import FLOAT_SUFFIXES, open_image, pixels_of, read_float
-from wrt.io.ktx2 import IDENTIFIER, open_ktx2
+from wrt.io.images import FLOAT_SUFFIXES, open_image, pixels_of, read_float, require_pixels
 from wrt.io.safe_read import first_line, read_file
 from wrt.values import sealed
 
@@ -102,7 +103,7 @@ class TextureImages:
 
 
 def _opened(data: bytes) -> Image:
-    if data.startswith(IDENTIFIER):
+    if data.startswith(KTX2_IDENTIFIER):
         return open_ktx2(data)
     image = open_image(io.BytesIO(data))
     image.load()
@@ -127,3 +128,45 @@ def _within(pixels: NDArray[np.float32], least: float, most: float) -> NDArray[n
         raise InputError("it has infinite or NaN values")
     # Most images are within the bounds and need no copy.
     return pixels if least <= low and high <= most else np.clip(pixels, least, most)
+
+
+# --- KTX2 ------------------------------------------------------------------------------------------
+# Images of Basis Universal (ETC1S and UASTC, with Zstandard too), decoded by the package opengl_basisu.
+# Format: Khronos Group 2020, "KTX File Format Specification", version 2, section 3.
+
+KTX2_IDENTIFIER = b"\xabKTX 20\xbb\r\n\x1a\n"  # the first bytes of a file
+KTX2_HINT = "pip install 'wrt[ktx2]'"  # how to get the decoder
+_HEADER = 48  # bytes before the index of levels
+_EXTENT = struct.Struct("<5I")  # width, height, depth, layers and faces, at byte 20
+
+
+def has_ktx2_decoder() -> bool:
+    """Return whether the decoder is installed."""
+    return importlib.util.find_spec("opengl_basisu") is not None
+
+
+def open_ktx2(data: bytes) -> Image:
+    """Decode the largest level of a flat image, as Pillow image with or without alpha.
+
+    Raises:
+        InputError: without the decoder, on damaged data, on pixels that are not Basis Universal's, and on large images.
+    """
+    from PIL import Image
+
+    if len(data) < _HEADER:
+        raise InputError("the KTX2 file is truncated")
+    width, height, depth, _, faces = _EXTENT.unpack_from(data, 20)
+    if width == 0 or height == 0 or depth > 1 or faces != 1:
+        raise InputError("the KTX2 file is no flat image")
+    require_pixels(width, height)
+    try:
+        import opengl_basisu
+    except ImportError:
+        raise InputError(f"a KTX2 image needs a decoder: {KTX2_HINT}") from None
+    try:
+        texture = opengl_basisu.open(data)
+        image = texture.transcode("rgba8")
+    except ValueError as error:  # what the package raises on damaged and on unknown data
+        raise InputError(first_line(error)) from None
+    decoded = Image.fromarray(image.data)
+    return decoded if texture.has_alpha else decoded.convert("RGB")

@@ -49,9 +49,6 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     Args:
         source: the object.
         name: what messages call it.
-
-    Raises:
-        InputError: where it is another type, or a node is at no finite place.
     """
     import trimesh
 
@@ -233,11 +230,7 @@ class _Reader:
         return next(label for label in labels if self._maps.setdefault(label, image) is image)
 
     def _find(self, name: str) -> Source:
-        """Return the image with a label from `_label`, or an image file beside the object's file.
-
-        Raises:
-            InputError: where there is no such image.
-        """
+        """Return the image with a label from `_label`, or an image file beside the object's file."""
         if name in self._maps:
             image: Source = self._maps[name]
             return image

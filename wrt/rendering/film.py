@@ -72,7 +72,6 @@ class Film:
         self._kept: dict[str, Any] = {}
         self._using_kept = threading.Lock()
         self._images: list[Any] = []
-        self._staging: Any = None
         self.data = backend.kernels("wrt.kernels.film.film").FilmData()
         self.data.total = backend.zeros(self.pixels, "vec3d", device.name)
         self.data.total_of_squares = backend.zeros(self.pixels, "vec3d", device.name)
@@ -228,7 +227,6 @@ class Film:
             return lambda: image
         copy = images.pop() if images else backend.empty(self.pixels, "vec3", self.device.name)
         self._write_mean(copy)
-        self._staging = backend.staging_beside(copy)  # so that the next fetch finds it
         shape = (self.height, self.width, 3)
 
         def fetch() -> NDArray[np.float32]:

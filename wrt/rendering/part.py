@@ -1,7 +1,7 @@
 """A part of a render: the film of some of its pixels, and a header that identifies the render.
 
 The file has the layout of a checkpoint, with another header: `part` (number and count), `wrt`, `identity` as in
-checkpoints, `arithmetic` (see `wrt.backend.arithmetic`), `developing` (how the picture becomes 8 bits), `spp` and
+checkpoints, `arithmetic` (see `wrt.backend.processor`), `developing` (how the picture becomes 8 bits), `spp` and
 `seconds`. The windows of its pixels follow from its number.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt._version import __version__
-from wrt.backend.arithmetic import arithmetic_of
+from wrt.backend.processor import arithmetic_of
 from wrt.errors import InputError
 from wrt.io.safe_read import PathLike, first_line
 from wrt.rendering.checkpoint import (

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from wrt.backend.device import Device
-from wrt.backend.lanes import lanes_here
+from wrt.backend.processor import lanes_here
 from wrt.compiling import general, later
 from wrt.compiling.kernel import SCALAR, declaration, is_compiled
 from wrt.rendering.wide_kernel import SPEEDUP, SPEEDUP_OF_OWN, WORTH_SECONDS, WideKernel, threads_of

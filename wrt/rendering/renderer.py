@@ -27,8 +27,7 @@ from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.scene import RenderSettings, Scene, Shape, require_scene
 from wrt.studio.framing import with_camera
-from wrt.upload.camera import CropWindow, build_camera, outside_cameras
-from wrt.upload.filters import filter_table
+from wrt.upload.camera import CropWindow, build_camera, filter_table, outside_cameras
 from wrt.upload.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
 from wrt.upload.lights.choice import LIGHT_CHOICES
 from wrt.upload.lights.table import has_light

@@ -19,7 +19,7 @@ from typing import Any
 from wrt.backend import cache_folders
 from wrt.backend.arrays import Array, Struct
 from wrt.backend.device import Device
-from wrt.backend.lanes import lanes_here
+from wrt.backend.processor import lanes_here
 from wrt.compiling import kernel as compiler
 from wrt.compiling import later
 
@@ -153,11 +153,10 @@ class WideKernel:
 
     def _compile(self) -> None:
         """Start compiling the kernel in another process."""
-        null = subprocess.DEVNULL
         try:
+            environment = {**os.environ, "TMPDIR": str(cache_folders.work_folder())}  # which this process removes
             arguments = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
-            command = compiler.command(compiler.__name__, *arguments)
-            self._compiler = subprocess.Popen(command, stdin=null, stdout=null, stderr=null)
+            self._compiler = compiler.start(compiler.__name__, *arguments, env=environment)
         except OSError:  # no folder has room, or there is no Python
             self._possible = False
             return
@@ -165,17 +164,16 @@ class WideKernel:
         weakref.finalize(self, _end, self._compiler, self._features, self._lanes)  # nothing else would end it
 
     def _folders(self) -> list[str]:
-        """Return the folders for the compiler's work, for its kernels, and for notes if their usual folder fails."""
-        work = cache_folders.work_folder()
-        folders = [work, work / "warp", work / "wrt"]
+        """Return the folders for compiled kernels, and for the table of artefacts if its usual folder fails."""
+        kernels, table = (cache_folders.work_folder() / name for name in ("warp", "wrt"))
         try:
-            kernels = cache_folders.kernels_folder()
-            cache_folders.require_writable(kernels / self._device.backend.version)
-            folders[1] = kernels
+            usual = cache_folders.kernels_folder()
+            cache_folders.require_writable(usual / self._device.backend.version)
+            kernels = usual
         except OSError as error:
-            cache_folders.say_unwritable(Path(error.filename or folders[1]).parent, error)
-        self._device.backend.artefacts.folders.append(folders[2])
-        return [str(folder) for folder in folders]
+            cache_folders.say_unwritable(Path(error.filename or kernels).parent, error)
+        self._device.backend.artefacts.folders.append(table)
+        return [str(kernels), str(table)]
 
     def _note_compiled(self) -> None:
         self._seconds, self._compiling_since = self.seconds, None

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
 from wrt.linalg import norm
-from wrt.scene.description import Checks, Kind, instance_of, optional, word_of
+from wrt.scene.description import Kind, NotNegative, Number, Positive, Vector, instance_of, optional, word_of
 from wrt.scene.motion import Motion
-from wrt.values import Vec3, integer, number, vector
+from wrt.values import integer, number
 
 APERTURES = ("disk", "square", "polygon")
 """Shapes of the aperture."""
 
 _RIGID = 1e-4
 """Tolerance for stretch in a camera's motion, due to rounding."""
-
-_positive = partial(number, above=0.0)
 
 
 @dataclass(frozen=True)
@@ -39,20 +37,14 @@ class Camera(Kind):
         motion: motion of the camera, applied to `origin`, `target` and `up`.
     """
 
-    origin: Vec3 = (0.0, 0.0, 3.0)
-    target: Vec3 = (0.0, 0.0, 0.0)
-    up: Vec3 = (0.0, 1.0, 0.0)
-    shutter_open: float = field(default=0.0, kw_only=True)
-    shutter_close: float = field(default=0.0, kw_only=True)
-    shutter_ramp: float = field(default=0.0, kw_only=True)
-    motion: Motion | None = field(default=None, kw_only=True)
-
-    checks: ClassVar[Checks] = {
-        **dict.fromkeys(("origin", "target", "up"), vector),
-        **dict.fromkeys(("shutter_open", "shutter_close"), number),
-        "shutter_ramp": partial(number, minimum=0.0, maximum=1.0),
-        "motion": optional(instance_of(Motion)),
-    }
+    origin: Vector = (0.0, 0.0, 3.0)
+    target: Vector = (0.0, 0.0, 0.0)
+    up: Vector = (0.0, 1.0, 0.0)
+    _: KW_ONLY
+    shutter_open: Number = 0.0
+    shutter_close: Number = 0.0
+    shutter_ramp: Annotated[float, partial(number, minimum=0.0, maximum=1.0)] = 0.0
+    motion: Annotated[Motion | None, optional(instance_of(Motion))] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -107,19 +99,12 @@ class LensCamera(Camera):
             lights in front of it show it upside down.
     """
 
-    aperture_radius: float = field(default=0.0, kw_only=True)
-    focus_distance: float | None = field(default=None, kw_only=True)
-    aperture: str = field(default="disk", kw_only=True)
-    aperture_blades: int = field(default=6, kw_only=True)
-    aperture_rotation_degrees: float = field(default=0.0, kw_only=True)
-
-    checks: ClassVar[Checks] = {
-        "aperture_radius": partial(number, minimum=0.0),
-        "focus_distance": optional(_positive),
-        "aperture": word_of(APERTURES),
-        "aperture_blades": partial(integer, minimum=3, maximum=1000),
-        "aperture_rotation_degrees": number,
-    }
+    _: KW_ONLY
+    aperture_radius: NotNegative = 0.0
+    focus_distance: Annotated[float | None, optional(partial(number, above=0.0))] = None
+    aperture: Annotated[str, word_of(APERTURES)] = "disk"
+    aperture_blades: Annotated[int, partial(integer, minimum=3, maximum=1000)] = 6
+    aperture_rotation_degrees: Number = 0.0
 
     @property
     def distance_in_focus(self) -> float:
@@ -142,15 +127,10 @@ class PerspectiveCamera(LensCamera):
 
     type_name: ClassVar[str] = "perspective"
 
-    fov_degrees: float = 40.0
-    shift_x: float = field(default=0.0, kw_only=True)
-    shift_y: float = field(default=0.0, kw_only=True)
-
-    checks: ClassVar[Checks] = {
-        "fov_degrees": partial(number, above=0.0, maximum=179.0),
-        "shift_x": number,
-        "shift_y": number,
-    }
+    fov_degrees: Annotated[float, partial(number, above=0.0, maximum=179.0)] = 40.0
+    _: KW_ONLY
+    shift_x: Number = 0.0
+    shift_y: Number = 0.0
 
     def film(self, width: int, height: int) -> dict[str, Any]:
         pixel = 2.0 * math.tan(math.radians(self.fov_degrees) / 2.0) / height
@@ -169,9 +149,7 @@ class OrthographicCamera(LensCamera):
 
     type_name: ClassVar[str] = "orthographic"
 
-    view_height: float = 2.0
-
-    checks: ClassVar[Checks] = {"view_height": _positive}
+    view_height: Positive = 2.0
 
     def film(self, width: int, height: int) -> dict[str, Any]:
         return {"pixel": (self.view_height / height, self.view_height / height)}
@@ -188,13 +166,8 @@ class PanoramaCamera(Camera):
 
     type_name: ClassVar[str] = "panorama"
 
-    horizontal_degrees: float = 360.0
-    vertical_degrees: float = 180.0
-
-    checks: ClassVar[Checks] = {
-        "horizontal_degrees": partial(number, above=0.0, maximum=360.0),
-        "vertical_degrees": partial(number, above=0.0, maximum=180.0),
-    }
+    horizontal_degrees: Annotated[float, partial(number, above=0.0, maximum=360.0)] = 360.0
+    vertical_degrees: Annotated[float, partial(number, above=0.0, maximum=180.0)] = 180.0
 
     def film(self, width: int, height: int) -> dict[str, Any]:
         degrees = (self.horizontal_degrees / width, self.vertical_degrees / height)
@@ -213,9 +186,7 @@ class FisheyeCamera(Camera):
 
     type_name: ClassVar[str] = "fisheye"
 
-    fov_degrees: float = 180.0
-
-    checks: ClassVar[Checks] = {"fov_degrees": partial(number, above=0.0, maximum=360.0)}
+    fov_degrees: Annotated[float, partial(number, above=0.0, maximum=360.0)] = 180.0
 
     def film(self, width: int, height: int) -> dict[str, Any]:
         pixel = math.radians(self.fov_degrees) / min(width, height)

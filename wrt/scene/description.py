@@ -1,53 +1,21 @@
-"""What cameras, lights, materials and the like share: checks of their fields, a name in scene files, a kernel model."""
+"""What cameras, lights, materials and the like share: fields with checks, a name in scene files, a kernel model.
+
+The type of a field is `Annotated` by its check: `radius: Annotated[float, partial(number, above=0.0)] = 1.0`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import functools
+import typing
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 from wrt.errors import InputError
-from wrt.values import one_of
+from wrt.values import ColorLike, Vec3, boolean, color, number, one_of, vector
 
 Check: TypeAlias = Callable[[Any, str], Any]
 """Takes the value of a field and its name for messages; returns the value to keep, or raises InputError."""
-
-Checks: TypeAlias = Mapping[str, Check]
-"""Checks by the names of fields."""
-
-
-class Description:
-    """Base of dataclasses that check their fields when an object is made, those of their bases first."""
-
-    __slots__ = ()
-
-    checks: ClassVar[Checks] = {}
-
-    def __post_init__(self) -> None:
-        for cls in reversed(type(self).__mro__):
-            for name, check in cls.__dict__.get("checks", {}).items():
-                object.__setattr__(self, name, check(getattr(self, name), self._label(name)))
-
-    def _label(self, name: str) -> str:
-        """Return the name of a field for messages."""
-        return name
-
-    def _set(self, **values: Any) -> None:
-        """Replace fields during construction."""
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
-
-class Kind(Description):
-    """Base of the descriptions that have a `type` in scene files and device functions in kernels."""
-
-    type_name: ClassVar[str] = ""
-    """The `type` in scene files."""
-
-    @property
-    def model(self) -> str:
-        """Name of the model in kernels, by default the type's own."""
-        return self.type_name.replace("-", "_")
 
 
 def optional(check: Check) -> Check:
@@ -77,3 +45,50 @@ def instance_of(cls: type) -> Check:
         return value
 
     return check
+
+
+Flag = Annotated[bool, boolean]
+Number = Annotated[float, number]
+Positive = Annotated[float, partial(number, above=0.0)]
+NotNegative = Annotated[float, partial(number, minimum=0.0)]
+Vector = Annotated[Vec3, vector]
+Color = Annotated[ColorLike, color]
+
+
+@functools.cache
+def checks_of(cls: type) -> dict[str, Check]:
+    """Return the checks of the fields of a class, those of its bases first."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    annotated = ((name, each) for name, hint in hints.items() for each in getattr(hint, "__metadata__", ()))
+    return {name: each for name, each in annotated if callable(each)}
+
+
+class Description:
+    """Base of dataclasses that check their fields when an object is made."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for name, check in checks_of(type(self)).items():  # type: ignore[arg-type]  # classes are hashable, if not their objects
+            object.__setattr__(self, name, check(getattr(self, name), self._label(name)))
+
+    def _label(self, name: str) -> str:
+        """Return the name of a field for messages."""
+        return name
+
+    def _set(self, **values: Any) -> None:
+        """Replace fields during construction."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+
+class Kind(Description):
+    """Base of the descriptions that have a `type` in scene files and device functions in kernels."""
+
+    type_name: ClassVar[str] = ""
+    """The `type` in scene files."""
+
+    @property
+    def model(self) -> str:
+        """Name of the model in kernels, by default the type's own."""
+        return self.type_name.replace("-", "_")

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, ClassVar, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import norm, product, weighted_sum
-from wrt.scene.description import Checks, Description, optional
+from wrt.scene.description import Color, Description, Flag, NotNegative, Number, optional
 from wrt.scene.lights import DirectionalLight
 from wrt.scene.skies.hosek_wilkie import sky_rgb, sun_rgb
-from wrt.values import ColorLike, Vec3, boolean, color, image, number, owned, sealed, vec3, vector
+from wrt.values import ColorLike, Vec3, color, image, number, owned, sealed, vec3, vector
 
 SUN_DIAMETER_DEGREES = 0.53
 """The sun's mean angular diameter."""
@@ -27,8 +27,6 @@ _HARMONICS_ROWS = 64
 """Image rows per degree of spherical harmonics; see `SphericalHarmonicsEnvironment`."""
 
 _MOST_DEGREE = 16
-
-_not_negative = partial(number, minimum=0.0)
 
 
 def _axis(value: Vec3, name: str) -> Vec3:
@@ -51,9 +49,7 @@ class ConstantEnvironment(Description):
         radiance: per channel, W·sr⁻¹·m⁻².
     """
 
-    radiance: ColorLike = 1.0
-
-    checks: ClassVar[Checks] = {"radiance": color}
+    radiance: Color = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,18 +67,11 @@ class ImageEnvironment(Description):
         rotation_axis: axis to turn about instead, counter-clockwise for an observer whom it points at.
     """
 
-    pixels: NDArray[np.float32] = field(repr=False)
-    scale: float = 1.0
-    rotation_degrees: float = 0.0
+    pixels: Annotated[NDArray[np.float32], image] = field(repr=False)
+    scale: NotNegative = 1.0
+    rotation_degrees: Number = 0.0
     name: str = "environment"
-    rotation_axis: Vec3 = (0.0, 1.0, 0.0)
-
-    checks: ClassVar[Checks] = {
-        "pixels": image,
-        "scale": _not_negative,
-        "rotation_degrees": number,
-        "rotation_axis": _axis,
-    }
+    rotation_axis: Annotated[Vec3, _axis] = (0.0, 1.0, 0.0)
 
     def _label(self, name: str) -> str:
         return f"environment {self.name}: {name}" if name == "pixels" else name
@@ -118,10 +107,8 @@ class SphericalHarmonicsEnvironment(Description):
         scale: multiplies the coefficients.
     """
 
-    coefficients: ArrayLike = field(repr=False)
-    scale: float = 1.0
-
-    checks: ClassVar[Checks] = {"coefficients": _coefficients, "scale": _not_negative}
+    coefficients: Annotated[ArrayLike, _coefficients] = field(repr=False)
+    scale: NotNegative = 1.0
 
     @property
     def degree(self) -> int:
@@ -158,25 +145,14 @@ class SunSkyEnvironment(Description):
         ground: whether to show the ground; otherwise everything below the horizon is black.
     """
 
-    elevation_degrees: float = 45.0
-    azimuth_degrees: float = 0.0
-    sun_direction: Vec3 | None = None
-    turbidity: float = 3.0
-    ground_albedo: ColorLike = 0.2
-    sky_scale: float = 1.0
-    sun_scale: float = 1.0
-    ground: bool = True
-
-    checks: ClassVar[Checks] = {
-        "elevation_degrees": partial(number, above=0.0, maximum=90.0),
-        "azimuth_degrees": number,
-        "sun_direction": optional(_direction),
-        "turbidity": partial(number, minimum=1.0, maximum=10.0),
-        "ground_albedo": partial(color, maximum=1.0),
-        "sky_scale": _not_negative,
-        "sun_scale": _not_negative,
-        "ground": boolean,
-    }
+    elevation_degrees: Annotated[float, partial(number, above=0.0, maximum=90.0)] = 45.0
+    azimuth_degrees: Number = 0.0
+    sun_direction: Annotated[Vec3 | None, optional(_direction)] = None
+    turbidity: Annotated[float, partial(number, minimum=1.0, maximum=10.0)] = 3.0
+    ground_albedo: Annotated[ColorLike, partial(color, maximum=1.0)] = 0.2
+    sky_scale: NotNegative = 1.0
+    sun_scale: NotNegative = 1.0
+    ground: Flag = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -7,17 +7,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import determinant, gauss_legendre, product
-from wrt.scene.description import Checks, Description, instance_of, optional
+from wrt.scene.description import Color, Description, Vector, instance_of, optional
 from wrt.scene.mesh import Mesh
 from wrt.scene.shapes import box
-from wrt.values import FLOAT32_MAX, ColorLike, Vec3, array, color, number, owned, vector
+from wrt.values import FLOAT32_MAX, ColorLike, Vec3, array, color, number, owned
 
 MOST_CELLS = 2**29
 """The most cells of a grid: 2 GB of densities."""
@@ -49,6 +49,9 @@ def _affine(value: Any, name: str) -> NDArray[np.float64]:
     return matrix
 
 
+_Cells = NDArray[np.float32] | None
+
+
 @dataclass(frozen=True, eq=False)
 class DensityGrid(Description):
     """The density of a medium in a box, on a grid of cells.
@@ -69,24 +72,14 @@ class DensityGrid(Description):
         name: source of the values, for messages.
     """
 
-    values: NDArray[np.float32] = field(repr=False)
-    lower: Vec3 = (0.0, 0.0, 0.0)
-    upper: Vec3 = (1.0, 1.0, 1.0)
-    transform: NDArray[np.float64] | None = None
-    factor: float = 1.0
-    albedo: NDArray[np.float32] | None = field(default=None, repr=False)
-    emission: NDArray[np.float32] | None = field(default=None, repr=False)
+    values: Annotated[NDArray[np.float32], partial(_cells, channels=(0,))] = field(repr=False)
+    lower: Vector = (0.0, 0.0, 0.0)
+    upper: Vector = (1.0, 1.0, 1.0)
+    transform: Annotated[NDArray[np.float64] | None, optional(_affine)] = None
+    factor: Annotated[float, partial(number, minimum=0.0, maximum=FLOAT32_MAX)] = 1.0
+    albedo: Annotated[_Cells, optional(partial(_cells, channels=(3,)))] = field(default=None, repr=False)
+    emission: Annotated[_Cells, optional(partial(_cells, channels=(0, 3)))] = field(default=None, repr=False)
     name: str = "density"
-
-    checks: ClassVar[Checks] = {
-        "values": partial(_cells, channels=(0,)),
-        "lower": vector,
-        "upper": vector,
-        "transform": optional(_affine),
-        "factor": partial(number, minimum=0.0, maximum=FLOAT32_MAX),
-        "albedo": optional(partial(_cells, channels=(3,))),
-        "emission": optional(partial(_cells, channels=(0, 3))),
-    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -141,17 +134,11 @@ class Medium(Description):
         density: factor on all coefficients that varies in space; None for 1 everywhere.
     """
 
-    absorption: ColorLike = 0.0
-    scattering: ColorLike = 0.0
-    g: float = 0.0
-    emission: ColorLike = 0.0
-    density: DensityGrid | None = None
-
-    checks: ClassVar[Checks] = {
-        **dict.fromkeys(("absorption", "scattering", "emission"), color),
-        "g": partial(number, minimum=-0.99, maximum=0.99),
-        "density": optional(instance_of(DensityGrid)),
-    }
+    absorption: Color = 0.0
+    scattering: Color = 0.0
+    g: Annotated[float, partial(number, minimum=-0.99, maximum=0.99)] = 0.0
+    emission: Color = 0.0
+    density: Annotated[DensityGrid | None, optional(instance_of(DensityGrid))] = None
 
     @property
     def extinction(self) -> Vec3:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrt import _notebook
 from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
+from wrt.scene.motion import rotation_matrix
 from wrt.values import array, number, owned, refuse_codes, sealed, vector
 
 
@@ -209,15 +210,9 @@ class Mesh:
         return self.transformed(m)
 
     def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:
-        """Return a copy turned about an axis through the origin (Rodrigues' formula)."""
-        direction = np.array(vector(axis, f"{self.name}: an axis"))
-        if not direction.any():
-            raise InputError(f"{self.name}: an axis must have a length above 0")
-        x, y, z = direction / norm(direction)
-        k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        angle = np.deg2rad(number(degrees, f"{self.name}: degrees"))
+        """Return a copy turned about an axis through the origin, counter-clockwise seen from the axis's end."""
         m = np.eye(4)
-        m[:3, :3] += np.sin(angle) * k + (1.0 - np.cos(angle)) * product(k, k)
+        m[:3, :3] = rotation_matrix(axis, degrees)
         return self.transformed(m)
 
 

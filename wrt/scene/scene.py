@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from wrt.errors import InputError, did_you_mean
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.deformation import Deformation
-from wrt.scene.description import Checks, Description, optional, word_of
+from wrt.scene.description import Check, Description, Flag, optional, word_of
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.layers import layer_names
@@ -28,7 +28,7 @@ from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion, check_affine
 from wrt.scene.textures import ColorSource, shines
-from wrt.values import FLOAT32_MAX, Vec3, boolean, integer, number
+from wrt.values import FLOAT32_MAX, Vec3, integer, number
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 """Reconstruction filters by name; `kernels/camera/samples.py` defines them."""
@@ -149,6 +149,16 @@ def bake_transforms(shapes: list[Shape]) -> list[Shape]:
     return [s if s.transform is None else replace(s, mesh=s.mesh_at(0.0), transform=None) for s in shapes]
 
 
+def _nameless(check: Callable[[Any], Any]) -> Check:
+    """Return a check of a field whose messages name the field themselves."""
+    return lambda value, _: check(value)
+
+
+_Length = Annotated[int, partial(integer, minimum=1, maximum=65536)]
+_Share = Annotated[float, partial(number, minimum=0.0, maximum=1.0)]
+_Noise = Annotated[float | None, optional(partial(number, above=0.0, maximum=1.0))]
+
+
 @dataclass(slots=True)
 class RenderSettings(Description):
     """Render settings of a scene; options given to the renderer override them.
@@ -183,46 +193,27 @@ class RenderSettings(Description):
             alpha channel; both still light the scene, and are seen in mirrors and through glass.
     """
 
-    width: int = 768
-    height: int = 576
-    spp: int = 64
-    noise: float | None = field(default=None, kw_only=True)
-    adaptive: bool = field(default=False, kw_only=True)
-    denoise: bool = field(default=False, kw_only=True)
-    max_depth: int = 64
-    filter: str = "blackman-harris"
-    sampler: str = "sobol"
-    exposure: Annotated[float | str | None, EXPOSURE_SCHEMA] = None
+    width: _Length = 768
+    height: _Length = 576
+    spp: Annotated[int, partial(integer, minimum=1, maximum=MAX_SPP)] = 64
+    noise: _Noise = field(default=None, kw_only=True)
+    adaptive: Flag = field(default=False, kw_only=True)
+    denoise: Flag = field(default=False, kw_only=True)
+    max_depth: _Length = 64
+    filter: Annotated[str, word_of(FILTERS)] = "blackman-harris"
+    sampler: Annotated[str, word_of(SAMPLERS)] = "sobol"
+    exposure: Annotated[float | str | None, EXPOSURE_SCHEMA, _nameless(check_exposure)] = None
     crop: tuple[int, int, int, int] | None = None
-    integrator: str | None = None
-    max_scatterings: int = 4096
-    min_attenuation: float = 0.005
-    jittered_rays: int = 1
-    ao_distance: float | None = None
-    layers: tuple[str, ...] = ()
-    clamp_indirect: float | None = None
-    regularization: float = 0.0
-    tone: Annotated[str, TONE_SCHEMA] = DEFAULT_TONE
-    transparent: bool = False
-
-    checks: ClassVar[Checks] = {
-        **dict.fromkeys(("width", "height"), partial(integer, minimum=1, maximum=65536)),
-        "spp": partial(integer, minimum=1, maximum=MAX_SPP),
-        "noise": optional(partial(number, above=0.0, maximum=1.0)),
-        **dict.fromkeys(("adaptive", "denoise", "transparent"), boolean),
-        "max_depth": partial(integer, minimum=1, maximum=65536),
-        "max_scatterings": partial(integer, minimum=0, maximum=65535),
-        "filter": word_of(FILTERS),
-        "sampler": word_of(SAMPLERS),
-        "tone": lambda value, _: check_tone(value),
-        "exposure": lambda value, _: check_exposure(value),
-        "integrator": optional(word_of(INTEGRATORS)),
-        **dict.fromkeys(("min_attenuation", "regularization"), partial(number, minimum=0.0, maximum=1.0)),
-        "jittered_rays": partial(integer, minimum=0, maximum=MOST_JITTERED_RAYS),
-        "ao_distance": optional(partial(number, above=0.0)),
-        "layers": lambda value, _: layer_names(value),
-        "clamp_indirect": optional(partial(number, above=0.0, maximum=FLOAT32_MAX)),
-    }
+    integrator: Annotated[str | None, optional(word_of(INTEGRATORS))] = None
+    max_scatterings: Annotated[int, partial(integer, minimum=0, maximum=65535)] = 4096
+    min_attenuation: _Share = 0.005
+    jittered_rays: Annotated[int, partial(integer, minimum=0, maximum=MOST_JITTERED_RAYS)] = 1
+    ao_distance: Annotated[float | None, optional(partial(number, above=0.0))] = None
+    layers: Annotated[tuple[str, ...], _nameless(layer_names)] = ()
+    clamp_indirect: Annotated[float | None, optional(partial(number, above=0.0, maximum=FLOAT32_MAX))] = None
+    regularization: _Share = 0.0
+    tone: Annotated[str, TONE_SCHEMA, _nameless(check_tone)] = DEFAULT_TONE
+    transparent: Flag = False
 
     def __post_init__(self) -> None:
         Description.__post_init__(self)  # super() knows the class without slots only
@@ -347,10 +338,7 @@ class Scene:
         transforms: Iterable[ArrayLike | Motion],
         *,
         material: Material | None = None,
-        emission: ColorSource = 0.0,
-        two_sided_emission: bool = False,
-        name: str | None = None,
-        deformation: Deformation | None = None,
+        **options: Any,
     ) -> list[Shape]:
         """Add instances of a mesh, which is stored once; return the new shapes.
 
@@ -358,24 +346,10 @@ class Scene:
             mesh: the triangles.
             transforms: for each instance a (4, 4) affine matrix from the mesh's space to the world, or a Motion.
             material: of all instances, as for `add`.
-            emission: of all instances.
-            two_sided_emission: of all instances.
-            name: of all instances.
-            deformation: of all instances.
+            options: other options of `add`, for all instances.
         """
         shared = Diffuse() if material is None else material
-        return [
-            self.add(
-                mesh,
-                material=shared,
-                emission=emission,
-                two_sided_emission=two_sided_emission,
-                name=name,
-                transform=transform,
-                deformation=deformation,
-            )
-            for transform in transforms
-        ]
+        return [self.add(mesh, material=shared, transform=transform, **options) for transform in transforms]
 
     def add_light(self, light: Light) -> Light:
         """Add a light without a mesh and return it."""

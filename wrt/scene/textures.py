@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import ClassVar, TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.scene.description import Checks, Description, optional, word_of
-from wrt.values import ColorLike, boolean, color, image, integer, number, one_of, pair
+from wrt.scene.description import Color, Description, Flag, Number, optional, word_of
+from wrt.values import ColorLike, image, integer, number, one_of, pair
 
 CHANNELS = ("r", "g", "b")
 """Names of an image's channels."""
@@ -23,8 +23,6 @@ WRAPS = ("repeat", "mirror", "clamp")
 
 TEXTURE_FILTERS = ("bilinear", "nearest", "trilinear")
 """Texture filters. "trilinear" interpolates between two levels of a mipmap, each half the size of the one before."""
-
-_cutoff = optional(partial(number, minimum=0.0))
 
 
 def _one_or_two(value: float | Sequence[float], name: str) -> tuple[float, float]:
@@ -36,6 +34,10 @@ def _two_wraps(wrap: str | Sequence[str], name: str) -> tuple[str, ...]:
     if len(wraps) != 2:
         raise InputError(f"{name} must be one of {', '.join(WRAPS)}, or two of them for u and v")
     return tuple(one_of(each, WRAPS, name) for each in wraps)
+
+
+_Cutoff = Annotated[float | None, optional(partial(number, minimum=0.0))]
+_Wrap = Annotated[str | Sequence[str], _two_wraps]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,34 +69,19 @@ class ImageTexture(Description):
         uv_set: which of the mesh's two sets of texture coordinates to use, 0 or 1.
     """
 
-    pixels: NDArray[np.float32] = field(repr=False)
+    pixels: Annotated[NDArray[np.float32], image] = field(repr=False)
     name: str = "image"
-    channel: str | None = None
-    factor: ColorLike = 1.0
-    scale: float | Sequence[float] = 1.0
-    rotation_degrees: float = 0.0
-    offset: Sequence[float] = (0.0, 0.0)
-    wrap: str | Sequence[str] = "repeat"
-    filter: str = "bilinear"
-    cutoff: float | None = None
-    vertex_colors: bool = False
-    vertex_alpha: bool = False
-    uv_set: int = 0
-
-    checks: ClassVar[Checks] = {
-        "pixels": image,
-        "channel": optional(word_of(CHANNELS)),
-        "factor": color,
-        "scale": _one_or_two,
-        "rotation_degrees": number,
-        "offset": pair,
-        "wrap": _two_wraps,
-        "filter": word_of(TEXTURE_FILTERS),
-        "cutoff": _cutoff,
-        "vertex_colors": boolean,
-        "vertex_alpha": boolean,
-        "uv_set": partial(integer, minimum=0, maximum=1),
-    }
+    channel: Annotated[str | None, optional(word_of(CHANNELS))] = None
+    factor: Color = 1.0
+    scale: Annotated[float | Sequence[float], _one_or_two] = 1.0
+    rotation_degrees: Number = 0.0
+    offset: Annotated[Sequence[float], pair] = (0.0, 0.0)
+    wrap: _Wrap = "repeat"
+    filter: Annotated[str, word_of(TEXTURE_FILTERS)] = "bilinear"
+    cutoff: _Cutoff = None
+    vertex_colors: Flag = False
+    vertex_alpha: Flag = False
+    uv_set: Annotated[int, partial(integer, minimum=0, maximum=1)] = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -129,11 +116,9 @@ class VertexColor(Description):
         cutoff: threshold of a mask: values from it on become 1, others 0.
     """
 
-    factor: ColorLike = 1.0
-    alpha: bool = False
-    cutoff: float | None = None
-
-    checks: ClassVar[Checks] = {"factor": color, "alpha": boolean, "cutoff": _cutoff}
+    factor: Color = 1.0
+    alpha: Flag = False
+    cutoff: _Cutoff = None
 
     def _label(self, name: str) -> str:
         return f"vertex colours: {name}"
@@ -176,22 +161,13 @@ class NormalMap(Description):
             reduced (Estevez, Lecocq and Stellpflug 2019); or "right-handed", with the first of these only.
     """
 
-    pixels: NDArray[np.float32] | ImageTexture = field(repr=False)
-    scale: float = 1.0
-    filter: bool = False
+    pixels: Annotated[NDArray[np.float32] | ImageTexture, _encoded_normals] = field(repr=False)
+    scale: Number = 1.0
+    filter: Flag = False
     name: str = "normal map"
-    wrap: str | Sequence[str] = "repeat"
-    heights: bool = False
-    convention: str = "gltf"
-
-    checks: ClassVar[Checks] = {
-        "pixels": _encoded_normals,
-        "scale": number,
-        "filter": boolean,
-        "wrap": _two_wraps,
-        "heights": boolean,
-        "convention": word_of(NORMAL_CONVENTIONS),
-    }
+    wrap: _Wrap = "repeat"
+    heights: Flag = False
+    convention: Annotated[str, word_of(NORMAL_CONVENTIONS)] = "gltf"
 
     def __post_init__(self) -> None:
         super().__post_init__()

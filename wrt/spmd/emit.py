@@ -13,11 +13,7 @@ from warp._src.codegen import constant_str
 
 from wrt.spmd import ir
 from wrt.spmd.analysis import Liveness, constant_ranges
-from wrt.spmd.library import ANYTHING, can_be_called
 from wrt.spmd.types import NUMBERS, Types
-
-_ORDERED = {ANYTHING, "Floats", "Ints", "Uints", "Longs", "Doubles"}
-"""Kinds with all comparison operators."""
 
 
 class Emitter:
@@ -161,8 +157,6 @@ class Emitter:
             if any(isinstance(e, ir.ElementAddress) or ir.is_builtin(e, "address") for e in parts):
                 raise self._unsupported("stores into a part of an array's element")
             return f"lanes::set(*{arguments}, exec);"
-        if not can_be_called(call.name, self._kinds(call.arguments)):
-            raise self._unsupported()
         if call.name == "assign_inplace":
             arguments = self._with_known_indices(call.arguments)
         return f"lanes::{call.name}({arguments}, exec);"
@@ -187,10 +181,6 @@ class Emitter:
 
     def _operand(self, e: ir.Expression) -> str:
         return e.name if isinstance(e, ir.Variable) else f"({self._value(e)})"
-
-    def _kinds(self, arguments: Iterable[ir.Expression]) -> list[str]:
-        """Return the kinds of arguments for `can_be_called`: ANYTHING for expressions other than variables."""
-        return [self._types.kind(a.type) if isinstance(a, ir.Variable) else ANYTHING for a in arguments]
 
     def _with_known_indices(self, arguments: tuple[ir.Expression, ...]) -> str:
         """Return arguments with constant indices as numbers, which select the C++ overload."""
@@ -222,16 +212,12 @@ class Emitter:
             case ir.Builtin():
                 return self._builtin(e)
             case ir.Compose(container, size, number, arguments):
-                several = container == "mat" or len(arguments) > 1
-                if number not in NUMBERS or (several and {"vector", "matrix"} & set(self._kinds(arguments))):
+                if number not in NUMBERS:
                     raise self._unsupported()
                 return f"lanes::make_{container}<{size}, {NUMBERS[number]}>({', '.join(map(self._operand, arguments))})"
             case ir.Operation("&&" | "||", left, right):
                 return f"(lanes::to_bool({left.name}) {e.operator[0]} lanes::to_bool({right.name}))"
             case ir.Operation(operator, left, right):
-                kinds = set(self._kinds((left, right)))
-                if not kinds <= _ORDERED and not (operator in ("==", "!=") and kinds <= {"vector", "Mask"}):
-                    raise self._unsupported()
                 return f"lanes::Mask({left.name} {operator} {right.name})"
         raise self._unsupported()
 
@@ -245,7 +231,7 @@ class Emitter:
             return f"lanes::next({arguments}, exec)"
         of = e.arguments[0] if e.name == "indexref" else None
         member = of is None or (isinstance(of, ir.Address) and len(of.fields) < 2)
-        if not member or not can_be_called(e.name, self._kinds(e.arguments)):
+        if not member:
             raise self._unsupported()
         if e.name == "load":
             return f"lanes::load({arguments}, exec)"

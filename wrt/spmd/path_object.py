@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 from warp._src.codegen import constant_str
 
+from wrt.kernels.core.ray_tree import INFINITE_DISTANCE
 from wrt.spmd.analysis import Liveness, same_for_all, set_by, uses
 from wrt.spmd.emit import Emitter
 from wrt.spmd.ir import Function, Module, Unsupported, Variable
-from wrt.spmd.ray_queries import ray_query_code
-from wrt.spmd.rounds import Rounds, check_path_function, cut
-from wrt.spmd.templates import fill
+from wrt.spmd.library import fill, traverses_one_tree
+from wrt.spmd.rounds import RayQuery, Rounds, check_path_function, cut
 from wrt.spmd.types import Types
 
 
@@ -59,10 +59,11 @@ def store(function: Function, rounds: Rounds, liveness: Liveness, varying: list[
     same = [v for v in outer if v in lasting and same_for_all(function, v, rounds.prologue)]
     in_rounds = [v for v in outer if v in lasting and v not in same]
     used = [uses(part.statements) for part in rounds.parts]
-    queried = {name for part in rounds.parts if (q := part.query) for name in (q.answer, q.ray, q.distance) if name}
-    across = [v for v in in_round if v.name in queried or sum(v in names for names in used) > 1]
-    if missing := queried - {v.name for v in (*varying, *in_rounds, *across)}:
-        raise Unsupported(f"{function.key}: asks a ray query for {min(missing)}, which is not a variable of the path")
+    queried = {v for part in rounds.parts if (q := part.query) for v in (q.answer, q.ray, q.distance) if v}
+    across = [v for v in in_round if v in queried or sum(v in variables for variables in used) > 1]
+    if missing := queried.difference(varying, in_rounds, across):
+        first = min(v.name for v in missing)
+        raise Unsupported(f"{function.key}: asks a ray query for {first}, which is not a variable of the path")
     shading = next(number for number, part in enumerate(rounds.parts) if part.shades)
     moving = set().union(*used[:shading]) & set().union(*used[shading:])
     moved = [v for v in (*varying, *in_rounds) if v in lasting] + [v for v in across if v in moving]
@@ -101,7 +102,6 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
     begin = emitter.declarations([*storage.begins, *storage.same]) + emitter.code(rounds.prologue)
     emitter.keep_all = False
     same = emitter.declarations(storage.same) + emitter.code(s for s in rounds.prologue if set_by(s) in storage.same)
-    variables = {v.name: v for v in (*function.arguments, *function.variables)}
     names = {f.key: f.name for f in module.functions.values()}
     parts: list[str] = []
     queries: list[str] = []
@@ -111,13 +111,11 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
         if (q := part.query) is not None:
             # The first query finds the next surface; the others are for shadow rays, whose answers are integers.
             k = len(queries)
-            answer = f"answer_{k}" if k else q.answer
-            answer_type = "lanes::Ints" if k else types.wide(variables[q.answer].type)
-            ray_type = types.wide(variables[q.ray].type)
-            queries.append(ray_query_code(q, f"RayQuery{k}", name, answer, ray_type, answer_type, names))
+            answer = f"answer_{k}" if k else q.answer.name
+            queries.append(_ray_query(types, q, f"RayQuery{k}", name, answer, names))
             steps.append(f"trace<RayQuery{k}>(groups);")
             if q.distance:
-                answered = f"{q.answer} = lanes::Mask({answer}.v >= 0);"
+                answered = f"{q.answer.name} = lanes::Mask({answer}.v >= 0);"
         if part.shades:
             steps.append("close_up_where_sparse(groups);")
         steps.append(f"run<&Steps::part_{number}>(groups);")
@@ -156,6 +154,49 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
         QUERIES="".join(queries),
     )
     return PathObject(name, code, "".join(f"            {line}\n" for line in steps))
+
+
+def _ray_query(types: Types, query: RayQuery, name: str, steps: str, answer: str, functions: dict[str, str]) -> str:
+    """Return the C++ type of a ray query, with which `kernels/native/lanes/ray_queries.h` traces a pool's rays.
+
+    Args:
+        types: The types.
+        query: The statement.
+        name: The name of the type.
+        steps: The type of the paths.
+        answer: Their member for the answer.
+        functions: Names in Warp's C++ by those in Python.
+    """
+    nearest = query.distance is None
+    answer_type = types.wide(query.answer.type) if nearest else "lanes::Ints"
+    together = query.function == functions.get("closest_hit" if nearest else "occluded")
+    call = f"wide_{query.function}(steps.{query.scene.name}, ray"
+    if not together or not traverses_one_tree(functions):
+        kind = f"AskedEach<{name}, {answer_type}>"
+        blocked = f"lanes::choose({call}, reach, exec), (lanes::ints)0, (lanes::ints)-1)"
+        ask = f"{call}, exec)" if nearest else f"lanes::Ints({blocked})"
+        declaration = "Answer ask(const Steps& steps, const Ray& ray, lanes::Floats reach, lanes::Mask exec)"
+        member = f"static {declaration} {{ return {ask}; }}"
+    elif nearest:
+        kind = f"NearestTogether<{name}>"
+        hit = f"wide_{functions['_hit']}(found, exec)"
+        member = f"template<class Found> static Answer as_hit(Found found, lanes::Mask exec) {{ return {hit}; }}"
+    else:
+        kind, member = f"AnyTogether<{name}>", ""
+    return fill(
+        "ray_query.h",
+        FUNCTION=query.function,
+        NAME=name,
+        KIND=kind,
+        STEPS=steps,
+        RAY_TYPE=types.wide(query.ray.type),
+        ANSWER_TYPE=answer_type,
+        SCENE=query.scene.name,
+        RAY=query.ray.name,
+        ANSWER=answer,
+        REACH=f"steps.{query.distance.name}" if query.distance else f"lanes::Floats({INFINITE_DISTANCE!r}f)",
+        MEMBER=member,
+    )
 
 
 def constants(variables: list[Variable]) -> str:

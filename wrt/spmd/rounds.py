@@ -6,10 +6,28 @@ compacted (Wald 2011, "Active thread compaction for GPU path tracing"). What is 
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from wrt.spmd import ir
 from wrt.spmd.analysis import Liveness, changes, through_pointer, uses
-from wrt.spmd.ray_queries import RayQuery
+
+
+class RayQuery(NamedTuple):
+    """A statement of a path function that traces a ray.
+
+    Attributes:
+        answer: The variable that it sets.
+        function: The function that it calls.
+        scene: The scene.
+        ray: The ray.
+        distance: The greatest distance of an occlusion query, None for the nearest hit.
+    """
+
+    answer: ir.Variable
+    function: str
+    scene: ir.Variable
+    ray: ir.Variable
+    distance: ir.Variable | None = None
 
 
 @dataclass(frozen=True)
@@ -123,8 +141,7 @@ def cut(function: ir.Function, module: ir.Module, liveness: Liveness) -> Rounds:
     queries: list[RayQuery] = []
     for s in loop.body:
         if isinstance(s, ir.Set) and isinstance(s.value, ir.Call) and module.calls(s, "ray_query"):
-            scene, ray, *distance = (a.name for a in s.value.arguments)
-            queries.append(RayQuery(s.variable.name, s.value.function, scene, ray, distance[0] if distance else None))
+            queries.append(RayQuery(s.variable, s.value.function, *s.value.arguments))
             query_statements.append(s)
             spans.append([])
         else:

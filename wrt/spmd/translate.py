@@ -60,6 +60,9 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
         native = getattr(of_warp, "native_snippet", None)
         out.append(native_function(types, of_warp) if native else _function(types, f))
     out.append(pixel_object(types, pixels, code.functions[path], code))
+    # Whether they take such arguments is up to clang.
+    if missing := set(re.findall(r"\blanes::(\w+)\(", "".join(out[1:]))) - set(re.findall(r"\w+", out[0])):
+        raise Unsupported(f"{module.name}: calls {', '.join(sorted(missing))}, which kernels/native/lanes lacks")
     return _renumbered("".join(out), [f.name for f in functions])
 
 

@@ -6,7 +6,6 @@ from warp._src.codegen import Struct, Var, strip_reference
 from warp._src.types import is_array, type_is_matrix, type_is_vector
 
 from wrt.spmd import ir
-from wrt.spmd.library import ANYTHING
 
 NUMBERS = {
     "wp::float32": "lanes::Floats",
@@ -121,16 +120,6 @@ class Types:
         if type_is_vector(t) or type_is_matrix(t):
             return f"lanes::make_{'vec' if type_is_vector(t) else 'mat'}<{wide.partition('<')[2]}()"
         return f"{wide}({'false' if wide == 'lanes::Mask' else 0})"
-
-    def kind(self, t: Any) -> str:
-        """Return a type's kind for `can_be_called`."""
-        wide = self.wide(t)
-        if wide == "wp::shape_t":
-            return "shape"
-        for start, kind in (("lanes::Vector", "vector"), ("lanes::Matrix", "matrix"), ("lanes::", wide[7:])):
-            if wide.startswith(start):
-                return kind
-        return ANYTHING
 
     def declarations(self, arguments: list[Any]) -> str:
         """Return the C++ of all structs for several lanes, and for one lane if Warp does not declare them.

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
@@ -18,6 +17,7 @@ from wrt.scene.materials import Material, RoughDielectric
 from wrt.scene.materials.body import Body, bodies_of
 from wrt.scene.medium import Medium
 from wrt.scene.scene import Scene
+from wrt.upload.arrays import packed
 from wrt.upload.grids import upload_media
 from wrt.values import Vec3
 
@@ -71,11 +71,8 @@ class BodyTable:
         backend = current_backend()
         scene_data = backend.kernels("wrt.kernels.core.scene_data")
 
-        bodies = np.zeros(len(self.records), scene_data.BodyRecord.numpy_dtype())
-        for i, values in enumerate(self.records):
-            bodies[i] = values
         upload_media(data, self.media, device)
-        data.bodies = backend.array(bodies, scene_data.BodyRecord, device.name)
+        data.bodies = backend.array(packed(self.records, scene_data.BodyRecord), scene_data.BodyRecord, device.name)
         data.medium = self.medium
 
 
@@ -94,10 +91,8 @@ def describe_bodies(scene: Scene) -> BodyTable:
             body = _body(shape.material, shape.name)
             numbers[key] = -1 if body is None else len(table.records)
             if body is not None:
-                outside = getattr(body, "exterior_ior", 1.0)
-                inside = body.interior_ior or 0.0
-                spread = body.interior_spread
-                table.records.append((table.number(body.interior), body.priority, inside, outside, spread))
+                indices = body.interior_ior or 0.0, getattr(body, "exterior_ior", 1.0), body.interior_spread
+                table.records.append((table.number(body.interior), body.priority, *indices))
         table.of_shapes.append(numbers[key])
     if table.nested:
         for shape in scene.shapes:
@@ -134,42 +129,32 @@ def _check_outer(scene: Scene, medium: Medium) -> None:
         )
 
 
-def find_bodies(
-    data: Any, bodies: int, origin: NDArray[np.float64], time: float, geometry: str, device: Device
-) -> list[int]:
-    """Return the bodies around a point, outermost first; a body is repeated for each of its surfaces around the point.
+def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, geometry: str, device: Device) -> None:
+    """Write the bodies around the camera into a SceneData struct, outermost first, one for each surface around it.
 
     A ray from inside a closed surface leaves it once more often than it enters it. A ray can also pass through a hole
-    in an open surface, so several rays vote: the point is inside if more than half of them leave.
+    in an open surface, so several rays vote: the camera is inside if more than half of them leave.
 
     Args:
-        data: the SceneData struct, complete except for the bodies at the camera.
-        bodies: number of bodies.
-        origin: the point, metres.
-        time: the time, seconds.
+        data: the struct, complete except for the bodies at the camera.
+        table: the bodies.
+        camera: the camera.
         geometry: see Features.
         device: the device of the scene.
     """
-    backend = current_backend()
-
-    left_more = backend.zeros((CAMERA_RAYS, bodies), int, device.name)
-    last_left = backend.zeros((CAMERA_RAYS, bodies), float, device.name)
-    inputs = [CAMERA_RAYS, data, tuple(map(float, origin)), float(time), left_more, last_left]
-    device.launch(backend.call("wrt.kernels.media.bodies", "make_count_crossings", geometry), CAMERA_RAYS, inputs)
-    counts = np.median(left_more.numpy(), axis=0).astype(int)
-    far = np.median(last_left.numpy(), axis=0)
-    return [int(body) for body in np.argsort(-far, kind="stable") for _ in range(max(counts[body], 0))]
-
-
-def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, geometry: str, device: Device) -> None:
-    """Write the bodies around the camera into a SceneData struct."""
-    scene_data = current_backend().kernels("wrt.kernels.core.scene_data")
-
     if not table.records:
         return
+    backend = current_backend()
+    most_bodies = backend.kernels("wrt.kernels.core.scene_data").MOST_BODIES
     origin = np.asarray(camera.origin, np.float64)
     if camera.motion is not None:
         origin = product(camera.motion.at(camera.shutter_open), [*origin, 1.0])[:3]
-    around = find_bodies(data, len(table.records), origin, camera.shutter_open, geometry, device)
-    numbers = [body + 1 for body in around[-scene_data.MOST_BODIES :]]
-    data.inside_at_camera = tuple(numbers + [0] * (scene_data.MOST_BODIES - len(numbers)))
+    exits = backend.zeros((CAMERA_RAYS, len(table.records)), int, device.name)
+    last_exits = backend.zeros((CAMERA_RAYS, len(table.records)), float, device.name)
+    inputs = [CAMERA_RAYS, data, tuple(map(float, origin)), float(camera.shutter_open), exits, last_exits]
+    device.launch(backend.call("wrt.kernels.media.bodies", "make_count_crossings", geometry), CAMERA_RAYS, inputs)
+    counts = np.median(exits.numpy(), axis=0).astype(int)
+    distances = np.median(last_exits.numpy(), axis=0)
+    around = [int(body) for body in np.argsort(-distances, kind="stable") for _ in range(max(counts[body], 0))]
+    numbers = [body + 1 for body in around[-most_bodies:]]
+    data.inside_at_camera = tuple(numbers + [0] * (most_bodies - len(numbers)))

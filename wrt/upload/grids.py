@@ -1,4 +1,4 @@
-"""Upload grids of densities, and their majorants."""
+"""Upload media, their grids of densities, and the majorants of these."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.linalg import inverse, norm, product
 from wrt.scene.medium import DensityGrid, Medium
-from wrt.upload.limits import require_countable
+from wrt.upload.arrays import packed, require_countable
 
 CELLS_PER_MAJORANT = 8
 """Cells along each axis that share a majorant: a cloud of 128 x 72 x 96 cells had 1.53 times the paths per second of
@@ -61,38 +61,49 @@ def upload_media(data: Any, media: Sequence[Medium], device: Device) -> None:
         InputError: when a medium is too dense to track rays through, or grids have more cells than 32 bits can count.
     """
     backend = current_backend()
-    scene_data = backend.kernels("wrt.kernels.core.scene_data")
+    k = backend.kernels("wrt.kernels.core.scene_data")
     grids = list(dict.fromkeys(medium.density for medium in media if medium.density is not None))
-    records = np.zeros(len(media), scene_data.MediumRecord.numpy_dtype())
-    for record, medium in zip(records, media, strict=True):
-        factor = 1.0 if medium.density is None else medium.density.factor
-        for name in ("absorption", "scattering", "emission"):
-            record[name] = np.multiply(getattr(medium, name), factor)
-        record["g"] = medium.g
-        record["grid"] = -1 if medium.density is None else grids.index(medium.density)
-        if medium.density is not None:
-            record["tracking"] = _tracking(medium, medium.density)
-    data.media = backend.array(records, scene_data.MediumRecord, device.name)
+    records = packed((_medium_record(medium, grids) for medium in media), k.MediumRecord)
+    data.media = backend.array(records, k.MediumRecord, device.name)
     if not grids:
         return
-    tables = _Tables()
-    grid_records = np.zeros(len(grids), scene_data.GridRecord.numpy_dtype())
-    for record, grid in zip(grid_records, grids, strict=True):
-        to_unit = inverse(grid.to_world)
-        for axis, name in enumerate(("to_unit_x", "to_unit_y", "to_unit_z")):
-            record[name] = to_unit[axis]
-        record["density"] = tables.put_values(grid.values)
-        record["majorants"] = tables.put_values(majorants(grid.values))
-        record["minorants"] = tables.put_values(minorants(grid.values))
+    values: list[NDArray[np.float32]] = []
+    colors: list[NDArray[np.float32]] = []
+
+    def add(lattice: NDArray[np.float32]) -> tuple[int, int, int, int]:
+        """Add numbers (nz, ny, nx) or colours (nz, ny, nx, 3) to the arrays of all grids; return their Lattice."""
+        nz, ny, nx, *channels = lattice.shape
+        arrays, flat = colors if channels else values, lattice.reshape(-1, *channels)
+        first = sum(len(array) for array in arrays)
+        require_countable(first + len(flat), "cells of the grids of the scene's media")
+        arrays.append(flat)
+        return first, nx, ny, nz
+
+    def grid_record(grid: DensityGrid) -> dict[str, Any]:
+        rows = zip(("to_unit_x", "to_unit_y", "to_unit_z"), inverse(grid.to_world), strict=False)
+        record: dict[str, Any] = dict(rows)
+        for name, make in (("density", np.asarray), ("majorants", majorants), ("minorants", minorants)):
+            record[name] = add(make(grid.values))
         if grid.albedo is not None:
-            record["albedo"] = tables.put_colors(grid.albedo)
+            record["albedo"] = add(grid.albedo)
         if grid.emission is not None:
             emission = grid.emission if grid.emission.ndim == 4 else grid.emission[..., None]
-            record["emission"] = tables.put_colors(np.broadcast_to(emission, (*emission.shape[:3], 3)))
-    data.grids = backend.array(grid_records, scene_data.GridRecord, device.name)
-    data.grid_values = backend.array(np.concatenate(tables.values), float, device.name)
-    if tables.colors:
-        data.grid_colors = backend.array(np.concatenate(tables.colors), "vec3", device.name)
+            record["emission"] = add(np.broadcast_to(emission, (*emission.shape[:3], 3)))
+        return record
+
+    data.grids = backend.array(packed(map(grid_record, grids), k.GridRecord), k.GridRecord, device.name)
+    data.grid_values = backend.array(np.concatenate(values), float, device.name)
+    if colors:
+        data.grid_colors = backend.array(np.concatenate(colors), "vec3", device.name)
+
+
+def _medium_record(medium: Medium, grids: list[DensityGrid]) -> dict[str, Any]:
+    grid = medium.density
+    factor = 1.0 if grid is None else grid.factor
+    record = {name: np.multiply(getattr(medium, name), factor) for name in ("absorption", "scattering", "emission")}
+    if grid is None:
+        return {**record, "g": medium.g, "grid": -1}
+    return {**record, "g": medium.g, "grid": grids.index(grid), "tracking": _tracking(medium, grid)}
 
 
 def _tracking(medium: Medium, grid: DensityGrid) -> float:
@@ -109,33 +120,3 @@ def _tracking(medium: Medium, grid: DensityGrid) -> float:
     if any(medium.emission) and depth < LEAST_DEPTH:  # type: ignore[arg-type]
         return LEAST_DEPTH / (float(grid.values.max()) * across)
     return extinction
-
-
-class _Tables:
-    """The values of all lattices of a scene.
-
-    Attributes:
-        values: arrays of numbers.
-        colors: arrays of colours, (N, 3).
-    """
-
-    def __init__(self) -> None:
-        self.values: list[NDArray[np.float32]] = []
-        self.colors: list[NDArray[np.float32]] = []
-
-    def put_values(self, values: NDArray[np.float32]) -> tuple[int, int, int, int]:
-        """Add numbers (nz, ny, nx), and return their Lattice."""
-        return self._put(self.values, values.reshape(-1), values.shape)
-
-    def put_colors(self, values: NDArray[np.float32]) -> tuple[int, int, int, int]:
-        """Add colours (nz, ny, nx, 3), and return their Lattice."""
-        return self._put(self.colors, values.reshape(-1, 3), values.shape)
-
-    def _put(
-        self, arrays: list[NDArray[np.float32]], flat: NDArray[np.float32], shape: tuple[int, ...]
-    ) -> tuple[int, int, int, int]:
-        first = sum(len(array) for array in arrays)
-        require_countable(first + len(flat), "cells of the grids of the scene's media")
-        arrays.append(flat)
-        nz, ny, nx = shape[:3]
-        return first, nx, ny, nz

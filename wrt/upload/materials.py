@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,9 +23,9 @@ from wrt.scene.textures import (
     NormalMap,
     VertexColor,
 )
+from wrt.upload.arrays import packed
 from wrt.upload.tables.material_tables import pack_tables
-from wrt.upload.textures.normal_maps import normals_of, slope_pyramid
-from wrt.upload.textures.pyramid import pyramid
+from wrt.upload.textures.pyramid import normals_of, pyramid, slope_pyramid
 from wrt.upload.textures.texels import Texels
 
 
@@ -100,23 +100,17 @@ class MaterialTable:
         tables, places = pack_tables([material.table_key for material in self.materials], device)
         for record, material in zip(records, self.materials, strict=True):
             record["table"] = 0 if material.table_key is None else places[material.table_key]
-        rows = np.zeros(len(slots.rows), k.ColorSlot.numpy_dtype())
-        for i, row in enumerate(slots.rows):
-            rows[i] = row
         data.aligns_tangents = int(self.tangents)
         data.materials = backend.array(records, k.MaterialRecord, device.name)
-        data.slots = backend.array(rows, k.ColorSlot, device.name)
+        data.slots = backend.array(packed(slots.rows, k.ColorSlot), k.ColorSlot, device.name)
         data.tables = backend.array(tables, float, device.name)
         if slots.images:
-            images = slots.image_table(texels, k.ImageRecord.numpy_dtype())
-            data.images = backend.array(images, k.ImageRecord, device.name)
+            data.images = backend.array(packed(slots.image_rows(texels), k.ImageRecord), k.ImageRecord, device.name)
             data.texels = backend.array(texels.colors, "vec3", device.name)
             data.texel_codes = backend.array(texels.codes, "uint32", device.name)
             data.palettes = backend.array(np.ravel(texels.palettes), float, device.name)
         if slots.normal_maps:
-            normal_maps = np.zeros(len(slots.normal_maps), k.NormalMapRecord.numpy_dtype())
-            for i, normal_map in enumerate(slots.normal_maps):
-                normal_maps[i] = normal_map
+            normal_maps = packed(slots.normal_maps, k.NormalMapRecord)
             data.normal_maps = backend.array(normal_maps, k.NormalMapRecord, device.name)
         self._made = None  # release the pixels
 
@@ -137,8 +131,8 @@ class MaterialTable:
         name = model_name(material)
         model = _bsdf("model_of", name)
         if len(material.slots) != model.slots:
-            given = f"{type(material).__name__} gives {len(material.slots)} values"
-            raise InputError(f"{given}, but {material.model} reads {model.slots}")
+            count = f"{type(material).__name__} gives {len(material.slots)} values"
+            raise InputError(f"{count}, but {material.model} reads {model.slots}")
         record["kind"] = k.MATERIAL_MODEL
         record["model"] = model_number(name)
         record["matt"] = model.matt
@@ -146,7 +140,8 @@ class MaterialTable:
         if material.normal_map is not None:
             filtered = material.normal_map.filter and model.widens
             record["normal_map"] = slots.add_normal_map(material.normal_map, filtered)
-            record["normal_filter"] = _normal_filter(material, filtered)
+            along = k.NORMALS_FILTERED_ALONG_TEXTURE if material.needs_tangents else k.NORMALS_FILTERED
+            record["normal_filter"] = along if filtered else k.NORMALS_AT_POINT
 
 
 def _bsdf(function: str, *arguments: Any) -> Any:
@@ -178,9 +173,10 @@ def describe_materials(materials: list[Material], emissions: Sequence[ColorSourc
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
     values = [value for material in table.materials for value in (*material.slots, material.opacity)]
-    table.textured = any(_varies(value) for value in [*values, *emissions])
-    table.uv2_alpha = any(_needs_uv2_alpha(value) for value in [*values, *emissions])
-    table.mipmapped = any(isinstance(v, ImageTexture) and v.has_levels for v in [*values, *emissions])
+    varying = [value for value in (*values, *emissions) if _varies(value)]
+    table.textured = bool(varying)
+    table.uv2_alpha = any(_needs_uv2_alpha(value) for value in varying)
+    table.mipmapped = any(isinstance(value, ImageTexture) and value.has_levels for value in varying)
     table.opacity = any(material.opacity != 1.0 for material in table.materials)
     if not table.opacity and any(material.parts for material in table.materials):
         mixed = any(isinstance(material, Mix) for material in table.materials)
@@ -197,14 +193,6 @@ def _needs_uv2_alpha(value: ColorSource) -> bool:
     if isinstance(value, ImageTexture):
         return value.vertex_alpha or value.uv_set == 1
     return isinstance(value, VertexColor) and value.alpha
-
-
-def _normal_filter(material: Material, filtered: bool) -> int:
-    k = current_backend().kernels("wrt.kernels.core.scene_data")
-
-    if not filtered:
-        return int(k.NORMALS_AT_POINT)
-    return int(k.NORMALS_FILTERED_ALONG_TEXTURE if material.needs_tangents else k.NORMALS_FILTERED)
 
 
 class _Slots:
@@ -225,20 +213,19 @@ class _Slots:
         """Append a value, and return its number."""
         k = current_backend().kernels("wrt.kernels.core.scene_data")
 
+        image = channel = -1
+        uv_set, colors = 0, k.VERTEX_COLOR_NONE
+        factor, cutoff = np.broadcast_to(np.asarray(getattr(value, "factor", value), np.float64), 3), None
+        if isinstance(value, (ImageTexture, VertexColor)):
+            cutoff = value.cutoff
         if isinstance(value, ImageTexture):
-            image = self.add_image(self._first_alike(value.pixels), value)
+            image, uv_set = self.add_image(self._first_alike(value.pixels), value), value.uv_set
             channel = -1 if value.channel is None else CHANNELS.index(value.channel)
-            cutoff = -1.0 if value.cutoff is None else value.cutoff
-            own = (
-                k.VERTEX_COLOR if value.vertex_colors else k.VERTEX_ALPHA if value.vertex_alpha else k.VERTEX_COLOR_NONE
-            )
-            self.rows.append((value.factor, image, channel, int(own), cutoff, value.uv_set))
+            if value.vertex_colors or value.vertex_alpha:
+                colors = k.VERTEX_COLOR if value.vertex_colors else k.VERTEX_ALPHA
         elif isinstance(value, VertexColor):
-            cutoff = -1.0 if value.cutoff is None else value.cutoff
-            self.rows.append((value.factor, -1, -1, int(k.VERTEX_ALPHA if value.alpha else k.VERTEX_COLOR), cutoff, 0))
-        else:
-            constant = tuple(float(v) for v in np.broadcast_to(np.asarray(value, np.float64), 3))
-            self.rows.append((constant, -1, -1, int(k.VERTEX_COLOR_NONE), -1.0, 0))
+            colors = k.VERTEX_ALPHA if value.alpha else k.VERTEX_COLOR
+        self.rows.append((factor, image, channel, int(colors), -1.0 if cutoff is None else cutoff, uv_set))
         return len(self.rows) - 1
 
     def add_image(self, pixels: NDArray[np.float32], mapping: ImageTexture | NormalMap) -> int:
@@ -283,13 +270,9 @@ class _Slots:
             self.normal_maps.append((first, first + 1, (len(self.images) - first) // 2, *kind))
         return self._normal_map_numbers[key]
 
-    def image_table(self, texels: Texels, dtype: Any) -> NDArray[Any]:
-        """Return the records of all images."""
-        table = np.zeros(len(self.images), dtype)
-        for record, (number, *others) in zip(table, self.images, strict=True):
+    def image_rows(self, texels: Texels) -> Iterator[tuple[Any, ...]]:
+        """Yield the values of each image's record."""
+        for number, *mapping in self.images:
             height, width = self.pixels[number].shape[:2]
             first, palette = texels.places[number]
-            values = first, 3 * 256 * palette if palette >= 0 else -1, width, height, *others
-            for name, value in zip(table.dtype.names, values, strict=True):
-                record[name] = value
-        return table
+            yield first, 3 * 256 * palette if palette >= 0 else -1, width, height, *mapping

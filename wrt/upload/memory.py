@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from wrt.backend import current_backend
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
-from wrt.scene.lights import Light
 from wrt.scene.medium import Medium
-from wrt.scene.scene import Scene
 from wrt.upload.accel.binary_tree import CHUNK, SUBTREE
 from wrt.upload.accel.bvh import MORE_PIECES
 from wrt.upload.accel.gpu_tree import MOST_BUILDERS
@@ -23,7 +21,7 @@ from wrt.upload.grids import CELLS_PER_MAJORANT
 from wrt.upload.lights.choice import FEW_LIGHTS
 from wrt.upload.lights.environment import environment_kind
 from wrt.upload.lights.environment_sampling import COLUMNS, ROWS, STEPS, finest_side
-from wrt.upload.materials import MaterialTable
+from wrt.upload.prepare import PreparedScene
 
 TRIANGLES_IN_LEAF, LEAVES_IN_NODE = 7.2, 5.0
 """Means over trees, measured: 7.1 to 7.5 triangles of eight, and 4.9 to 5.2 leaves for each node."""
@@ -42,15 +40,15 @@ LIGHTS_IN_NODE = 4.5
 class SceneMemory:
     """Bytes that a scene takes on a device, by part.
 
-    Those of trees follow from the mean number of triangles in a leaf and are right within 4 %, all others but for a
-    few kilobytes. Tables of rough materials, under 1 MB, are not counted, nor what a driver takes for itself.
+    Trees follow from the mean number of triangles in a leaf and are right within 4 %, all else within a few kilobytes.
+    Tables of rough materials, under 1 MB, and the driver's memory are not counted.
 
     Attributes:
         geometry: vertices, triangles, and what belongs to them.
         trees: the ray trees.
         materials: materials, texels of images and normal maps, the environment with its tables, and grids of media.
         lights: light records, and what selects one.
-        scratch: the most that building takes beside what is there by then; it is released afterwards.
+        scratch: the most that building takes besides, until it is done.
         scratch_if_cut: the same if the builder cuts large triangles, which it decides when it has seen the tree.
     """
 
@@ -67,34 +65,22 @@ class SceneMemory:
         return self.geometry + self.trees + self.materials + self.lights
 
 
-def scene_memory(
-    scene: Scene,
-    layout: Layout,
-    materials: MaterialTable,
-    environment: ConstantEnvironment | ImageEnvironment | None,
-    lights: Sequence[Light],
-    *,
-    is_cpu: bool,
-    texture_coordinates: bool = False,
-) -> SceneMemory:
-    """Return what the upload of a scene will take; the arguments are what `build_scene` makes of it.
+def scene_memory(prepared: PreparedScene, *, is_cpu: bool, texture_coordinates: bool = False) -> SceneMemory:
+    """Return what the upload of a scene will take.
 
     Args:
-        scene: the scene.
-        layout: its shapes, sorted into trees.
-        materials: its materials.
-        environment: its environment as kernels have it.
-        lights: its lights without triangles.
+        prepared: the scene.
         is_cpu: whether the device is the CPU, where builders work in larger pieces.
         texture_coordinates: whether to upload these even if no material needs them.
     """
+    materials = prepared.materials
     textured = materials.textured or materials.tangents or texture_coordinates
-    trees = tree_memory(layout, is_cpu=is_cpu)
+    trees = tree_memory(prepared.layout, is_cpu=is_cpu)
     return SceneMemory(
-        geometry=_geometry(layout, textured=textured, uv2_alpha=materials.uv2_alpha),
+        geometry=_geometry(prepared.layout, textured=textured, uv2_alpha=materials.uv2_alpha),
         trees=trees.kept,
-        materials=materials.bytes + _environment(environment) + _grids(scene.media),
-        lights=_lights(scene, environment, lights),
+        materials=materials.bytes + _environment(prepared.environment) + _grids(prepared.scene.media),
+        lights=_lights(prepared),
         scratch=trees.most - trees.kept,
         scratch_if_cut=trees.most_if_cut - trees.kept,
     )
@@ -137,7 +123,7 @@ class _Builder(NamedTuple):
     def _scratch_on_gpu(self, boxes: int) -> int:
         levels = current_backend().kernels("wrt.kernels.accel.build.levels")
         # Of each box, and of two nodes the node and its costs; then either what splitting or what moving takes.
-        kept = 32 + 2 * (self.binary_node + 32)
+        each = 32 + 2 * (self.binary_node + 32)
         nodes = boxes // (levels.SUBTREE + 1) + 1
         chunks = boxes // levels.CHUNK + nodes
         builders = min(math.ceil(2 * boxes / levels.SUBTREE), MOST_BUILDERS)
@@ -145,7 +131,7 @@ class _Builder(NamedTuple):
         splitting = (roots + sorted_boxes) * boxes + self.bins * (nodes + chunks + builders) + 12 * chunks
         # Of each node its parent, whether it was visited, two locks, whether a move touches it, keys and numbers.
         moving = 2 * (4 + 4 + 2 * 8 + 4 + 2 * (4 + 4)) * boxes + 4 * 4 * min(LARGEST, 2 * boxes)
-        scratch: int = kept * boxes + max(splitting, moving)
+        scratch: int = each * boxes + max(splitting, moving)
         return scratch
 
     def scratch_if_cut(self, triangles: int) -> int:
@@ -179,9 +165,9 @@ def tree_memory(layout: Layout, *, is_cpu: bool) -> TreeMemory:
     world = sum(len(mesh.faces) for mesh in layout.world_meshes)
     shared = [(len(mesh.keys[0].faces), len(mesh.keys)) for mesh in layout.shared]
     for triangles, keys in ([(world, 1)] if world else []) + shared:
-        own = kept + 12 * triangles * bool(layout.shared)
-        most = max(most, own + builder.scratch(triangles))
-        most_if_cut = max(most_if_cut, own + builder.scratch_if_cut(triangles))
+        before = kept + 12 * triangles * bool(layout.shared)
+        most = max(most, before + builder.scratch(triangles))
+        most_if_cut = max(most_if_cut, before + builder.scratch_if_cut(triangles))
         kept += keys * builder.tree(triangles)
         most = max(most, kept + (builder.tree(triangles) if keys > 1 else 0))  # a tree, and its copies for each key
     if layout.instances:
@@ -211,10 +197,10 @@ def _grids(media: Sequence[Medium]) -> int:
     return size
 
 
-def _lights(scene: Scene, environment: Any, lights: Sequence[Light]) -> int:
-    of_triangles = sum(len(shape.mesh.faces) for shape in scene.shapes if shape.emits)
-    near = of_triangles + sum(light.extent().corners is not None for light in lights)
-    count = of_triangles + len(lights) + (environment_kind(environment) == "image")
+def _lights(prepared: PreparedScene) -> int:
+    of_triangles = sum(len(shape.mesh.faces) for shape in prepared.scene.shapes if shape.emits)
+    near = of_triangles + sum(light.extent().corners is not None for light in prepared.lights)
+    count = of_triangles + len(prepared.lights) + (environment_kind(prepared.environment) == "image")
     has_tree = near > FEW_LIGHTS
     size = count * _size("wrt.kernels.core.scene_data", "LightRecord")
     if not has_tree or count > near:  # a table of those at infinity, or of all

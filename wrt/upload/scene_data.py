@@ -1,4 +1,4 @@
-"""Upload a Scene as SceneData: check it, flatten it, and build its trees."""
+"""Upload a Scene as SceneData, and build its trees."""
 
 from __future__ import annotations
 
@@ -12,26 +12,20 @@ from numpy.typing import NDArray
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.backend.memory import MEMORY_ADVICE
-from wrt.errors import InputError
-from wrt.linalg import norm
 from wrt.scene.camera import Camera
-from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
-from wrt.scene.lights import Light
-from wrt.scene.mesh import LARGEST, SMALLEST, Mesh, columns
+from wrt.scene.mesh import Mesh, columns
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.textures import ImageTexture
 from wrt.upload.accel.bvh import build_bvh
 from wrt.upload.accel.geometry import joined, numbered, upload, upload_triangles
-from wrt.upload.accel.instancing import Layout, lay_out
+from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
-from wrt.upload.analytic import mark_exact, with_exact_shapes
-from wrt.upload.attributes import check_attributes
 from wrt.upload.bodies import BodyTable, describe_bodies, set_camera_bodies
-from wrt.upload.lights.choice import upload_light_choice
-from wrt.upload.lights.environment import environment_kind, resolve_environment, upload_environment
-from wrt.upload.lights.table import LightTable, light_table, texture_of
-from wrt.upload.materials import MaterialTable, describe_materials
-from wrt.upload.memory import SceneMemory, scene_memory, tree_memory
+from wrt.upload.lights.choice import upload_lights
+from wrt.upload.lights.environment import environment_kind, upload_environment
+from wrt.upload.lights.table import LightTable, light_table
+from wrt.upload.materials import MaterialTable
+from wrt.upload.memory import scene_memory, tree_memory
+from wrt.upload.prepare import PreparedScene, prepare_scene
 from wrt.upload.vertex_updates import WorldMeshes
 
 WORTH_ASKING = 1 << 26
@@ -64,85 +58,20 @@ class BuiltScene:
             set_camera_bodies(self.data, self.bodies, camera, self.features.geometry, self.device)
 
 
-def _check_sizes(scene: Scene) -> None:
-    """Raise InputError when static meshes are too large or too small for rays."""
-    meshes = {id(shape.mesh): shape for shape in scene.shapes if shape.transform is None and shape.deformation is None}
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for shape in meshes.values():
-        bounds = shape.mesh.bounds
-        reach = float(np.abs(bounds).max())
-        if not reach <= LARGEST:
-            raise InputError(f"{shape.name}: its vertices reach to {reach:g}; rays reach to {LARGEST:g}; scale it down")
-        low, high = np.minimum(low, bounds[0]), np.maximum(high, bounds[1])
-    size = norm(high - low) if len(meshes) == len(scene.shapes) else np.inf
-    if size < SMALLEST:
-        what = f"the scene is {size:g} across" if size else "all vertices of the scene are in one place"
-        raise InputError(f"{what}; rays need a size of {SMALLEST:g} at least; scale it up")
-
-
-class Described(NamedTuple):
-    """A scene as the upload takes it.
-
-    Attributes:
-        scene: the scene, in which exact shapes that kernels cannot meet as such are triangles.
-        layout: its shapes, sorted into trees.
-        exact: which exact shapes it has, as `Features.exact` names them.
-        environment: the environment as kernels have it.
-        lights: the lights without triangles.
-        textures: the textures of those, by their numbers.
-        materials: its materials.
-    """
-
-    scene: Scene
-    layout: Layout
-    exact: str
-    environment: ConstantEnvironment | ImageEnvironment | None
-    lights: list[Light]
-    textures: dict[int, ImageTexture]
-    materials: MaterialTable
-
-
-def describe_scene(scene: Scene) -> Described:
-    """Check a scene and prepare its upload; raise InputError as `build_scene` does."""
-    if not scene.shapes:
-        raise InputError("the scene has no shapes to render")
-    _check_sizes(scene)
-    check_attributes(scene.shapes)
-    scene = with_exact_shapes(scene)
-    layout = lay_out(scene)
-    exact = mark_exact(layout)
-    environment, sky_lights = resolve_environment(scene.environment)
-    lights = [*scene.lights, *sky_lights]
-    textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
-    materials = describe_materials(
-        [shape.material for shape in scene.shapes],
-        [*(shape.emission for shape in scene.shapes), *textures.values()],
-    )
-    return Described(scene, layout, exact, environment, lights, textures, materials)
-
-
-def memory_of(described: Described, *, is_cpu: bool, texture_coordinates: bool = False) -> SceneMemory:
-    """Return the memory that the upload will take on the CPU or on a GPU, see `scene_memory`."""
-    scene, layout, _, environment, lights, _, materials = described
-    return scene_memory(
-        scene, layout, materials, environment, lights, is_cpu=is_cpu, texture_coordinates=texture_coordinates
-    )
-
-
-def _require_memory(described: Described, device: Device, texture_coordinates: bool) -> None:
-    """Raise NotEnoughMemory if the device lacks what the upload takes at least.
+def _require_memory(prepared: PreparedScene, device: Device, texture_coordinates: bool) -> None:
+    """Raise NotEnoughMemory if the device lacks memory for the upload.
 
     On the CPU only trees and their builder count, as it shares the other arrays with the scene.
     """
     if device.is_cpu:
-        needed = tree_memory(described.layout, is_cpu=True).most
-        if needed < WORTH_ASKING:
+        most = tree_memory(prepared.layout, is_cpu=True).most
+        if most < WORTH_ASKING:
             return
     else:
-        memory = memory_of(described, is_cpu=False, texture_coordinates=texture_coordinates)
-        needed = memory.kept + memory.scratch
-    triangles = sum(len(shape.mesh.faces) for shape in described.scene.shapes)
-    device.require_memory(needed, f"building a scene of {triangles:,} triangles", advice=MEMORY_ADVICE)
+        memory = scene_memory(prepared, is_cpu=False, texture_coordinates=texture_coordinates)
+        most = memory.kept + memory.scratch
+    triangles = sum(len(shape.mesh.faces) for shape in prepared.scene.shapes)
+    device.require_memory(most, f"building a scene of {triangles:,} triangles", advice=MEMORY_ADVICE)
 
 
 def build_scene(
@@ -171,9 +100,9 @@ def build_scene(
 
     from wrt.kernels.core.features import Features
 
-    described = describe_scene(scene)
-    scene, layout, exact, environment, lights, textures, materials = described
-    _require_memory(described, device, texture_coordinates)
+    prepared = prepare_scene(scene)
+    scene, layout, exact, environment, lights, textures, materials = prepared
+    _require_memory(prepared, device, texture_coordinates)
     data = scene_data.SceneData()
     places = _places(layout)
     first_triangles = places.of_shapes
@@ -184,7 +113,7 @@ def build_scene(
     data.environment, flux = upload_environment(environment, device.name)
     slots = dict(zip(textures, materials.emission_slots[len(scene.shapes) :], strict=True))
     table = light_table(scene.shapes, lights, layout, first_triangles, flux, slots)
-    light_tree = _upload_lights(data, table, device, light_choice)
+    light_tree = upload_lights(data, table, device, light_choice)
     records = _shape_records(scene, materials, bodies, table, first_triangles)
     data.shapes = backend.array(records, scene_data.ShapeRecord, device.name)
 
@@ -249,25 +178,6 @@ def _places(layout: Layout) -> _Places:
     for instance in layout.instances:
         of_shapes[instance.shape] = first_triangles[len(world) + instance.mesh]
     return _Places(copies, faces, bases[np.cumsum(repeats) - repeats], first_triangles, counts, of_shapes)
-
-
-def _upload_lights(data: Any, lights: LightTable, device: Device, choice: str) -> bool:
-    """Upload the lights and the tables for selecting one, and return whether these include a tree."""
-    backend = current_backend()
-    records = backend.kernels("wrt.kernels.core.scene_data")
-    has_tree = False
-    if lights.weights.sum() > 0.0:
-        has_tree = upload_light_choice(data, lights, device, choice)
-        data.lights = backend.array(lights.records, records.LightRecord, device.name)
-        data.environment.light = lights.environment
-    else:
-        lights.first_lights[:] = -1
-        data.lights = backend.zeros(0, records.LightRecord, device.name)
-    if len(lights.shapes):
-        data.light_shapes = backend.array(lights.shapes, records.LightShape, device.name)
-        data.solid_light_shapes = lights.solid_count
-        data.sun_light_shapes = lights.solid_count + lights.sun_count
-    return has_tree
 
 
 def _shape_records(

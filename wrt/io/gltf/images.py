@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import warn
-from wrt.io import ktx2
 from wrt.io.gltf.buffers import Buffers, Tree
-from wrt.io.texture_images import Source, TextureImages
+from wrt.io.texture_images import KTX2_HINT, Source, TextureImages, has_ktx2_decoder
 from wrt.scene.textures import ImageTexture
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -101,7 +100,7 @@ class GltfImages:
         for name in ("EXT_texture_webp", "EXT_texture_avif"):
             source = extensions.get(name, {}).get("source", source)
         if source is None and "KHR_texture_basisu" in extensions:
-            if not ktx2.has_decoder():
+            if not has_ktx2_decoder():
                 self._warn_of_ktx2()
                 return None
             source = extensions["KHR_texture_basisu"]["source"]
@@ -115,7 +114,7 @@ class GltfImages:
 
     def _warn_of_ktx2(self) -> None:
         if not self._needs_ktx2:
-            warn(f"{self._path}: textures in KTX2 images are left out, which need a decoder: {ktx2.HINT}")
+            warn(f"{self._path}: textures in KTX2 images are left out, which need a decoder: {KTX2_HINT}")
         self._needs_ktx2 = True
 
     def _bytes(self, number: int) -> Source:

@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from wrt.errors import InputError, warn
-from wrt.io.encodings import as_text
 from wrt.io.mesh.parts import Contents
 from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.trimesh_loaders import reading_with_trimesh
-from wrt.io.safe_read import first_line, read_file
+from wrt.io.safe_read import as_text, first_line, read_file
 
 _BEGINNING = 1 << 16
 """Bytes at the start of a file that hold its description."""

@@ -9,11 +9,11 @@ import re
 from pathlib import Path
 
 from wrt.errors import InputError, warn
-from wrt.io.encodings import as_text
 from wrt.io.mesh.mtl import MtlMaterials
 from wrt.io.mesh.parts import Part, only_points
 from wrt.io.mesh.sidecars import COLOR_MAP, Sidecars
 from wrt.io.mesh.trimesh_loaders import load, part_of
+from wrt.io.safe_read import as_text
 
 _INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
 

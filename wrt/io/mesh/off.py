@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.io.encodings import as_text
 from wrt.io.mesh.parts import Part, decoded, only_points
 from wrt.io.mesh.polygons import triangulate
+from wrt.io.safe_read import as_text
 
 _HEADER = re.compile(r"\s*(?P<st>ST)?(?P<c>C)?(?P<n>N)?(?P<beyond>4?n?)OFF\b")
 _BINARY = re.compile(rb"\s*((?:ST)?C?N?4?n?OFF)[ \t]+BINARY[ \t\r]*\n")

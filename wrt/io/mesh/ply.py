@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.io.encodings import as_utf8
 from wrt.io.mesh.parts import Part, only_points
 from wrt.io.mesh.ply_polygons import with_triangles
 from wrt.io.mesh.polygons import split_strips
 from wrt.io.mesh.trimesh_loaders import is_stand_in, load, part_of
+from wrt.io.safe_read import as_utf8
 from wrt.io.texture_images import TextureImages
 from wrt.scene.textures import ImageTexture
 

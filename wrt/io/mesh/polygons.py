@@ -38,7 +38,8 @@ def triangulate(
     if len(counts) and (counts == 3).all():
         return starts[:, None] + np.arange(3), np.arange(len(counts))
     triangle_groups, owner_groups = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)]
-    before = patience = memory_limits.patience()  # a polygon that crosses itself may take steps cubic in its corners
+    # A polygon that crosses itself may take steps cubic in its corners.
+    before = patience = memory_limits.remaining(memory_limits.STEPS)
     with np.errstate(all="ignore"):  # positions are checked later, by the caller
         for size in np.unique(counts[counts >= 3]):
             owner = np.flatnonzero(counts == size)
@@ -52,7 +53,7 @@ def triangulate(
                     triangles[polygon], patience = _clip_ears(points[polygon], patience)
             triangle_groups.append((starts[owner][:, None, None] + triangles).reshape(-1, 3))
             owner_groups.append(np.repeat(owner, size - 2))
-    memory_limits.spend(before - patience)
+    memory_limits.count(memory_limits.STEPS, before - patience)
     if patience <= 0:
         warn(f"{path}: its concave polygons take too long to cut into triangles; some of them come out as fans")
     owners = np.concatenate(owner_groups)

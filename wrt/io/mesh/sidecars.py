@@ -12,9 +12,8 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from wrt.errors import InputError, warn
-from wrt.io.encodings import as_text
 from wrt.io.images import open_image
-from wrt.io.safe_read import is_inside, read_file, reason_alone, require_file
+from wrt.io.safe_read import as_text, is_inside, read_file, reason_alone, require_file
 
 COLOR_MAP = "map_color"
 """Replaces map_Kd in material files: trimesh would open the image itself, and knows fewer formats."""

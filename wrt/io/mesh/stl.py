@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from wrt.errors import InputError, warn
-from wrt.io.encodings import as_text, as_utf8
 from wrt.io.mesh.parts import Part, positions_of
 from wrt.io.mesh.trimesh_loaders import load, part_of
+from wrt.io.safe_read import as_text, as_utf8
 from wrt.scene.normals import same_positions
 
 

@@ -135,11 +135,7 @@ def _layers(plugin: Plugin) -> tuple[str, ...]:
 
 
 def camera_of(plugin: Plugin, settings: RenderSettings) -> Camera | None:
-    """Return a sensor as a camera, or None if its type is not supported.
-
-    Raises:
-        InputError: naming file and line, when a value in it cannot be used.
-    """
+    """Return a sensor as a camera, or None if its type is not supported."""
     if plugin.type not in ("perspective", "thinlens", "orthographic"):
         plugin.warn_of_all("this kind of sensor is not known; the camera is placed to show the whole scene")
         return None

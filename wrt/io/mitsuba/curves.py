@@ -31,11 +31,7 @@ _BYTES_PER_VERTEX = 80  # of a tube: a position, a normal, texture coordinates, 
 
 
 def read_curves(plugin: Plugin, detail: Detail) -> tuple[Mesh, bool]:
-    """Return the tubes of a plugin in world space, and whether any has an open end, through which its inside is seen.
-
-    Raises:
-        InputError: when the file cannot be read.
-    """
+    """Return the tubes of a plugin in world space, and whether the inside of any is seen through an open end."""
     path = plugin.file()
     matrix = plugin.transform()
     is_spline = plugin.type == "bsplinecurve"

@@ -90,14 +90,14 @@ class Document:
         ids: elements by id or alias.
         referenced: elements that a `ref` refers to.
         old: whether the scene was written for a version before 2.
-        plugins: elements already parsed (wrt.io.mitsuba.plugin), by the elements' identity.
+        plugins: objects already made of elements (wrt.io.mitsuba.plugin).
     """
 
     def __init__(self, path: Path, parameters: Mapping[str, Any]) -> None:
         """Read a scene file; `parameters` are values of `$name`, which override the defaults in the file."""
         self.path = path
         self.ids: dict[str, Element] = {}
-        self.plugins: dict[int, Any] = {}
+        self.plugins: dict[Element, Any] = {}
         self.referenced: set[Element] = set()
         self._parameters = {str(name): str(value) for name, value in parameters.items()}
         self._given = set(self._parameters)

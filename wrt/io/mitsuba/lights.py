@@ -38,11 +38,7 @@ class Emitters:
         self.environment: Environment | None = None
 
     def add(self, plugin: Plugin) -> None:
-        """Add an emitter.
-
-        Raises:
-            InputError: naming file and line, when a value in it cannot be used.
-        """
+        """Add an emitter."""
         plugin.ignore("sampling_weight")
         with plugin.locating():
             made = self._made(plugin)

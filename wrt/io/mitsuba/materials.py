@@ -94,19 +94,14 @@ class Materials:
 
     def __init__(self, textures: Textures) -> None:
         self.textures = textures
-        self._surfaces: dict[int, Surface] = {}
+        self._surfaces: dict[Plugin, Surface] = {}
 
     def surface(self, plugin: Plugin) -> Surface:
-        """Return the surface of a `bsdf`.
-
-        Raises:
-            InputError: naming file and line, when a value in it cannot be used.
-        """
-        key = id(plugin.element)
-        if key not in self._surfaces:
+        """Return the surface of a `bsdf`."""
+        if plugin not in self._surfaces:
             with plugin.locating():
-                self._surfaces[key] = self._made(plugin)
-        return self._surfaces[key]
+                self._surfaces[plugin] = self._made(plugin)
+        return self._surfaces[plugin]
 
     def _made(self, plugin: Plugin) -> Surface:
         if plugin.type == "null":

@@ -38,8 +38,8 @@ class Media:
         self.textures = textures
         self._interiors: set[Medium] = set()
         self._exteriors: list[tuple[Plugin, Medium]] = []  # each with its shape, in the order of the file
-        self._densities: dict[int, DensityGrid] = {}
-        self._continued: dict[tuple[int, ...], DensityGrid] = {}
+        self._densities: dict[Plugin, DensityGrid] = {}
+        self._continued: dict[tuple[Any, ...], DensityGrid] = {}
 
     def interior(self, shape: Plugin) -> Medium | None:
         """Return the medium inside a shape."""
@@ -130,11 +130,10 @@ class Media:
         color: Coefficients = (1.0, 1.0, 1.0)
         if values.ndim == 4:
             values, color = _split_colors(grid, values)
-        key = id(plugin.element)
-        if key not in self._densities:
+        if plugin not in self._densities:
             with grid.locating():
-                self._densities[key] = DensityGrid(values, **places, name=grid.file().name)
-        return color, self._densities[key]
+                self._densities[plugin] = DensityGrid(values, **places, name=grid.file().name)
+        return color, self._densities[plugin]
 
     def _albedo(self, plugin: Plugin, density: DensityGrid | None) -> tuple[Coefficients, DensityGrid | None]:
         """Return the albedo, and the density with that albedo if it varies."""
@@ -155,17 +154,11 @@ class Media:
             with grid.locating():
                 density = dataclasses.replace(density, albedo=colors)
             if not is_homogeneous:
-                self._densities[id(plugin.element)] = density
+                self._densities[plugin] = density
         return (0.0, 0.0, 0.0), density
 
     def filling(self, shape: Plugin, medium: Medium, bounds: NDArray[np.float64]) -> Medium:
-        """Return the interior of a shape; if only its albedo varies, its grid is continued to fill the whole shape.
-
-        Args:
-            shape: the shape.
-            medium: its interior.
-            bounds: (2, 3) corners of the shape, in the world.
-        """
+        """Return the interior of a shape; the grid of an albedo that alone varies is continued to fill the bounds."""
         plugin = shape.named("interior")
         assert plugin is not None
         density, grid = medium.density, _grid(plugin, "albedo")
@@ -176,7 +169,7 @@ class Media:
         places = product(corners, to_unit[:3, :3].T) + to_unit[:3, 3]
         first = np.floor(places.min(axis=0) - _BEYOND).astype(int)
         last = np.ceil(places.max(axis=0) + _BEYOND).astype(int)
-        key = id(plugin.element), *first.tolist(), *last.tolist()
+        key = plugin, *first.tolist(), *last.tolist()
         if key not in self._continued:
             albedo = density.albedo
             if albedo.size * int((last - first).prod()) > _MOST_CONTINUED:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import did_you_mean
-from wrt.io.encodings import as_utf8
 from wrt.io.file_type import hinting
 from wrt.io.mesh.obj import read_obj
 from wrt.io.mesh.parts import Part
@@ -19,7 +18,7 @@ from wrt.io.mesh.repair import to_shapes
 from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.mitsuba.plugin import Plugin
 from wrt.io.mitsuba.serialized import read_serialized
-from wrt.io.safe_read import read_file
+from wrt.io.safe_read import as_utf8, read_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import vertex_normals
 
@@ -31,14 +30,7 @@ def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:
     """Return the triangles of an `obj`, a `ply` or a `serialized` in world space.
 
     Normals in the file are kept; otherwise each is the mean of the faces around its vertex (Thürmer and Wüthrich 1998),
-    without creases. With `face_normals` there are none.
-
-    Args:
-        plugin: the shape.
-        attribute: name of the attribute, "vertex_NAME" or "face_NAME", that becomes the colours of the mesh.
-
-    Raises:
-        InputError: when the file cannot be read.
+    without creases. With `face_normals` there are none. An attribute, "vertex_NAME" or "face_NAME", becomes colours.
     """
     path = plugin.file()
     matrix = plugin.transform()

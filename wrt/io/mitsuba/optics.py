@@ -104,8 +104,7 @@ def refractive_index(plugin: Plugin, name: str, default: str) -> float:
 def named_conductor(name: str) -> tuple[Vec3, Vec3] | None:
     """Return η and k of a conductor by its name in Mitsuba or in `wrt.scene.materials.presets`; None if unknown.
 
-    Args:
-        name: such as "Cu" or "Ni_palik"; the source after the underscore is optional.
+    The source after the underscore of a name such as "Ni_palik" is optional.
     """
     key = name.strip().lower()
     symbol = key.partition("_")[0]

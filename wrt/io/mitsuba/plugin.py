@@ -79,7 +79,7 @@ class Plugin:
     def warn_of_all(self, text: str) -> None:
         """Warn that all of it is left out or replaced, and so all of its parameters."""
         self.warn(text)
-        self._read.update(self._values)
+        self.ignore_all()
 
     def has(self, name: str) -> bool:
         """Return whether a parameter is given, as a value or as an object."""
@@ -178,6 +178,10 @@ class Plugin:
         """Mark parameters that do not affect the picture as read."""
         self._read.update(names)
 
+    def ignore_all(self) -> None:
+        """Mark all parameters as read."""
+        self._read.update(self._values)
+
     def finish(self) -> None:
         """Warn of the parameters that were never read, unless the object was not used at all."""
         for name in [name for name in self._values if name not in self._read] if self._read else ():
@@ -196,19 +200,10 @@ def first_of(kind: str, plugins: Iterable[Plugin]) -> Plugin | None:
 
 
 def plugin_of(element: Element, document: Document, opened: tuple[Element, ...] = ()) -> Plugin:
-    """Return an element as an object; all references to it share one.
-
-    Args:
-        element: the element to parse.
-        document: its document.
-        opened: the elements that contain it.
-
-    Raises:
-        InputError: when it contains itself, is nested too deep, or cannot be parsed.
-    """
-    plugins: dict[int, Plugin] = document.plugins
-    if id(element) not in plugins:
+    """Return an element as an object; all references to it share one. `opened` are the elements that contain it."""
+    plugins: dict[Element, Plugin] = document.plugins
+    if element not in plugins:
         if len(opened) > MOST_LEVELS:
             raise element.error(f"objects are nested more than {MOST_LEVELS} deep")
-        plugins[id(element)] = Plugin(element, document, opened)
-    return plugins[id(element)]
+        plugins[element] = Plugin(element, document, opened)
+    return plugins[element]

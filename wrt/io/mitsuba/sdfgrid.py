@@ -30,11 +30,7 @@ _CORNERS = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
 
 
 def read_sdfgrid(plugin: Plugin) -> Mesh:
-    """Return the surface of an `sdfgrid` in its unit cube.
-
-    Raises:
-        InputError: when its file cannot be read, or has no surface.
-    """
+    """Return the surface of an `sdfgrid` in its unit cube."""
     path = plugin.file()
     smooth = plugin.choice("normals", "smooth", "analytic") == "smooth"
     plugin.ignore("watertight")
@@ -56,9 +52,6 @@ def isosurface(values: Array, parts: int, *, smooth: bool) -> Mesh:
         parts: subdivisions of a cell along each axis.
         smooth: whether normals are those of Hansson-Söderlund, Evans and Akenine-Möller (2022), section 4: at each
             point the gradients of the eight cells around the nearest corner, interpolated; otherwise the triangles'.
-
-    Raises:
-        InputError: if the values have one sign, or the surface takes too many triangles.
     """
     if min(values.shape) < 2:
         raise InputError("a grid of distances needs two values at least along each axis")

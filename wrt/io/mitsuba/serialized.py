@@ -52,11 +52,7 @@ class SerializedMesh:
 
 
 def read_serialized(path: Path, data: bytes, index: int = 0) -> SerializedMesh:
-    """Return the mesh with a number, from 0, of a file's content.
-
-    Raises:
-        InputError: when there is no such mesh, or it is damaged or truncated.
-    """
+    """Return the mesh with a number, from 0, of a file's content."""
     if len(data) < 8 or struct.unpack_from("<H", data)[0] != MAGIC:
         raise InputError(f"{path}: not a serialized mesh of Mitsuba: it does not begin with 1C 04")
     start = _offset(path, data, index)

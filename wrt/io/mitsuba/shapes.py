@@ -53,14 +53,10 @@ class Shapes:
         self.materials = Materials(textures)
         self.lights: list[Light] = []
         self._exact_lights = True
-        self._groups: dict[int, list[Shape]] = {}
+        self._groups: dict[Plugin, list[Shape]] = {}
 
     def all_of(self, plugins: list[Plugin]) -> list[Shape]:
-        """Return the shapes of a scene, in which black shapes that emit are lights unless rays could hit nothing else.
-
-        Raises:
-            InputError: naming file and line, when a value in it cannot be used.
-        """
+        """Return the shapes of a scene; black shapes that emit become lights unless rays could hit nothing else."""
         made = [shape for plugin in plugins for shape in self._shapes(plugin)]
         if made or not self.lights:
             return made
@@ -91,14 +87,13 @@ class Shapes:
             raise plugin.error("names no shapegroup")
         if any(inner.type in ("instance", "shapegroup", "merge") for inner in group.of_kind("shape")):
             raise group.error("a group must not hold groups or instances")
-        key = id(group.element)
-        if key not in self._groups:
+        if group not in self._groups:
             # The distance of the instances to the camera is not known yet.
             detail, self.detail = self.detail, Detail(None, self.detail.height)
-            self._groups[key] = [shape for inner in group.of_kind("shape") for shape in self._shapes(inner)]
+            self._groups[group] = [shape for inner in group.of_kind("shape") for shape in self._shapes(inner)]
             self.detail = detail
         matrix = plugin.transform()
-        for shape in self._groups[key]:
+        for shape in self._groups[group]:
             memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE)
             yield dataclasses.replace(shape, transform=matrix)
 
@@ -120,7 +115,7 @@ class Shapes:
                 return []
         if surface.is_invisible and not emits and inside is None:
             plugin.transform()
-            plugin.ignore("filename", "shape_index", "face_normals", "flip_tex_coords", "center", "radius", "p0", "p1")
+            plugin.ignore_all()
             return []
         has_open_ends = False
         if plugin.type in CURVES:

@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.io.encodings import as_utf8
 from wrt.io.measured.observer import D65, OBSERVER, RESPONSE, WAVELENGTHS
 from wrt.io.mitsuba.document import Document, Element
-from wrt.io.mitsuba.plugin import Plugin
+from wrt.io.mitsuba.plugin import Plugin, plugin_of
 from wrt.io.mitsuba.transforms import numbers_of, vector_of
-from wrt.io.safe_read import read_file
+from wrt.io.safe_read import as_utf8, read_file
 from wrt.linalg import product
 from wrt.scene.srgb import linear_from_srgb
 from wrt.values import Vec3, vec3
@@ -55,16 +54,7 @@ def blackbody(kelvin: float) -> Spectrum:
 
 
 def color_of(element: Element, document: Document, *, emits: bool) -> Vec3:
-    """Return the linear Rec. 709 colour of an element.
-
-    Args:
-        element: one of COLOR_TAGS.
-        document: the document, to find files.
-        emits: whether it is emission rather than reflectance.
-
-    Raises:
-        InputError: when its numbers cannot be read.
-    """
+    """Return the linear Rec. 709 colour of an element with one of COLOR_TAGS, as emission or as reflectance."""
     if element.tag in ("rgb", "color", "srgb"):
         return _rgb(element)
     if element.tag == "blackbody":
@@ -73,7 +63,7 @@ def color_of(element: Element, document: Document, *, emits: bool) -> Vec3:
         return emitted(scale * _blackbody(element, kelvin))
     color_from = emitted if emits else reflected
     if element.attributes.get("type"):
-        return _by_plugin(Plugin(element, document), color_from)
+        return _by_plugin(plugin_of(element, document), color_from)
     if "filename" in element.attributes:
         return color_from(_from_file(element, document.file(element, element.get("filename"))))
     words = element.get("value").replace(",", " ").split()

@@ -34,20 +34,12 @@ class Textures:
     def __init__(self) -> None:
         self._pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
         self._measurements: dict[Path, Measurement] = {}
-        self._textures: dict[tuple[int, str], ColorSource] = {}
+        self._textures: dict[tuple[Plugin, str], ColorSource] = {}
 
     def color(
         self, plugin: Plugin, name: str, default: float | Vec3, *, emits: bool = False, most: float = 1.0
     ) -> ColorSource:
-        """Return a colour that may vary over the surface.
-
-        Args:
-            plugin: the object with the parameter.
-            name: name of the parameter.
-            default: value if it is not given.
-            emits: whether it is emitted light.
-            most: larger constants are clipped to this, with a warning.
-        """
+        """Return a colour that may vary over the surface; constants above `most` are clipped with a warning."""
         texture = plugin.named(name)
         if texture is not None:
             return self._texture(texture, "color")
@@ -127,7 +119,7 @@ class Textures:
 
     def _texture(self, texture: Plugin, use: str) -> ColorSource:
         """Return a texture as a "color", a "number" (its luminance), or "data" (its linear pixels)."""
-        key = (id(texture.element), use)
+        key = texture, use
         if key not in self._textures:
             made = self._made(texture, use)
             if use == "number" and isinstance(made, ImageTexture):

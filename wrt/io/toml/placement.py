@@ -171,7 +171,7 @@ def read_density(reader: TableReader, table: dict[str, Any]) -> DensityGrid:
     """Return the density of a medium from files."""
     reader.check_table(table, DENSITY, fields=DENSITY_OWN)
     options = {key: table[key] for key in DENSITY_OWN if key in table}
-    for key in ("albedo", "emission"):
+    for key in {"albedo", "emission"} & set(table):  # without them, the file's own count
         options[key] = reader.read(table, key, lambda value: read_volume(reader.file(value)).values)
     grid = reader.read(table, "grid", text_of)
     with reader.at("file"):

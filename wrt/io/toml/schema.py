@@ -20,7 +20,7 @@ from wrt.io.toml import scene_keys
 from wrt.io.toml.reader import shape_makers
 from wrt.io.toml.scene_keys import BOOLEAN, NUMBER, TEXT, VECTOR, Keys, Schema, array_of, definition, own_fields
 from wrt.scene.camera import CAMERAS
-from wrt.scene.description import Check
+from wrt.scene.description import checks_of
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.layers import LAYERS
 from wrt.scene.lights import LIGHTS
@@ -166,25 +166,22 @@ def _meaning(make: Callable[..., Any], name: str) -> str:
 def _value(make: Callable[..., Any], name: str, hint: Any) -> Schema:
     """Return the schema of an argument."""
     if typing.get_origin(hint) is typing.Annotated:
-        return dict(typing.get_args(hint)[1])
+        hint, *notes = typing.get_args(hint)
+        if schemas := [note for note in notes if isinstance(note, dict)]:
+            return dict(schemas[0])
     kinds = [kind for kind in (typing.get_args(hint) or (hint,)) if kind is not type(None)]
     for cls, schema in _OBJECTS.items():
         if kinds[0] is cls:
             return schema
     if "numpy" in str(hint):
         return array_of({"anyOf": [NUMBER, VECTOR]}, 1)
-    options = _of_check(_checks_of(make).get(name)) or _UNCHECKED.get(name) or _of_type(name, hint, kinds)
+    checks = checks_of(make) if inspect.isclass(make) else {}  # type: ignore[arg-type]
+    options = _of_check(checks.get(name)) or _UNCHECKED.get(name) or _of_type(name, hint, kinds)
     if str in kinds and not any("enum" in each for each in options):
         options = [*options, TEXT]
     if ImageTexture in kinds:
         options = [*options, *_that_vary()]
     return options[0] if len(options) == 1 else {"anyOf": options}
-
-
-def _checks_of(make: Callable[..., Any]) -> dict[str, Check]:
-    """Return the checks of a class and its bases, by field."""
-    tables = [cls.__dict__.get("checks", {}) for cls in reversed(make.__mro__)] if inspect.isclass(make) else []
-    return {name: check for table in tables for name, check in table.items()}
 
 
 def _of_check(check: Any) -> list[Schema]:
@@ -242,7 +239,7 @@ def _that_vary() -> list[Schema]:
 
 
 def _unchecked() -> dict[str, list[Schema]]:
-    """Return the schemas of arguments that `checks` leave to other code, by name."""
+    """Return the schemas of arguments that checks of fields leave to other code, by name."""
     layer, wrap, share = {"enum": list(LAYERS)}, {"enum": list(WRAPS)}, _number(minimum=0.0, maximum=1.0)
     maskings = dict.fromkeys(masking for maskings in MASKINGS.values() for masking in maskings)
     return {
@@ -254,7 +251,7 @@ def _unchecked() -> dict[str, list[Schema]]:
         "dispersion": [_number(minimum=0.0, maximum=MOST_DISPERSION)],
         "distribution": [{"enum": list(MASKINGS)}],
         "f0": _color(maximum=1.0),
-        "g": _of_check(Medium.checks["g"]),
+        "g": _of_check(checks_of(Medium)["g"]),
         "inner_degrees": [_number(minimum=0.0, maximum=180.0)],
         "layers": [array_of(layer), layer, TEXT],
         "masking": [{"enum": list(maskings)}],

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, did_you_mean
-from wrt.io.encodings import as_utf8
-from wrt.io.safe_read import read_file
+from wrt.io.safe_read import as_utf8, read_file
 from wrt.io.toml.scene_keys import TRANSFORM, TURN, Keys
 from wrt.linalg import product
 from wrt.scene.motion import rotation_matrix
@@ -49,11 +48,7 @@ def _require_short_integers(value: Any, key: str = "") -> None:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file.
-
-    Raises:
-        InputError: where it cannot be read or is not valid TOML; the message does not name the file.
-    """
+    """Return the tables of a TOML file."""
     if sys.version_info >= (3, 11):
         import tomllib
     else:

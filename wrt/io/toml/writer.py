@@ -82,11 +82,7 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
         raise InputError(f"{file}: there are {_MOST_FOLDERS} folders for its arrays already; name another file")
     with new_folder(arrays) as folder:
         text = tomli_w.dumps(_Writer(folder, arrays.name).scene(scene))
-    try:
         write_atomically(file, lambda temporary: _write_text(temporary, text), SCENE, force=force)
-    except InputError:
-        _remove_arrays(arrays)
-        raise
     if replaces:
         for folder in _folders(file):
             if folder != arrays:

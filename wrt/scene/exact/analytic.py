@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,17 +80,9 @@ class Analytic(Mesh, ABC):
     def _corners(self, which: int) -> FloatArray:
         return self.vertices[which::3].astype(np.float64)
 
-    def check(self) -> None:
-        """Raise InputError where arrays from a file are not those of such shapes."""
-        for wrong, array_name, why in self._mistakes():
-            if wrong.any():
-                bad = int(np.flatnonzero(wrong)[0])
-                values = self.axes if array_name == "axes" else self.vertices.reshape(-1, 3, 3)[:, :2]
-                raise InputError(f"{self.name}: {array_name}[{bad}]: {why}, not {values[bad].tolist()}")
-
     @abstractmethod
-    def _mistakes(self) -> list[tuple[NDArray[np.bool_], str, str]]:
-        """Return what may be wrong: which shapes are, in which array of their file, and what it must be."""
+    def mistakes(self) -> list[tuple[NDArray[np.bool_], str, str]]:
+        """Return what may be wrong in a file: (N,) whether shapes are, the array, and what it must be."""
 
     @abstractmethod
     def keeps(self, matrices: FloatArray) -> bool:
@@ -158,13 +150,20 @@ def stored_in(cls: type[A], boxes: ArrayLike, axes: ArrayLike, colors: ArrayLike
     Raises:
         InputError: where the arrays are not those of such shapes.
     """
-    pairs, rows = np.asarray(boxes, np.float32), np.asarray(axes, np.float64)
+    arrays: dict[str, NDArray[Any]] = {"boxes": np.asarray(boxes, np.float32), "axes": np.asarray(axes, np.float64)}
+    pairs, rows = arrays.values()
     if pairs.ndim != 3 or pairs.shape[1:] != (2, 3) or rows.shape != (len(pairs), 3, 3):
         raise InputError(f"{name}: boxes must be (N, 2, 3) and axes (N, 3, 3), not {pairs.shape} and {rows.shape}")
-    for array_name, values in (("boxes", pairs), ("axes", rows)):
-        if len(bad := np.flatnonzero(~np.isfinite(values).all(axis=(1, 2)))):
-            raise InputError(f"{name}: {array_name}[{bad[0]}]: must be finite, not {values[bad[0]].tolist()}")
+
+    def refuse(wrong: NDArray[np.bool_], array_name: str, rule: str) -> None:
+        if wrong.any():
+            bad = int(np.flatnonzero(wrong)[0])
+            raise InputError(f"{name}: {array_name}[{bad}]: {rule}, not {arrays[array_name][bad].tolist()}")
+
+    for array_name, values in arrays.items():
+        refuse(~np.isfinite(values).all(axis=(1, 2)), array_name, "must be finite")
     of_corners = None if colors is None else np.repeat(np.asarray(colors, np.float32), 3, axis=0)
-    made = stored(cls, pairs[:, [0, 1, 0]], rows, of_corners, name)
-    made.check()
-    return made
+    shapes = stored(cls, pairs[:, [0, 1, 0]], rows, of_corners, name)
+    for mistake in shapes.mistakes():
+        refuse(*mistake)
+    return shapes

@@ -66,7 +66,7 @@ class Quadrics(Analytic):
         z = self.axes[:, 2] / np.linalg.norm(self.axes[:, 2], axis=1, keepdims=True)
         return np.asarray(np.where((self.are_disks & self.inside_out)[:, None], -z, z))
 
-    def _mistakes(self) -> list[tuple[NDArray[np.bool_], str, str]]:
+    def mistakes(self) -> list[tuple[NDArray[np.bool_], str, str]]:
         disks, axes, rises = self.are_disks, self.axes, self.vertices[0::3] < self.vertices[1::3]
         x, y, z = np.moveaxis(axes, 1, 0)
         lengths = np.linalg.norm(axes, axis=2)
@@ -77,18 +77,10 @@ class Quadrics(Analytic):
         scale = (np.abs(self.centers) + half).max(axis=1)
         return [
             (rises[:, 0] == rises[:, 1], "boxes", "corners must be in the order of a disk's or a cylinder's"),
-            (
-                disks & (np.abs(lengths[:, 2] - 1.0) > _SQUARE),
-                "axes",
-                "a disk's normal, its third row, must have length 1",
-            ),
+            (disks & (np.abs(lengths[:, 2] - 1.0) > _SQUARE), "axes", "a disk's third row must be a unit vector"),
             (disks & flat, "axes", "a disk's radii, its first two rows, must not be parallel"),
             (disks & leaning, "axes", "a disk's normal, its third row, must be perpendicular to its radii"),
-            (
-                ~disks & ~_are_straight(axes),
-                "axes",
-                "a cylinder's rows must be perpendicular, the first two of one length",
-            ),
+            (~disks & ~_are_straight(axes), "axes", "a cylinder's rows must be perpendicular, its radii equal"),
             (off > 0.5 * _PADDING * scale, "boxes", "must be opposite corners of the box around the shape"),
         ]
 
@@ -202,7 +194,7 @@ def quadrics_of(are_disks: ArrayLike, centers: ArrayLike, axes: ArrayLike, name:
     Args:
         are_disks: (N,) whether each is a disk.
         centers: (N, 3) middles, metres.
-        axes: (N, 3, 3) rows: two radii, then the normal of a disk, or the way of a cylinder from end to end.
+        axes: (N, 3, 3) rows: two radii, then the normal of a disk, or the vector from end to end of a cylinder.
         name: for messages.
 
     Raises:

@@ -45,7 +45,7 @@ class Spheres(Analytic):
     def areas(self) -> FloatArray:
         return np.asarray(4.0 * np.pi * self.radii**2)
 
-    def _mistakes(self) -> list[tuple[NDArray[np.bool_], str, str]]:
+    def mistakes(self) -> list[tuple[NDArray[np.bool_], str, str]]:
         first, second = self._corners(0), self._corners(1)
         half, falls = 0.5 * np.abs(second - first), second < first
         uneven = half.max(axis=1) - half.min(axis=1) > 2.0**-22 * (np.abs(self.centers) + half).max(axis=1)

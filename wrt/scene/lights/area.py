@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
 from wrt.linalg import dot, norm
-from wrt.scene.description import Checks
-from wrt.scene.lights.light import EVERYWHERE, Light, LightExtent, unit_vector
-from wrt.values import ColorLike, Vec3, boolean, number, vector
-
-_radius = partial(number, above=0.0)
+from wrt.scene.description import Flag, Positive, Vector
+from wrt.scene.lights.light import EVERYWHERE, Direction, Light, LightExtent
+from wrt.values import ColorLike
 
 
 class _AreaLight(Light):
@@ -48,15 +45,14 @@ class RectangleLight(_AreaLight):
         two_sided: whether its back emits too.
     """
 
-    origin: Vec3
-    edge_u: Vec3
-    edge_v: Vec3
+    origin: Vector
+    edge_u: Vector
+    edge_v: Vector
     radiance: ColorLike | None = None
     power: ColorLike | None = None
-    two_sided: bool = False
+    two_sided: Flag = False
 
     type_name: ClassVar[str] = "rectangle"
-    checks: ClassVar[Checks] = {"origin": vector, "edge_u": vector, "edge_v": vector, "two_sided": boolean}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -99,15 +95,14 @@ class DiskLight(_AreaLight):
         two_sided: whether its back emits too.
     """
 
-    center: Vec3
-    normal: Vec3
-    radius: float = 0.5
+    center: Vector
+    normal: Direction
+    radius: Positive = 0.5
     radiance: ColorLike | None = None
     power: ColorLike | None = None
-    two_sided: bool = False
+    two_sided: Flag = False
 
     type_name: ClassVar[str] = "disk"
-    checks: ClassVar[Checks] = {"center": vector, "normal": unit_vector, "radius": _radius, "two_sided": boolean}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -138,13 +133,12 @@ class SphereLight(_AreaLight):
         power: total radiant power per channel, W.
     """
 
-    center: Vec3
-    radius: float = 0.5
+    center: Vector
+    radius: Positive = 0.5
     radiance: ColorLike | None = None
     power: ColorLike | None = None
 
     type_name: ClassVar[str] = "sphere"
-    checks: ClassVar[Checks] = {"center": vector, "radius": _radius}
 
     def __post_init__(self) -> None:
         super().__post_init__()

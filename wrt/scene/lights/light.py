@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import norm
-from wrt.scene.description import Kind
+from wrt.scene.description import Kind, optional
 from wrt.scene.textures import CHANNELS, ImageTexture
 from wrt.values import Vec3, color, vector
 
@@ -92,6 +92,9 @@ def unit_vector(value: Any, name: str) -> Vec3:
     return x / length, y / length, z / length
 
 
+Direction = Annotated[Vec3, unit_vector]
+
+
 def axes_of(direction: Vec3, up: Vec3) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return unit vectors across a direction: to the right seen along it, and upwards.
 
@@ -113,6 +116,9 @@ def light_texture(texture: Any, name: str) -> ImageTexture:
     if texture.vertex_colors or texture.vertex_alpha or texture.uv_set:
         raise InputError(f"the {name} of a light has no vertices, so no colours or second coordinates of them")
     return texture
+
+
+LightTexture = Annotated[ImageTexture | None, optional(light_texture)]
 
 
 def mean_of(texture: ImageTexture | None) -> NDArray[np.float64]:

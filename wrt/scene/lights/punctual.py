@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.scene.description import Checks, optional, word_of
-from wrt.scene.lights.light import EVERYWHERE, Light, LightExtent, axes_of, light_texture, mean_of, unit_vector
-from wrt.scene.textures import ImageTexture
-from wrt.values import ColorLike, Vec3, number, vector
+from wrt.scene.description import Vector, word_of
+from wrt.scene.lights.light import EVERYWHERE, Direction, Light, LightExtent, LightTexture, axes_of, mean_of
+from wrt.values import ColorLike, number
 
 FALLOFFS = ("smooth", "linear", "gltf")
 """Falloffs of a spot light, in the order of their numbers in `kernels/lights/spot.py`."""
@@ -32,13 +31,12 @@ class PointLight(Light):
         color: radiance of a white Lambertian surface that faces the light at one metre, W·sr⁻¹·m⁻².
     """
 
-    position: Vec3
+    position: Vector
     intensity: ColorLike | None = None
     power: ColorLike | None = None
     color: ColorLike | None = None
 
     type_name: ClassVar[str] = "point"
-    checks: ClassVar[Checks] = {"position": vector}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -85,26 +83,18 @@ class SpotLight(Light):
         up: direction of the texture's upper edge, seen from its middle; not along the axis.
     """
 
-    position: Vec3
-    direction: Vec3
+    position: Vector
+    direction: Direction
     intensity: ColorLike | None = None
     power: ColorLike | None = None
     color: ColorLike | None = None
     inner_degrees: float = 20.0
-    outer_degrees: float = 30.0
-    falloff: str = "smooth"
-    texture: ImageTexture | None = None
-    up: Vec3 = (0.0, 1.0, 0.0)
+    outer_degrees: Annotated[float, partial(number, above=0.0, maximum=180.0)] = 30.0
+    falloff: Annotated[str, word_of(FALLOFFS)] = "smooth"
+    texture: LightTexture = None
+    up: Direction = (0.0, 1.0, 0.0)
 
     type_name: ClassVar[str] = "spot"
-    checks: ClassVar[Checks] = {
-        "position": vector,
-        "direction": unit_vector,
-        "outer_degrees": partial(number, above=0.0, maximum=180.0),
-        "falloff": word_of(FALLOFFS),
-        "texture": optional(light_texture),
-        "up": unit_vector,
-    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -176,22 +166,15 @@ class ProjectorLight(Light):
             pixels are square.
     """
 
-    position: Vec3
-    direction: Vec3
-    up: Vec3 = (0.0, 1.0, 0.0)
-    texture: ImageTexture | None = None
+    position: Vector
+    direction: Direction
+    up: Direction = (0.0, 1.0, 0.0)
+    texture: LightTexture = None
     irradiance: ColorLike | None = None
     color: ColorLike | None = None
-    fov_degrees: float = 40.0
+    fov_degrees: Annotated[float, partial(number, above=0.0, maximum=179.0)] = 40.0
 
     type_name: ClassVar[str] = "projector"
-    checks: ClassVar[Checks] = {
-        "position": vector,
-        "direction": unit_vector,
-        "up": unit_vector,
-        "texture": optional(light_texture),
-        "fov_degrees": partial(number, above=0.0, maximum=179.0),
-    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -240,13 +223,12 @@ class DirectionalLight(Light):
         angle_degrees: angular diameter, 0 for parallel light; 0.53 for the sun.
     """
 
-    direction: Vec3
+    direction: Direction
     irradiance: ColorLike | None = None
     color: ColorLike | None = None
-    angle_degrees: float = 0.0
+    angle_degrees: Annotated[float, partial(number, minimum=0.0, maximum=180.0)] = 0.0
 
     type_name: ClassVar[str] = "directional"
-    checks: ClassVar[Checks] = {"direction": unit_vector, "angle_degrees": partial(number, minimum=0.0, maximum=180.0)}
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from wrt.errors import InputError
-from wrt.scene.description import Checks, instance_of, optional
+from wrt.scene.description import instance_of, optional
 from wrt.scene.materials.material import Material
 from wrt.scene.medium import Medium
 from wrt.scene.textures import ColorSource
@@ -17,15 +17,16 @@ from wrt.values import Vec3, integer
 
 @dataclass(frozen=True)
 class Body(Material):
-    """Base of the materials of bodies that light enters."""
+    """Base of the materials of bodies that light enters.
 
-    interior: Medium | None = field(default=None, kw_only=True)
-    priority: int = field(default=0, kw_only=True)
+    Attributes:
+        interior: medium inside the body, in scene files its name; by default the body is clear.
+        priority: where bodies overlap, only the one of the highest priority exists.
+    """
 
-    checks: ClassVar[Checks] = {
-        "interior": optional(instance_of(Medium)),
-        "priority": partial(integer, minimum=-1_000_000, maximum=1_000_000),
-    }
+    _: KW_ONLY
+    interior: Annotated[Medium | None, optional(instance_of(Medium))] = None
+    priority: Annotated[int, partial(integer, minimum=-1_000_000, maximum=1_000_000)] = 0
 
     @property
     def is_body(self) -> bool:
@@ -44,7 +45,11 @@ class Body(Material):
 
 
 class Entered(Body):
-    """Base of the materials that light enters by their `transmission`, unless they are thin."""
+    """Base of the materials that light enters by their `transmission`, unless they are thin.
+
+    Attributes:
+        interior: medium inside the body, if `transmission` lets light in; in scene files its name.
+    """
 
     transmission: ColorSource
     thin_walled: bool
@@ -65,10 +70,6 @@ class Null(Body):
     """A boundary that does not affect light; it only marks where the medium inside begins.
 
     For clouds, smoke, fog in a room, or wax without a surface. Triangles wind counter-clockwise seen from outside.
-
-    Attributes:
-        interior: medium inside the body; in scene files its name.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
     type_name: ClassVar[str] = "null"

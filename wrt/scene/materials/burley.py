@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from wrt.scene.description import Checks
+from wrt.scene.description import Flag
 from wrt.scene.materials.body import Entered
-from wrt.scene.materials.material import color_source, share
+from wrt.scene.materials.material import Reflectance, Share
 from wrt.scene.textures import ColorSource
-from wrt.values import boolean, number
-
-_SHARES = (
-    *("metallic", "roughness", "anisotropy", "transmission", "diffuse_transmission", "specular_tint", "sheen"),
-    *("sheen_tint", "flatness", "coat", "coat_gloss"),
-)
+from wrt.values import number
 
 
 @dataclass(frozen=True)
@@ -41,32 +36,24 @@ class Burley(Entered):
         flatness: blends the diffuse base to one that looks like light scattered below the surface.
         coat: strength of a clear coat, which reflects a quarter as much as varnish; without effect on thin sheets.
         coat_gloss: 0 satin to 1 gloss, of the coat.
-        interior: medium inside the body, if `transmission` lets light in; in scene files its name.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
-    base_color: ColorSource = 0.5
-    metallic: ColorSource = 0.0
-    roughness: ColorSource = 0.5
-    anisotropy: ColorSource = 0.0
-    transmission: ColorSource = 0.0
-    diffuse_transmission: ColorSource = 0.0
-    thin_walled: bool = False
-    ior: float = 1.5
-    specular_tint: ColorSource = 0.0
-    sheen: ColorSource = 0.0
-    sheen_tint: ColorSource = 0.0
-    flatness: ColorSource = 0.0
-    coat: ColorSource = 0.0
-    coat_gloss: ColorSource = 0.0
+    base_color: Reflectance = 0.5
+    metallic: Share = 0.0
+    roughness: Share = 0.5
+    anisotropy: Share = 0.0
+    transmission: Share = 0.0
+    diffuse_transmission: Share = 0.0
+    thin_walled: Flag = False
+    ior: Annotated[float, partial(number, minimum=1.0)] = 1.5
+    specular_tint: Share = 0.0
+    sheen: Share = 0.0
+    sheen_tint: Share = 0.0
+    flatness: Share = 0.0
+    coat: Share = 0.0
+    coat_gloss: Share = 0.0
 
     type_name: ClassVar[str] = "burley"
-    checks: ClassVar[Checks] = {
-        **dict.fromkeys(_SHARES, share),
-        "base_color": color_source,
-        "thin_walled": boolean,
-        "ior": partial(number, minimum=1.0),
-    }
 
     @property
     def interior_ior(self) -> float:

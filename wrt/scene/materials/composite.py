@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from wrt.errors import InputError
-from wrt.scene.description import Checks, instance_of
-from wrt.scene.materials.material import Material, share, unlimited_color
+from wrt.scene.description import instance_of
+from wrt.scene.materials.material import Material, Share, UnlimitedColor
 from wrt.scene.materials.simple import Diffuse
 from wrt.scene.textures import ColorSource, shines
 
@@ -28,6 +28,9 @@ def _dark_part(value: Material, name: str) -> Material:
     return part
 
 
+_Part = Annotated[Material, _dark_part]
+
+
 @dataclass(frozen=True)
 class Mix(Material):
     """A blend of two materials: f = (1 − weight) f_first + weight f_second.
@@ -39,13 +42,12 @@ class Mix(Material):
         weight: share of the second material, 0 to 1.
     """
 
-    first: Material = field(default_factory=Diffuse)
-    second: Material = field(default_factory=Diffuse)
-    weight: ColorSource = 0.5
+    first: _Part = field(default_factory=Diffuse)
+    second: _Part = field(default_factory=Diffuse)
+    weight: Share = 0.5
 
     type_name: ClassVar[str] = "mix"
     slot_names: ClassVar[tuple[str, ...]] = ("weight",)
-    checks: ClassVar[Checks] = {"weight": share, "first": _dark_part, "second": _dark_part}
 
     @property
     def parts(self) -> tuple[Material, ...]:
@@ -63,11 +65,10 @@ class TwoSided(Material):
         back: the material of the back; in scene files its name. Black by default.
     """
 
-    front: Material = field(default_factory=Diffuse)
-    back: Material = field(default_factory=lambda: Diffuse(0.0))
+    front: _Part = field(default_factory=Diffuse)
+    back: _Part = field(default_factory=lambda: Diffuse(0.0))
 
     type_name: ClassVar[str] = "two-sided"
-    checks: ClassVar[Checks] = {"front": _dark_part, "back": _dark_part}
 
     @property
     def parts(self) -> tuple[Material, ...]:
@@ -82,10 +83,9 @@ class Emissive(Material):
         radiance: radiance emitted from its front, per channel, W·sr⁻¹·m⁻².
     """
 
-    radiance: ColorSource = 1.0
+    radiance: UnlimitedColor = 1.0
 
     type_name: ClassVar[str] = "emissive"
-    checks: ClassVar[Checks] = {"radiance": unlimited_color}
 
     @property
     def model(self) -> str:

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import gauss_legendre
-from wrt.scene.description import Checks, word_of
-from wrt.scene.materials.dispersion import SHARES, Dispersive, channel_indices, checked_dispersion
-from wrt.scene.materials.material import Material, color_source
+from wrt.scene.description import Flag, word_of
+from wrt.scene.materials.dispersion import SHARES, Dispersion, Dispersive, channel_indices
+from wrt.scene.materials.material import Material, Reflectance
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
 from wrt.scene.materials.presets import by_name, dielectric_ior
 from wrt.scene.textures import ColorSource
-from wrt.values import Vec3, boolean, number
+from wrt.values import Vec3, number
 
 
 def refractive_index(value: float | str, name: str) -> float:
     """Return a refractive index, given as a number above 0 or the name of a medium."""
     return by_name(dielectric_ior, value, name) if isinstance(value, str) else number(value, name, above=0.0)
+
+
+RefractiveIndex = Annotated[float | str, refractive_index]
 
 
 def mean_transmittance(eta: float) -> float:
@@ -48,20 +51,22 @@ def _transmittance(cos_i: NDArray[np.float64], eta: float) -> NDArray[np.float64
 
 @dataclass(frozen=True)
 class _Boundary(Material):
-    """Base of the boundaries of transparent media."""
+    """Base of the boundaries of transparent media.
 
-    ior: float | str = 1.5
-    exterior_ior: float | str = 1.0
-    specular_reflectance: ColorSource = field(default=1.0, kw_only=True)
-    specular_transmittance: ColorSource = field(default=1.0, kw_only=True)
+    Attributes:
+        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
+        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
+        specular_reflectance: multiplies reflected light; 1 in nature.
+        specular_transmittance: multiplies transmitted light; 1 in nature.
+    """
+
+    ior: RefractiveIndex = 1.5
+    exterior_ior: RefractiveIndex = 1.0
+    _: KW_ONLY
+    specular_reflectance: Reflectance = 1.0
+    specular_transmittance: Reflectance = 1.0
 
     slot_names: ClassVar[tuple[str, ...]] = ("relative_ior", "specular_reflectance", "specular_transmittance")
-    checks: ClassVar[Checks] = {
-        "ior": refractive_index,
-        "exterior_ior": refractive_index,
-        "specular_reflectance": color_source,
-        "specular_transmittance": color_source,
-    }
 
     @property
     def relative_ior(self) -> float:
@@ -71,11 +76,15 @@ class _Boundary(Material):
 
 @dataclass(frozen=True)
 class _BodyBoundary(_Boundary, Dispersive):
-    """Base of the boundaries of bodies, which may be dispersive."""
+    """Base of the boundaries of bodies, which may be dispersive.
 
-    dispersion: float | str = field(default=0.0, kw_only=True)
+    Attributes:
+        dispersion: how much more blue is refracted than red: 20 over the Abbe number, as in glTF, or a name such as
+            "diamond" (`wrt materials --presets`). `ior` is then that of yellow light, 587.6 nm. 0 is none.
+    """
 
-    checks: ClassVar[Checks] = {"dispersion": checked_dispersion}
+    _: KW_ONLY
+    dispersion: Dispersion = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -104,22 +113,14 @@ class Dielectric(_BodyBoundary):
     Triangles wind counter-clockwise seen from outside the body, where the index is `exterior_ior`.
 
     Attributes:
-        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
-        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
-        specular_reflectance: multiplies reflected light; 1 in nature.
-        specular_transmittance: multiplies refracted light; 1 in nature.
-        dispersion: how much more blue is refracted than red: 20 over the Abbe number, as in glTF, or a name such as
-            "diamond" (`wrt materials --presets`). `ior` is then that of yellow light, 587.6 nm. 0 is none.
         fresnel: "exact" for Fresnel's equations, or "schlick" for Schlick's approximation (1994) by the angle in the
             medium of lower index.
-        interior: medium inside the body, in scene files its name; by default the body is clear.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
-    fresnel: str = field(default="exact", kw_only=True)
+    _: KW_ONLY
+    fresnel: Annotated[str, word_of(("exact", "schlick"))] = "exact"
 
     type_name: ClassVar[str] = "dielectric"
-    checks: ClassVar[Checks] = {"fresnel": word_of(("exact", "schlick"))}
 
     @property
     def model(self) -> str:
@@ -136,8 +137,6 @@ class ThinDielectric(_Boundary):
     Attributes:
         ior: refractive index of the pane, or a name such as "water" (`wrt materials --presets`).
         exterior_ior: the same for the medium on both sides of it.
-        specular_reflectance: multiplies reflected light; 1 in nature.
-        specular_transmittance: multiplies transmitted light; 1 is clear.
     """
 
     type_name: ClassVar[str] = "thin-dielectric"
@@ -151,28 +150,19 @@ class RoughDielectric(_BodyBoundary):
     body, where the index is `exterior_ior`. If both indices agree to a thousandth, light passes straight through.
 
     Attributes:
-        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
-        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
         alpha: roughness, as for `RoughConductor`.
         distribution: of normals, as for `RoughConductor`.
         masking: shadowing and masking of facets, as for `RoughConductor`.
         multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which conserves
             energy. Otherwise that light is lost, as in most renderers, and rough glass is too dark.
-        specular_reflectance: multiplies reflected light; 1 in nature.
-        specular_transmittance: multiplies refracted light; 1 in nature.
-        dispersion: how much more blue is refracted than red: 20 over the Abbe number, as in glTF, or a name such as
-            "diamond" (`wrt materials --presets`). `ior` is then that of yellow light, 587.6 nm. 0 is none.
-        interior: medium inside the body, in scene files its name; by default the body is clear.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
     alpha: ColorSource = 0.1
     distribution: str = "ggx"
     masking: str | None = None
-    multiple_bounces: bool = False
+    multiple_bounces: Flag = False
 
     type_name: ClassVar[str] = "rough-dielectric"
-    checks: ClassVar[Checks] = {"multiple_bounces": boolean}
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -8,6 +8,8 @@ wavelength of its primary.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from wrt.scene.materials.body import Body
 from wrt.scene.materials.presets import by_name, dielectric_abbe_number
 from wrt.values import Vec3, number
@@ -52,6 +54,9 @@ def checked_dispersion(value: float | str, name: str) -> float:
     if isinstance(value, str):
         return 20.0 / by_name(dielectric_abbe_number, value, name)
     return number(value, name, minimum=0.0, maximum=MOST)
+
+
+Dispersion = Annotated[float | str, checked_dispersion]
 
 
 class Dispersive(Body):

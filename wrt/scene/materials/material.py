@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from wrt.errors import InputError
-from wrt.scene.description import Checks, Kind, instance_of, optional
+from wrt.scene.description import Kind, instance_of, optional
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 from wrt.values import FLOAT32_MAX, color, number
 
@@ -42,8 +42,10 @@ def value_source(
 share = partial(value_source, maximum=1.0)
 """Check of a number from 0 to 1 that may vary over the surface."""
 
-unlimited_color = partial(color_source, maximum=FLOAT32_MAX)
-"""Check of a colour, such as an emission, that may exceed 1 and vary over the surface."""
+Share = Annotated[ColorSource, share]
+Reflectance = Annotated[ColorSource, color_source]
+UnlimitedColor = Annotated[ColorSource, partial(color_source, maximum=FLOAT32_MAX)]
+"""A colour, such as an emission, that may exceed 1 and vary over the surface."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +60,10 @@ class Material(Kind):
         normal_map: perturbs the shading normal.
     """
 
-    opacity: ColorSource = field(default=1.0, kw_only=True)
-    normal_map: NormalMap | None = field(default=None, kw_only=True)
+    _: KW_ONLY
+    opacity: Share = 1.0
+    normal_map: Annotated[NormalMap | None, optional(instance_of(NormalMap))] = None
 
-    checks: ClassVar[Checks] = {"opacity": share, "normal_map": optional(instance_of(NormalMap))}
     slot_names: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
@@ -102,15 +104,16 @@ class Material(Kind):
 
 @dataclass(frozen=True)
 class Filmed(Material):
-    """Base of materials that may have a thin film, whose colours come from interference."""
+    """Base of materials that may have a thin film, such as an oxide on metal, whose colours come from interference.
 
-    film_thickness: ColorSource = field(default=0.0, kw_only=True)
-    film_ior: float = field(default=1.3, kw_only=True)
+    Attributes:
+        film_thickness: thickness of the film in nanometres; 0 is no film.
+        film_ior: refractive index of the film, from 1.
+    """
 
-    checks: ClassVar[Checks] = {
-        "film_thickness": partial(value_source, maximum=THICKEST_FILM),
-        "film_ior": partial(number, minimum=1.0, maximum=HIGHEST_FILM_INDEX),
-    }
+    _: KW_ONLY
+    film_thickness: Annotated[ColorSource, partial(value_source, maximum=THICKEST_FILM)] = 0.0
+    film_ior: Annotated[float, partial(number, minimum=1.0, maximum=HIGHEST_FILM_INDEX)] = 1.3
 
     @property
     def has_film(self) -> bool:

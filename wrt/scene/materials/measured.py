@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.scene.description import Checks, instance_of
+from wrt.scene.description import instance_of
 from wrt.scene.materials.material import Material
 from wrt.values import boolean, owned
 
@@ -121,10 +121,9 @@ class Measured(Material):
         measurement: the tables, by `load_measurement`; in scene files a .bsdf file.
     """
 
-    measurement: Measurement
+    measurement: Annotated[Measurement, instance_of(Measurement)]
 
     type_name: ClassVar[str] = "measured"
-    checks: ClassVar[Checks] = {"measurement": instance_of(Measurement)}
 
     @classmethod
     def example(cls) -> Measured:

@@ -10,54 +10,49 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.linalg import gauss_legendre
-from wrt.scene.description import Checks
-from wrt.scene.materials.material import Filmed, color_source
+from wrt.scene.description import Flag
+from wrt.scene.materials.material import Filmed, Reflectance, color_source
 from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
-from wrt.scene.materials.presets import (
-    ALIASES,
-    METAL_F0,
-    SEMICONDUCTOR_F0,
-    by_name,
-    metal_f0,
-    metal_ior,
-    reflectance_f0,
-)
+from wrt.scene.materials.presets import by_name, has_reflectance_only, metal_f0, metal_ior, reflectance_f0
 from wrt.scene.textures import ColorSource
-from wrt.values import ColorLike, Vec3, boolean, color
+from wrt.values import ColorLike, Vec3, color
 
 COPPER_ETA: Vec3 = (0.200, 0.924, 1.102)
 COPPER_K: Vec3 = (3.912, 2.452, 2.142)
 """η and k at 630, 532 and 465 nm."""
 
 
-def _optics(
-    eta: ColorLike | None, k: ColorLike | None, f0: ColorSource | str | None, metal: str | None
-) -> tuple[Vec3 | None, Vec3 | None, ColorSource | None]:
-    """Return η and k, or F0, of a metal that is given in at most one of three ways; the default is copper.
+class _Metal(Filmed):
+    """Base of metals, which are given in at most one of three ways; the default is copper."""
 
-    Raises:
-        InputError: if it is given in two ways, or a value is out of range.
-    """
-    by_index = eta is not None or k is not None
-    if by_index + (f0 is not None) + (metal is not None) > 1:
-        raise InputError("a metal is given by eta and k, by f0 or by metal: choose one of them")
-    if isinstance(f0, str):
-        return None, None, by_name(reflectance_f0, f0, "f0")
-    if f0 is not None:
-        return None, None, color_source(f0, "f0")
-    if metal is not None:
-        try:
-            return *metal_ior(metal), None
-        except InputError as error:
-            # Of some metals, and of semiconductors, only the reflectance is known.
-            word = str(metal).strip().lower()
-            if ALIASES.get(word, word) in METAL_F0 | SEMICONDUCTOR_F0:
-                return None, None, metal_f0(metal)
-            raise InputError(f"metal: {error}") from None
-    real = color(COPPER_ETA if eta is None else eta, "eta")
-    if min(real) <= 0.0:
-        raise InputError(f"eta must be greater than 0 in each channel, not {real}")
-    return real, color(COPPER_K if k is None else k, "k"), None
+    eta: ColorLike | None
+    k: ColorLike | None
+    f0: ColorSource | str | None
+    metal: str | None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        eta, k, f0, metal = self.eta, self.k, self.f0, self.metal
+        if (eta is not None or k is not None) + (f0 is not None) + (metal is not None) > 1:
+            raise InputError("a metal is given by eta and k, by f0 or by metal: choose one of them")
+        if isinstance(f0, str):
+            f0 = by_name(reflectance_f0, f0, "f0")
+        elif f0 is not None:
+            f0 = color_source(f0, "f0")
+        elif metal is not None and has_reflectance_only(metal):
+            f0 = metal_f0(metal)
+        elif metal is not None:
+            eta, k = by_name(metal_ior, metal, "metal")
+        else:
+            eta = color(COPPER_ETA if eta is None else eta, "eta")
+            if min(eta) <= 0.0:
+                raise InputError(f"eta must be greater than 0 in each channel, not {eta}")
+            k = color(COPPER_K if k is None else k, "k")
+        self._set(eta=eta, k=k, f0=f0, metal=None)
+
+    @property
+    def _index_or_f0(self) -> tuple[ColorSource, ...]:
+        return (self.eta, self.k) if self.f0 is None else (self.f0,)  # type: ignore[return-value]
 
 
 def average_reflectance(eta: Vec3, k: Vec3) -> Vec3:
@@ -80,7 +75,7 @@ def average_reflectance(eta: Vec3, k: Vec3) -> Vec3:
 
 
 @dataclass(frozen=True)
-class Conductor(Filmed):
+class Conductor(_Metal):
     """A perfectly smooth metal: mirror reflection weighted by Fresnel's equations.
 
     Give its complex refractive index, for the exact equations; its reflectance at normal incidence, for Schlick's
@@ -93,9 +88,6 @@ class Conductor(Filmed):
             "gold", "silicon" or "gems" (wrt materials --presets).
         metal: a name such as "gold", or a chemical symbol, instead of the others (wrt materials --presets). It is
             replaced by its eta and k, or by its f0 if only that is known.
-        film_thickness: thickness in nanometres of a thin film on the metal, such as an oxide, whose colours come from
-            interference; 0 is no film.
-        film_ior: refractive index of that film, from 1.
     """
 
     eta: ColorLike | None = None
@@ -105,11 +97,6 @@ class Conductor(Filmed):
 
     type_name: ClassVar[str] = "conductor"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        eta, k, f0 = _optics(self.eta, self.k, self.f0, self.metal)
-        self._set(eta=eta, k=k, f0=f0, metal=None)
-
     @property
     def model(self) -> str:
         options = ("schlick",) * (self.f0 is not None) + ("film",) * self.has_film
@@ -118,20 +105,11 @@ class Conductor(Filmed):
     @property
     def slots(self) -> tuple[ColorSource, ...]:
         """η and k, or F0; then those of a film."""
-        return *_index_or_f0(self), *self.film_slots
-
-
-def _index_or_f0(metal: Conductor | RoughConductor) -> tuple[ColorSource, ...]:
-    if metal.f0 is not None:
-        assert not isinstance(metal.f0, str)
-        return (metal.f0,)
-    assert metal.eta is not None
-    assert metal.k is not None
-    return metal.eta, metal.k
+        return *self._index_or_f0, *self.film_slots
 
 
 @dataclass(frozen=True)
-class RoughConductor(Filmed):
+class RoughConductor(_Metal):
     """A rough metal: microfacets that are perfect mirrors.
 
     f = F D G / (4 cosθi cosθo) (Torrance and Sparrow 1967; Cook and Torrance 1982; Walter et al. 2007). The metal is
@@ -151,7 +129,6 @@ class RoughConductor(Filmed):
         multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which makes
             rough metals brighter and more saturated. Otherwise that light is lost, as in most renderers.
         reflectance: multiplies reflected light per channel, 0 to 1, at each bounce; 1 in nature.
-        film_thickness, film_ior: as for `Conductor`.
     """
 
     alpha: ColorSource = 0.1
@@ -161,17 +138,15 @@ class RoughConductor(Filmed):
     metal: str | None = None
     distribution: str = "ggx"
     masking: str | None = None
-    multiple_bounces: bool = False
-    reflectance: ColorSource = 1.0
+    multiple_bounces: Flag = False
+    reflectance: Reflectance = 1.0
 
     type_name: ClassVar[str] = "rough-conductor"
-    checks: ClassVar[Checks] = {"reflectance": color_source, "multiple_bounces": boolean}
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
-        eta, k, f0 = _optics(self.eta, self.k, self.f0, self.metal)
-        self._set(alpha=roughness(self.alpha, self.distribution), eta=eta, k=k, f0=f0, metal=None)
+        self._set(alpha=roughness(self.alpha, self.distribution))
         if self.multiple_bounces:
             albedo_table_key(self.alpha, self.distribution, self.masking)
             self._refuse_film()
@@ -179,14 +154,13 @@ class RoughConductor(Filmed):
     @property
     def model(self) -> str:
         fresnel = "conductor" if self.f0 is None else "schlick"
-        name = f"rough_conductor:{self.distribution}:{self.masking}:{fresnel}"
-        options = (":multiple" if self.multiple_bounces else "") + (":film" if self.has_film else "")
-        return name + options
+        options = ("multiple",) * self.multiple_bounces + ("film",) * self.has_film
+        return ":".join(("rough_conductor", self.distribution, str(self.masking), fresnel, *options))
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
         """The shape of the distribution, `reflectance`, η and k or F0; then a film, or the mean reflectance."""
-        values = (shape_of(self.alpha, self.distribution), self.reflectance, *_index_or_f0(self), *self.film_slots)
+        values = (shape_of(self.alpha, self.distribution), self.reflectance, *self._index_or_f0, *self.film_slots)
         if self.multiple_bounces and self.f0 is None:
             return *values, average_reflectance(self.eta, self.k)  # type: ignore[arg-type]
         return values

@@ -29,6 +29,8 @@ MASKINGS: dict[str, tuple[str, ...]] = {
 
 _BY_ALPHA = ("ggx", "beckmann", "blinn-phong")
 _ANISOTROPIC = ("ggx", "beckmann")
+_PARAMETERS = {"abc": {"B": (0.1, 1e8), "C": (0.0, 100.0)}, "sgd": {"α": (1e-5, 10.0), "p": (0.0, 10.0)}}
+"""Limits of the two parameters of distributions without a single roughness."""
 
 
 MOST_BORROWED = 0.3
@@ -60,44 +62,42 @@ def masking_for(distribution: str, masking: str | None, alpha: ColorSource) -> s
     return masking
 
 
-def roughness(value: ColorSource, distribution: str, name: str = "alpha") -> ColorSource:
-    """Return a checked roughness for `distribution`: a number, two numbers, or a texture.
+def roughness(value: ColorSource, distribution: str) -> ColorSource:
+    """Return a checked roughness `alpha` for a distribution: a number, two numbers, or a texture.
 
     Raises:
         InputError: if a number is out of range, or the distribution does not support it.
     """
     if distribution not in _BY_ALPHA:
-        return _parameters(value, distribution, name)
+        return _parameters(value, distribution)
     if isinstance(value, (ImageTexture, VertexColor)):
         return value
     if np.ndim(value) == 0:
-        return number(value, name, minimum=LEAST_ALPHA, maximum=1.0)
-    first, second = _pair(value, name)
-    pair = tuple(number(x, f"{name}[{i}]", minimum=LEAST_ALPHA, maximum=1.0) for i, x in enumerate((first, second)))
+        return number(value, "alpha", minimum=LEAST_ALPHA, maximum=1.0)
+    pair = tuple(number(x, f"alpha[{i}]", minimum=LEAST_ALPHA, maximum=1.0) for i, x in enumerate(_pair(value)))
     if pair[0] != pair[1] and distribution not in _ANISOTROPIC:
-        raise InputError(f"{name} must be one number for distribution {distribution!r}, not {list(pair)}")
+        raise InputError(f"alpha must be one number for distribution {distribution!r}, not {list(pair)}")
     return pair
 
 
-def _pair(value: ColorSource, name: str) -> tuple[object, object]:
+def _pair(value: ColorSource) -> tuple[object, object]:
     try:
         first, second = value  # type: ignore[misc]
     except (TypeError, ValueError):
-        raise InputError(f"{name} must be a number, two numbers or an image, not {value!r}") from None
+        raise InputError(f"alpha must be a number, two numbers or an image, not {value!r}") from None
     return first, second
 
 
-def _parameters(value: ColorSource, distribution: str, name: str) -> ColorSource:
+def _parameters(value: ColorSource, distribution: str) -> ColorSource:
     """Return the two parameters of a distribution without a single roughness."""
+    limits = _PARAMETERS[distribution]
     if isinstance(value, (ImageTexture, VertexColor, str)) or np.ndim(value) == 0:
-        names = {"abc": "B and C", "sgd": "α and p"}[distribution]
-        raise InputError(f"{name} must be two numbers, {names}, for distribution {distribution!r}")
-    first, second = _pair(value, name)
-    if distribution == "abc":
-        b = number(first, f"{name}[0] (B)", minimum=0.1, maximum=1e8)
-        return b, number(second, f"{name}[1] (C)", minimum=0.0, maximum=100.0)
-    a = number(first, f"{name}[0] (α)", minimum=1e-5, maximum=10.0)
-    return a, number(second, f"{name}[1] (p)", minimum=0.0, maximum=10.0)
+        raise InputError(f"alpha must be two numbers, {' and '.join(limits)}, for distribution {distribution!r}")
+    a, b = (
+        number(x, f"alpha[{i}] ({name})", minimum=low, maximum=high)
+        for i, (x, (name, (low, high))) in enumerate(zip(_pair(value), limits.items(), strict=True))
+    )
+    return a, b
 
 
 def shape_of(alpha: ColorSource, distribution: str) -> ColorSource:
@@ -119,12 +119,7 @@ def sgd_normalization(alpha: float, p: float) -> float:
     Args:
         alpha: α > 0; fits to measured materials have 3e-5 (chrome steel) to 0.7 (dark red paint).
         p: exponent, p ≥ 0; those fits have 0 to 1.4.
-
-    Raises:
-        ValueError: if α is not above 0 or either is not finite.
     """
-    if not (math.isfinite(alpha) and math.isfinite(p) and alpha > 0.0):
-        raise ValueError(f"shifted gamma distribution: alpha must be above 0 and p finite, not {alpha} and {p}")
     # exp(α) E_p(α) = ∫ exp(−αs) (1 + s)^−p ds over s ≥ 0. With 1 + s = e^y the integrand is smooth in y, and below
     # e^−50 at the end of this interval.
     end = math.log1p(50.0 / alpha)

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from wrt.scene.description import Checks, word_of
-from wrt.scene.materials.dielectrics import mean_transmittance, refractive_index
-from wrt.scene.materials.material import Material, color_source, value_source
+from wrt.scene.description import Flag, word_of
+from wrt.scene.materials.dielectrics import RefractiveIndex, mean_transmittance
+from wrt.scene.materials.material import Material, Reflectance, value_source
 from wrt.scene.materials.microfacet import LEAST_ALPHA, masking_for
 from wrt.scene.textures import ColorSource
-from wrt.values import boolean
 
 
 def internal_reflectance(eta: float) -> float:
@@ -22,13 +21,20 @@ def internal_reflectance(eta: float) -> float:
 
 @dataclass(frozen=True)
 class _Coated(Material):
-    """Base of materials with a diffuse base under a coat."""
+    """Base of materials with a diffuse base under a coat.
 
-    reflectance: ColorSource = 0.5
-    ior: float | str = 1.5
-    exterior_ior: float | str = 1.0
+    Attributes:
+        reflectance: fraction of light that the base reflects per channel, 0 to 1.
+        ior: refractive index of the coat, or a name such as "water" (`wrt materials --presets`).
+        exterior_ior: the same for the medium around it.
+        nonlinear: whether internal reflections make colours deeper, as varnish does to wood. Otherwise `reflectance`
+            is the visible colour where the coat reflects nothing.
+        specular_reflectance: multiplies light that the coat reflects; 1 in nature.
+    """
 
-    checks: ClassVar[Checks] = {"reflectance": color_source, "ior": refractive_index, "exterior_ior": refractive_index}
+    reflectance: Reflectance = 0.5
+    ior: RefractiveIndex = 1.5
+    exterior_ior: RefractiveIndex = 1.0
 
     @property
     def relative_ior(self) -> float:
@@ -41,21 +47,12 @@ class Plastic(_Coated):
     """A diffuse base under a smooth transparent coat; the base receives the light that the coat does not reflect.
 
     Both sides look the same. All inter-reflections between coat and base are included.
-
-    Attributes:
-        reflectance: fraction of light that the base reflects per channel, 0 to 1.
-        ior: refractive index of the coat, or a name such as "water" (`wrt materials --presets`).
-        exterior_ior: the same for the medium around it.
-        nonlinear: whether internal reflections make colours deeper, as varnish does to wood. Otherwise `reflectance`
-            is the visible colour where the coat reflects nothing.
-        specular_reflectance: multiplies light that the coat reflects; 1 in nature.
     """
 
-    nonlinear: bool = False
-    specular_reflectance: ColorSource = 1.0
+    nonlinear: Flag = False
+    specular_reflectance: Reflectance = 1.0
 
     type_name: ClassVar[str] = "plastic"
-    checks: ClassVar[Checks] = {"nonlinear": boolean, "specular_reflectance": color_source}
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:
@@ -70,35 +67,22 @@ class RoughPlastic(_Coated):
     The coat is the microfacet model of Walter, Marschner, Li and Torrance (2007). Both sides look the same.
 
     Attributes:
-        reflectance: fraction of light that the base reflects per channel, 0 to 1.
-        ior: refractive index of the coat, or a name such as "water" (`wrt materials --presets`).
-        exterior_ior: the same for the medium around it.
         alpha: roughness of the coat, 1e-4 to 1: about √2 times the root-mean-square slope of its facets. An image
             gives it in its red channel.
         distribution: of the facets' normals: "ggx" or "beckmann".
         masking: shadowing and masking of facets, as for `RoughConductor`.
-        nonlinear: whether internal reflections make colours deeper. Otherwise `reflectance` is the visible colour
-            where the coat reflects nothing.
-        specular_reflectance: multiplies light that the coat reflects; 1 in nature.
         multiple_bounces: whether light that facets block reaches the base, so a white one stays white. Otherwise that
             light is lost, as in most renderers, and rough coats are darker.
     """
 
-    alpha: ColorSource = 0.1
-    distribution: str = "ggx"
+    alpha: Annotated[ColorSource, partial(value_source, minimum=LEAST_ALPHA, maximum=1.0)] = 0.1
+    distribution: Annotated[str, word_of(("ggx", "beckmann"))] = "ggx"
     masking: str | None = None
-    nonlinear: bool = False
-    specular_reflectance: ColorSource = 1.0
-    multiple_bounces: bool = True
+    nonlinear: Flag = False
+    specular_reflectance: Reflectance = 1.0
+    multiple_bounces: Flag = True
 
     type_name: ClassVar[str] = "rough-plastic"
-    checks: ClassVar[Checks] = {
-        "alpha": partial(value_source, minimum=LEAST_ALPHA, maximum=1.0),
-        "distribution": word_of(("ggx", "beckmann")),
-        "nonlinear": boolean,
-        "specular_reflectance": color_source,
-        "multiple_bounces": boolean,
-    }
 
     def __post_init__(self) -> None:
         super().__post_init__()

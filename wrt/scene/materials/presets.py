@@ -120,63 +120,43 @@ ALIASES: dict[str, str] = {
 
 
 def metal_ior(name: str) -> tuple[Vec3, Vec3]:
-    """Return the complex refractive index of a metal, for `Conductor(eta, k)`.
+    """Return η and k of a metal per channel of linear Rec. 709, relative to vacuum (and air, to three digits).
 
-    Args:
-        name: a name in METAL_IOR or a chemical symbol, in upper or lower case.
-
-    Returns:
-        η and k per channel of linear Rec. 709 RGB, relative to vacuum (and air, to three digits).
-
-    Raises:
-        InputError: for an unknown name.
+    Here and below, InputError is raised for an unknown name; upper and lower case are the same.
     """
     return METAL_IOR[_key(name, METAL_IOR, "metal with a refractive index")]
 
 
 def reflectance_f0(name: str) -> Vec3:
-    """Return the reflectance of a metal, semiconductor or dielectric at normal incidence.
+    """Return the reflectance of a metal, semiconductor or dielectric at normal incidence, linear Rec. 709.
 
-    Args:
-        name: a name in METAL_F0, SEMICONDUCTOR_F0 or DIELECTRIC_F0, or a chemical symbol, in upper or lower case.
-
-    Returns:
-        Linear Rec. 709 RGB as in the tables, with gold's red clipped to 1, as a surface cannot reflect more than it
-        receives; of dielectrics the middle of the range.
-
-    Raises:
-        InputError: for an unknown name.
+    Gold's red is clipped to 1, as a surface cannot reflect more than it receives. Dielectrics have the middle of their
+    range.
     """
     colors = METAL_F0 | SEMICONDUCTOR_F0
-    names = [*colors, *DIELECTRIC_F0]
     # "glass" is a name of DIELECTRIC_F0, and elsewhere an alias.
     key = name.strip().lower() if isinstance(name, str) and name.strip().lower() in DIELECTRIC_F0 else None
-    key = key or _key(name, names, "metal, semiconductor or dielectric with a reflectance")
+    key = key or _key(name, [*colors, *DIELECTRIC_F0], "metal, semiconductor or dielectric with a reflectance")
     red, green, blue = colors[key] if key in colors else (sum(DIELECTRIC_F0[key]) / 2.0,) * 3
     return min(red, 1.0), min(green, 1.0), min(blue, 1.0)
 
 
-def metal_f0(name: str) -> Vec3:
-    """Return the reflectance of a metal or semiconductor at normal incidence, as `reflectance_f0`.
+def has_reflectance_only(name: str) -> bool:
+    """Return whether METAL_IOR lacks a metal, or semiconductor, whose reflectance is known."""
+    word = str(name).strip().lower()
+    return ALIASES.get(word, word) in (METAL_F0 | SEMICONDUCTOR_F0).keys() - METAL_IOR.keys()
 
-    Raises:
-        InputError: for an unknown name.
-    """
+
+def metal_f0(name: str) -> Vec3:
+    """Return the reflectance of a metal or semiconductor at normal incidence, as `reflectance_f0`."""
     return reflectance_f0(_key(name, METAL_F0 | SEMICONDUCTOR_F0, "metal with a reflectance"))
 
 
 def dielectric_ior(name: str) -> float:
-    """Return the refractive index of a dielectric, for `Dielectric(ior)`.
+    """Return the refractive index of a dielectric.
 
-    Args:
-        name: a name in DIELECTRIC_IOR or DIELECTRIC_F0, in upper or lower case.
-
-    Returns:
-        The middle of the range in DIELECTRIC_IOR; where there is none, the index n with the reflectance in the middle
-        of the range in DIELECTRIC_F0, ((n − 1) / (n + 1))².
-
-    Raises:
-        InputError: for an unknown name.
+    It is the middle of the range in DIELECTRIC_IOR; where there is none, the index n with the reflectance
+    ((n − 1) / (n + 1))² in the middle of the range in DIELECTRIC_F0.
     """
     key = _key(name, DIELECTRIC_F0 | DIELECTRIC_IOR, "dielectric")
     if key in DIELECTRIC_IOR:
@@ -186,14 +166,7 @@ def dielectric_ior(name: str) -> float:
 
 
 def dielectric_abbe_number(name: str) -> float:
-    """Return the Abbe number of a dielectric.
-
-    Args:
-        name: a name in DIELECTRIC_ABBE, in upper or lower case.
-
-    Raises:
-        InputError: for an unknown name.
-    """
+    """Return the Abbe number of a dielectric in DIELECTRIC_ABBE."""
     return DIELECTRIC_ABBE[_key(name, DIELECTRIC_ABBE, "dielectric with an Abbe number")]
 
 

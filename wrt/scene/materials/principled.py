@@ -5,21 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.scene.description import Checks
+from wrt.scene.description import Flag, Number
 from wrt.scene.materials.body import Entered
 from wrt.scene.materials.dielectrics import refractive_index
-from wrt.scene.materials.dispersion import SHARES, Dispersive, channel_indices, checked_dispersion
-from wrt.scene.materials.material import Filmed, color_source, share, unlimited_color
+from wrt.scene.materials.dispersion import SHARES, Dispersion, Dispersive, channel_indices
+from wrt.scene.materials.material import Filmed, Reflectance, Share, UnlimitedColor, share
 from wrt.scene.materials.microfacet import LEAST_ALPHA
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import boolean, number
-
-_SHARES = ("metallic", "roughness", "specular", "transmission", "film", "coat", "coat_roughness", "sheen_roughness")
+from wrt.values import number
 
 
 def _refractive_index(value: float | str, name: str) -> float:
@@ -66,8 +64,6 @@ class Principled(Filmed, Dispersive, Entered):
             name such as "diamond" (`wrt materials --presets`). `ior` is then that of yellow light. 0 is none.
         film: share of the surface under a thin film, whose colours come from interference, as on soap bubbles, oil and
             the wings of insects.
-        film_thickness: thickness of that film in nanometres; 0 is no film.
-        film_ior: refractive index of the film, from 1.
         coat: coverage of a clear coat of index 1.5.
         coat_roughness: as `roughness`, of the coat.
         sheen_color: colour of fibres on the surface, as on velvet, per channel, 0 to 1.
@@ -75,40 +71,28 @@ class Principled(Filmed, Dispersive, Entered):
         emission: emitted radiance, W·sr⁻¹·m⁻².
         multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which makes
             rough metals brighter and more saturated. Otherwise that light is lost, as in most glTF viewers.
-        interior: medium inside the body, if `transmission` lets light in; in scene files its name.
-        priority: where bodies overlap, only the one of the highest priority exists.
     """
 
-    base_color: ColorSource = 0.8
-    metallic: ColorSource = 0.0
-    roughness: ColorSource = 0.5
-    ior: float | str = 1.5
-    specular: ColorSource = 1.0
-    specular_color: ColorSource = 1.0
-    anisotropy: ColorSource = 0.0
-    anisotropy_rotation: float = 0.0
-    transmission: ColorSource = 0.0
-    thin_walled: bool = False
-    dispersion: float | str = field(default=0.0, kw_only=True)
-    film: ColorSource = field(default=1.0, kw_only=True)
-    coat: ColorSource = 0.0
-    coat_roughness: ColorSource = 0.0
-    sheen_color: ColorSource = 0.0
-    sheen_roughness: ColorSource = 0.0
-    emission: ColorSource = 0.0
-    multiple_bounces: bool = False
+    base_color: Reflectance = 0.8
+    metallic: Share = 0.0
+    roughness: Share = 0.5
+    ior: Annotated[float | str, _refractive_index] = 1.5
+    specular: Share = 1.0
+    specular_color: UnlimitedColor = 1.0
+    anisotropy: Annotated[ColorSource, _anisotropy] = 0.0
+    anisotropy_rotation: Number = 0.0
+    transmission: Share = 0.0
+    thin_walled: Flag = False
+    dispersion: Dispersion = field(default=0.0, kw_only=True)
+    film: Share = field(default=1.0, kw_only=True)
+    coat: Share = 0.0
+    coat_roughness: Share = 0.0
+    sheen_color: Reflectance = 0.0
+    sheen_roughness: Share = 0.0
+    emission: UnlimitedColor = 0.0
+    multiple_bounces: Flag = False
 
     type_name: ClassVar[str] = "principled"
-    checks: ClassVar[Checks] = {
-        **dict.fromkeys(_SHARES, share),
-        **dict.fromkeys(("base_color", "sheen_color"), color_source),
-        **dict.fromkeys(("specular_color", "emission"), unlimited_color),
-        **dict.fromkeys(("thin_walled", "multiple_bounces"), boolean),
-        "ior": _refractive_index,
-        "dispersion": checked_dispersion,
-        "anisotropy": _anisotropy,
-        "anisotropy_rotation": number,
-    }
 
     def __post_init__(self) -> None:
         super().__post_init__()

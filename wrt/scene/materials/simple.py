@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from wrt.errors import InputError
-from wrt.scene.description import Checks, optional
-from wrt.scene.materials.material import Material, color_source, value_source
+from wrt.scene.description import optional
+from wrt.scene.materials.material import Material, Reflectance, value_source
 from wrt.scene.textures import ColorSource
 
 _DEFAULT_SIDE = 0.1
@@ -23,11 +23,10 @@ class Diffuse(Material):
         reflectance: fraction of light reflected per channel, 0 to 1; 0.18 is photographers' middle grey.
     """
 
-    reflectance: ColorSource = 0.18
+    reflectance: Reflectance = 0.18
 
     type_name: ClassVar[str] = "diffuse"
     slot_names: ClassVar[tuple[str, ...]] = ("reflectance",)
-    checks: ClassVar[Checks] = {"reflectance": color_source}
 
 
 @dataclass(frozen=True)
@@ -43,12 +42,11 @@ class OrenNayar(Material):
         sigma: standard deviation of the facets' slope angle, radians, 0 to π/2; 0.35 is 20 degrees.
     """
 
-    reflectance: ColorSource = 0.18
-    sigma: ColorSource = 0.35
+    reflectance: Reflectance = 0.18
+    sigma: Annotated[ColorSource, partial(value_source, maximum=0.5 * math.pi)] = 0.35
 
     type_name: ClassVar[str] = "oren-nayar"
     slot_names: ClassVar[tuple[str, ...]] = ("reflectance", "sigma")
-    checks: ClassVar[Checks] = {"reflectance": color_source, "sigma": partial(value_source, maximum=0.5 * math.pi)}
 
 
 @dataclass(frozen=True)
@@ -59,11 +57,10 @@ class Mirror(Material):
         reflectance: fraction of light reflected per channel, 0 to 1.
     """
 
-    reflectance: ColorSource = 1.0
+    reflectance: Reflectance = 1.0
 
     type_name: ClassVar[str] = "mirror"
     slot_names: ClassVar[tuple[str, ...]] = ("reflectance",)
-    checks: ClassVar[Checks] = {"reflectance": color_source}
 
 
 @dataclass(frozen=True)
@@ -82,16 +79,11 @@ class Glossy(Material):
             to 100000.
     """
 
-    reflectance: ColorSource = 1.0
-    side: ColorSource | None = None
-    exponent: ColorSource | None = None
+    reflectance: Reflectance = 1.0
+    side: Annotated[ColorSource | None, optional(partial(value_source, maximum=100.0, above=0.0))] = None
+    exponent: Annotated[ColorSource | None, optional(partial(value_source, maximum=100_000.0))] = None
 
     type_name: ClassVar[str] = "glossy"
-    checks: ClassVar[Checks] = {
-        "reflectance": color_source,
-        "side": optional(partial(value_source, maximum=100.0, above=0.0)),
-        "exponent": optional(partial(value_source, maximum=100_000.0)),
-    }
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -14,7 +14,7 @@ from wrt.backend.device import Device
 from wrt.backend.memory import zeros
 from wrt.errors import InputError
 from wrt.scene.mesh import Mesh
-from wrt.upload.limits import require_countable
+from wrt.upload.arrays import require_countable
 from wrt.values import refuse_masked
 
 

@@ -16,7 +16,7 @@ from wrt.upload.accel.bvh import build_bvh, refit_bvh
 from wrt.upload.accel.instances import instance_records, instance_tree, placed_mesh, round_trip, world_boxes
 from wrt.upload.accel.instancing import Layout, SharedMesh
 from wrt.upload.accel.swept_boxes import swept_boxes
-from wrt.upload.motion import motion_records
+from wrt.upload.camera import motion_records
 
 FloatArray = NDArray[np.float64]
 

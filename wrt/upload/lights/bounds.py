@@ -27,7 +27,7 @@ class LightBounds:
         cos_spread: (N,) cosine of the largest angle between the axis and a normal; −1 if normals point everywhere.
         cos_falloff: (N,) cosine of the angle to the normal beyond which there is no emission; 0 for surfaces.
         two_sided: (N,) whether it also emits against its axis.
-        power: (N,) luminance of the power, W; for lights infinitely far away, that of the irradiance, W·m⁻².
+        power: (N,) luminance of the power, W, or of the irradiance, W·m⁻², for lights infinitely far away.
     """
 
     center: Array

@@ -17,8 +17,8 @@ from wrt.scene.environment import (
 )
 from wrt.scene.lights import DirectionalLight
 from wrt.scene.motion import rotation_matrix
+from wrt.upload.arrays import require_countable
 from wrt.upload.lights.environment_sampling import environment_tables
-from wrt.upload.limits import require_countable
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Weights of linear Rec. 709 RGB in luminance."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.linalg import product
+from wrt.scene.environment import image_directions
 from wrt.upload.lights.piecewise import integrals, pooled, tiles
 
 ROWS, COLUMNS = 16, 32
@@ -74,8 +75,7 @@ def environment_tables(luminance: NDArray[np.floating], image_to_world: NDArray[
 def solid_angles(height: int, width: int) -> NDArray[np.float64]:
     """Return (H, 1) solid angles of a texel in each row."""
     edges = np.cos(np.linspace(0.0, np.pi, height + 1))
-    angles: NDArray[np.float64] = (edges[:-1] - edges[1:])[:, None] * (2.0 * np.pi / width)
-    return angles
+    return np.asarray((edges[:-1] - edges[1:])[:, None] * (2.0 * np.pi / width))
 
 
 def finest_side(shape: tuple[int, ...]) -> int:
@@ -128,21 +128,17 @@ def by_normal(weights: NDArray[np.float64], image_to_world: NDArray[np.float64])
     coarse = pooled(weights, min(height, len(weights)), min(width, weights.shape[1]))
     repeats = height // len(coarse)
     fine = np.repeat(np.repeat(coarse, repeats, axis=0), repeats, axis=1) / repeats**2
-    polar = np.pi * (np.arange(height) + 0.5)[:, None] / height
-    azimuth = 2.0 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
-    sine = np.sin(polar)
-    local = [sine * np.sin(azimuth), np.cos(polar) + 0.0 * azimuth, -sine * np.cos(azimuth)]
-    directions = product(np.stack(local, axis=2), image_to_world.T)
+    directions = product(image_directions(height, width), image_to_world.T)
     normals = octahedral_nodes()
-    found = np.empty((len(normals) + 1, ROWS, COLUMNS))
+    cells = np.empty((len(normals) + 1, ROWS, COLUMNS))
     for row in range(ROWS):
         block = slice(parts * row, parts * (row + 1))
         cosines = np.einsum("nk,ijk->nij", normals, directions[block])
         softened = 0.5 * (cosines + np.sqrt(cosines * cosines + SOFTNESS * SOFTNESS))
-        seen = (softened * fine[block]).sum(axis=1)
-        found[:-1, row] = seen.reshape(len(normals), COLUMNS, parts).sum(axis=2)
-    found[-1] = pooled(weights, ROWS, COLUMNS)
-    return found
+        received = (softened * fine[block]).sum(axis=1)
+        cells[:-1, row] = received.reshape(len(normals), COLUMNS, parts).sum(axis=2)
+    cells[-1] = pooled(weights, ROWS, COLUMNS)
+    return cells
 
 
 def octahedral_nodes() -> NDArray[np.float64]:
@@ -156,6 +152,5 @@ def octahedral_nodes() -> NDArray[np.float64]:
     below = y < 0.0
     folded_x = (1.0 - np.abs(z)) * np.copysign(1.0, x)
     folded_z = (1.0 - np.abs(x)) * np.copysign(1.0, z)
-    found = np.stack([np.where(below, folded_x, x), y, np.where(below, folded_z, z)], axis=1)
-    normals: NDArray[np.float64] = found / np.linalg.norm(found, axis=1, keepdims=True)
-    return normals
+    nodes = np.stack([np.where(below, folded_x, x), y, np.where(below, folded_z, z)], axis=1)
+    return np.asarray(nodes / np.linalg.norm(nodes, axis=1, keepdims=True))

@@ -51,14 +51,12 @@ def integrals(
     j = place.astype(int)
     t = place - j
     start, end = samples[..., j], samples[..., j + 1]
-    whole = up_to[..., j] + t * start + 0.5 * t * t * (end - start)
-    found: NDArray[np.float64] = np.moveaxis(np.maximum(np.diff(whole, axis=-1), 0.0), -1, axis)
-    return found
+    at_edges = up_to[..., j] + t * start + 0.5 * t * t * (end - start)
+    return np.moveaxis(np.maximum(np.diff(at_edges, axis=-1), 0.0), -1, axis)
 
 
 def pooled(values: NDArray[np.float64], rows: int, columns: int) -> NDArray[np.float64]:
     """Return the sums over blocks of a grid, in the given number of rows and columns."""
     height, width = values.shape
     blocks = values.reshape(rows, height // rows, columns, width // columns)
-    sums: NDArray[np.float64] = blocks.sum(axis=(1, 3))
-    return sums
+    return np.asarray(blocks.sum(axis=(1, 3)))

@@ -17,12 +17,16 @@ from wrt.scene.lights import Light
 from wrt.scene.scene import Scene, Shape
 from wrt.scene.textures import ImageTexture
 from wrt.upload.accel.instancing import Layout, is_moving
+from wrt.upload.arrays import packed
 from wrt.upload.lights.bounds import LightBounds
 from wrt.upload.lights.emission import mean_emissions
 from wrt.upload.lights.environment import LUMINANCE, environment_kind, resolve_environment
 
 MOST_SOLID_LIGHTS = 64
 """Most rectangles, disks and spheres in a scene, because every ray is tested against each."""
+
+SOLID, SUN = 0, 1
+"""Values of `light_order` of `kernels/lights/shapes.py`: lights that rays can hit, and suns."""
 
 Array = NDArray[np.float64]
 
@@ -91,12 +95,12 @@ def light_table(
         texture_slots: slot of a light's texture by the number of the light in `lights`.
 
     Raises:
-        InputError: when there are more solid lights than MOST_SOLID_LIGHTS.
+        InputError: when there are more solid lights than MOST_SOLID_LIGHTS, or a light's model is not registered.
     """
-    k = current_backend().kernels("wrt.kernels.core.scene_data")
-
-    records: list[NDArray[Any]] = []
-    bounds: list[LightBounds] = []
+    backend = current_backend()
+    k = backend.kernels("wrt.kernels.core.scene_data")
+    records: list[NDArray[Any]] = [np.zeros(0, k.LightRecord.numpy_dtype())]
+    bounds = [LightBounds.of(np.zeros((0, 1, 3)), np.zeros((0, 3)), np.zeros(0))]
     first_lights = np.full(len(shapes), -1, np.int32)
     count = 0
     instances = layout.instance_numbers
@@ -109,28 +113,38 @@ def light_table(
             bounds.append(extent)
             count += len(record)
 
-    shaped = _light_shapes(lights, count, texture_slots)
-    for number, light in enumerate(lights):
-        records.append(_record(light, shaped, number))
-        bounds.append(_extent(light))
-        count += 1
+    names, orders = _light_models(lights)
+    order_of = [orders.get(name) for name in names]
+    solid_count = order_of.count(SOLID)
+    if solid_count > MOST_SOLID_LIGHTS:
+        raise InputError(
+            f"the scene has {solid_count} rectangle, disk and sphere lights, and each ray is tested against every one; "
+            f"make all but {MOST_SOLID_LIGHTS} of them shapes with an emission"
+        )
+    built_in = backend.kernels("wrt.kernels.lights.shapes").BUILT_IN
+    models = (*built_in, *sorted(set(orders) - set(built_in))) if orders else ()
+    kinds = {"point": int(k.LIGHT_POINT), "directional": int(k.LIGHT_DIRECTIONAL)}
+    kinds |= {name: backend.call("wrt.kernels.lights.shapes", "light_kind", name) for name in models}
+    shaped = sorted((i for i, order in enumerate(order_of) if order is not None), key=lambda i: orders[names[i]])
+    light_shapes = [
+        {"kind": kinds[names[i]], "light": count + i, "slot": texture_slots.get(i, -1), **(lights[i].shape() or {})}
+        for i in shaped
+    ]
+    shape_numbers = {i: {"shape": number} for number, i in enumerate(shaped)}
+    rows = [{**light.record(), **shape_numbers.get(i, {}), "kind": kinds[names[i]]} for i, light in enumerate(lights)]
+    bounds += [_extent(light) for light in lights]
     environment = -1
     if environment_flux > 0.0:
-        record = np.zeros(1, k.LightRecord.numpy_dtype())
-        record["kind"] = k.LIGHT_ENVIRONMENT
-        environment = count
-        records.append(record)
+        environment = count + len(lights)
+        rows.append({"kind": k.LIGHT_ENVIRONMENT})
         bounds.append(_far((0.0, 1.0, 0.0), environment_flux))
-    if not records:
-        records.append(np.zeros(0, k.LightRecord.numpy_dtype()))
-        bounds.append(LightBounds.of(np.zeros((0, 1, 3)), np.zeros((0, 3)), np.zeros(0)))
     joined = LightBounds.joined(bounds)
     return LightTable(
-        np.concatenate(records),
-        shaped.records,
-        shaped.models,
-        shaped.solid_count,
-        shaped.sun_count,
+        np.concatenate([*records, packed(rows, k.LightRecord)]),
+        packed(light_shapes, k.LightShape),
+        models,
+        solid_count,
+        order_of.count(SUN),
         first_lights,
         environment,
         _shares(joined),
@@ -138,76 +152,20 @@ def light_table(
     )
 
 
-@dataclass(frozen=True)
-class _LightShapes:
-    """The shapes of lights, sorted as in LightTable.
-
-    Attributes:
-        records: (S,) LightShape.
-        models: names of the models that the kernel needs.
-        kinds: values of LightRecord.kind by model name.
-        of_lights: number of a light's shape by the number of the light.
-        solid_count, sun_count: see LightTable.
-    """
-
-    records: NDArray[Any]
-    models: tuple[str, ...]
-    kinds: dict[str, int]
-    of_lights: dict[int, int]
-    solid_count: int
-    sun_count: int
-
-
-def _light_shapes(lights: list[Light], first: int, texture_slots: dict[int, int]) -> _LightShapes:
-    """Return the shapes of lights; `first` is the number of the first light in the table.
-
-    Raises:
-        InputError: when there are more solid lights than MOST_SOLID_LIGHTS, or a model is not registered.
-    """
+def _light_models(lights: list[Light]) -> tuple[list[str], dict[str, int]]:
+    """Return the name of each light's model, and the order of the models that have a shape."""
     backend = current_backend()
-    k = backend.kernels("wrt.kernels.core.scene_data")
-    models, order = {}, {}
-    for i, light in enumerate(lights):
+    names, orders = [], {}
+    for light in lights:
+        name = light.model
         if light.shape() is not None:
-            models[i] = backend.call("wrt.kernels.lights.shapes", "current_name", light.model)
+            name = backend.call("wrt.kernels.lights.shapes", "current_name", light.model)
             try:
-                order[i] = backend.call("wrt.kernels.lights.shapes", "light_order", models[i])
+                orders[name] = backend.call("wrt.kernels.lights.shapes", "light_order", name)
             except KeyError:
                 raise InputError(f"{type(light).__name__}: there is no light model {light.model!r}") from None
-    shaped = sorted(models, key=lambda i: order[i])
-    built_in = backend.kernels("wrt.kernels.lights.shapes").BUILT_IN
-    names = (*built_in, *sorted(set(models.values()) - set(built_in))) if shaped else ()
-    solid_count = sum(number == 0 for number in order.values())
-    if solid_count > MOST_SOLID_LIGHTS:
-        raise InputError(
-            f"the scene has {solid_count} rectangle, disk and sphere lights, and each ray is tested against every one; "
-            f"make all but {MOST_SOLID_LIGHTS} of them shapes with an emission"
-        )
-    kinds = {"point": int(k.LIGHT_POINT), "directional": int(k.LIGHT_DIRECTIONAL)}
-    kinds |= {name: backend.call("wrt.kernels.lights.shapes", "light_kind", name) for name in names}
-    records = np.zeros(len(shaped), k.LightShape.numpy_dtype())
-    for row, i in zip(records, shaped, strict=True):
-        row["kind"], row["light"] = kinds[models[i]], first + i
-        row["slot"] = texture_slots.get(i, -1)
-        for key, value in (lights[i].shape() or {}).items():
-            row[key] = value
-    of_lights = {i: number for number, i in enumerate(shaped)}
-    sun_count = sum(number == 1 for number in order.values())
-    return _LightShapes(records, names, kinds, of_lights, solid_count, sun_count)
-
-
-def _record(light: Light, shaped: _LightShapes, number: int) -> NDArray[Any]:
-    """Return a light's record, still without its probability."""
-    k = current_backend().kernels("wrt.kernels.core.scene_data")
-    record = np.zeros(1, k.LightRecord.numpy_dtype())
-    for key, value in light.record().items():
-        record[key] = value
-    if number in shaped.of_lights:
-        record["shape"] = shaped.of_lights[number]
-        record["kind"] = shaped.records["kind"][shaped.of_lights[number]]
-    else:
-        record["kind"] = shaped.kinds[light.model]
-    return record
+        names.append(name)
+    return names, orders
 
 
 def _shares(bounds: LightBounds) -> Array:
@@ -219,9 +177,6 @@ def _shares(bounds: LightBounds) -> Array:
             weights[group] /= total
     # If all lights are black, they still need records for the rays that hit them.
     return weights if weights.any() else np.ones_like(weights)
-
-
-# --- Each kind -------------------------------------------------------------------------------------
 
 
 def _emissive_mesh(

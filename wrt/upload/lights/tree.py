@@ -22,7 +22,7 @@ WIDTH = 8
 ROWS = 16
 """Rows of eight numbers in a node: centre x y z, half the box's sides x y z, radius (negative if two-sided), axis
 x y z, cosines of spread and falloff, sine of spread, extent from the centre along the axis, power, and the child: the
-number of a node, or −1 minus that of a light."""
+number of a node, or −1 minus the number of a light."""
 
 _BINS = 16
 _FEW_BINS = 8
@@ -87,12 +87,9 @@ def _split(lights: LightBounds) -> tuple[Indices, Indices, Indices, Indices]:
     leading = np.take_along_axis(axis, np.argmax(np.abs(axis), axis=1)[:, None], axis=1)
     axis = np.where(lights.two_sided[:, None] & (leading < 0.0), -axis, axis)
     scale = 1.0 / lights.power.max()
-    columns = _Columns(
-        [np.ascontiguousarray(lights.center[:, k]) for k in range(3)],
-        [np.ascontiguousarray(lights.half[:, k]) for k in range(3)],
-        lights.power * scale,
-        [np.ascontiguousarray(axis[:, k]) * (lights.power * scale) for k in range(3)],
-    )
+    power = lights.power * scale
+    # A light's values in a column: rows of one value are faster to gather and to sum than rows of a light.
+    columns = np.concatenate([lights.center.T, lights.half.T, axis.T * power, power[None]])
     begins, ends, lefts = [np.array([0])], [np.array([n])], []
     total = 1
     while True:
@@ -105,38 +102,20 @@ def _split(lights: LightBounds) -> tuple[Indices, Indices, Indices, Indices]:
             break
         begin, end = begin[is_open], end[is_open]
         positions, starts, node = _ranges(begin, end)
-        lights_here = order[positions]
-        to_right = _sides(columns.take(lights_here), starts, node, end - begin)
+        some = order[positions]
+        to_right = _sides(columns.take(some, axis=1), starts, node, end - begin)
         # A stable partition of all nodes at once.
         lefts_before: Indices = np.cumsum(~to_right) - ~to_right
         lefts_before = lefts_before - lefts_before[starts][node]
         left_count = np.bincount(node, ~to_right).astype(np.int64)
-        within = np.arange(len(node)) - starts[node]
-        target = np.where(to_right, left_count[node] + within - lefts_before, lefts_before)
-        order[begin[node] + target] = lights_here
+        place = np.arange(len(node)) - starts[node]
+        target = np.where(to_right, left_count[node] + place - lefts_before, lefts_before)
+        order[begin[node] + target] = some
         middle = begin + left_count
         begins.append(np.stack([begin, middle], axis=1).ravel())
         ends.append(np.stack([middle, end], axis=1).ravel())
         total += 2 * len(begin)
     return order, np.concatenate(begins), np.concatenate(ends), np.concatenate(lefts)
-
-
-@dataclass
-class _Columns:
-    """Bounds of lights in columns, which are faster to gather and to sum than rows."""
-
-    center: list[Array]
-    half: list[Array]
-    power: Array
-    axis: list[Array]  # times the power
-
-    def take(self, which: Indices) -> _Columns:
-        return _Columns(
-            [c[which] for c in self.center],
-            [h[which] for h in self.half],
-            self.power[which],
-            [a[which] for a in self.axis],
-        )
 
 
 def _ranges(begin: Indices, end: Indices) -> tuple[Indices, Indices, Indices]:
@@ -147,12 +126,13 @@ def _ranges(begin: Indices, end: Indices) -> tuple[Indices, Indices, Indices]:
     return np.arange(len(run)) - starts[run] + begin[run], starts, run
 
 
-def _sides(lights: _Columns, starts: Indices, node: Indices, counts: Indices) -> NDArray[np.bool_]:
+def _sides(columns: Array, starts: Indices, node: Indices, counts: Indices) -> NDArray[np.bool_]:
     """Return whether each light of a node goes to the right of its best split."""
+    centers = columns[:3]
     nodes = len(starts)
     bins = _BINS if len(node) > _FEW_LIGHTS * nodes else _FEW_BINS
-    low = [np.minimum.reduceat(c, starts) for c in lights.center]
-    extent = [np.maximum.reduceat(c, starts) - lo for c, lo in zip(lights.center, low, strict=True)]
+    low = [np.minimum.reduceat(c, starts) for c in centers]
+    extent = [np.maximum.reduceat(c, starts) - lo for c, lo in zip(centers, low, strict=True)]
     longest = np.maximum(np.maximum(extent[0], extent[1]), extent[2])
     best = np.full(nodes, np.inf)
     best_axis = np.full(nodes, -1)
@@ -162,9 +142,9 @@ def _sides(lights: _Columns, starts: Indices, node: Indices, counts: Indices) ->
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             scale = np.where(extent[axis] > 0.0, bins / extent[axis], 0.0)
         scale[~np.isfinite(scale)] = 0.0
-        place = np.minimum(((lights.center[axis] - low[axis][node]) * scale[node]).astype(np.int64), bins - 1)
+        place = np.minimum(((centers[axis] - low[axis][node]) * scale[node]).astype(np.int64), bins - 1)
         places.append(place)
-        cost = _split_costs(lights, node * bins + place, nodes, bins)
+        cost = _split_costs(columns, node * bins + place, nodes, bins)
         # Penalise thin slices (Conty Estevez and Kulla 2018, k_r).
         with np.errstate(divide="ignore", invalid="ignore"):
             cost *= np.where(extent[axis] > 0.0, longest / extent[axis], np.inf)[:, None]
@@ -174,45 +154,43 @@ def _sides(lights: _Columns, starts: Indices, node: Indices, counts: Indices) ->
         better = least < best
         best[better], best_axis[better], best_bin[better] = least[better], axis, split[better]
     # If all lights fall into one bin, split by order.
-    within = np.arange(len(node)) - starts[node]
-    to_right = within >= counts[node] // 2
+    to_right = np.arange(len(node)) - starts[node] >= counts[node] // 2
     for axis in range(3):
         of_axis = best_axis[node] == axis
         to_right[of_axis] = (places[axis] > best_bin[node])[of_axis]
     return to_right
 
 
-def _split_costs(lights: _Columns, key: Indices, nodes: int, bins: int) -> Array:
+def _split_costs(columns: Array, key: Indices, nodes: int, bins: int) -> Array:
     """Return (nodes, bins − 1) costs of splits after each bin, infinite if a side is empty.
 
     This is the surface area orientation heuristic: power times area times solid angle, summed over both sides. The
-    area is that of the sphere around the box, as in the importance. The solid angle is that of the cone of normals with
+    area belongs to the sphere around the box, as in the importance. The solid angle belongs to the cone of normals with
     a hemisphere about each (Conty Estevez and Kulla 2018, M_Ω). For normals uniform in a cone it is π (4 − 3 R⁴) within
     7 %, where R is the length of their mean, which can be summed over bins, unlike cones.
     """
-    size = nodes * bins
+    size, (centers, halves, axes) = nodes * bins, np.split(columns[:9], 3)
 
     def summed(values: Array | None) -> Array:
         return np.bincount(key, values, size).reshape(nodes, bins).astype(np.float64)
 
-    def both(values: Array, accumulate: np.ufunc) -> tuple[Array, Array]:
-        left = accumulate.accumulate(values, axis=1)[:, :-1]
-        right = accumulate.accumulate(values[:, ::-1], axis=1)[:, ::-1][:, 1:]
-        return left, right
+    def of_sides(values: Array, accumulate: np.ufunc) -> tuple[Array, Array]:
+        """Accumulate bins from the left and from the right."""
+        from_right = accumulate.accumulate(values[:, ::-1], axis=1)[:, ::-1]
+        return accumulate.accumulate(values, axis=1)[:, :-1], from_right[:, 1:]
 
-    count = both(summed(None), np.add)
-    power = both(summed(lights.power), np.add)
-    length2 = [np.zeros((nodes, bins - 1)) for _ in range(2)]
-    diagonal2 = [np.zeros((nodes, bins - 1)) for _ in range(2)]
-    for k in range(3):
-        axes = both(summed(lights.axis[k]), np.add)
+    count = of_sides(summed(None), np.add)
+    power = of_sides(summed(columns[9]), np.add)
+    length2, diagonal2 = ([np.zeros((nodes, bins - 1)) for _ in range(2)] for _ in range(2))
+    for center, half, axis in zip(centers, halves, axes, strict=True):
+        axis_sums = of_sides(summed(axis), np.add)
         low, high = np.full(size, np.inf), np.full(size, -np.inf)
-        np.minimum.at(low, key, lights.center[k] - lights.half[k])
-        np.maximum.at(high, key, lights.center[k] + lights.half[k])
-        lows = both(low.reshape(nodes, bins), np.minimum)
-        highs = both(high.reshape(nodes, bins), np.maximum)
+        np.minimum.at(low, key, center - half)
+        np.maximum.at(high, key, center + half)
+        lows = of_sides(low.reshape(nodes, bins), np.minimum)
+        highs = of_sides(high.reshape(nodes, bins), np.maximum)
         for side in range(2):
-            length2[side] += axes[side] ** 2
+            length2[side] += axis_sums[side] ** 2
             with np.errstate(invalid="ignore", over="ignore"):
                 diagonal2[side] += (highs[side] - lows[side]) ** 2
     cost = np.zeros((nodes, bins - 1))
@@ -283,11 +261,11 @@ def _children(frontier: Indices, begin: Indices, end: Indices, left: Indices, po
     slots[rows, 0] = left[frontier[rows]]
     slots[rows, 1] = slots[rows, 0] + 1
     for used in range(2, WIDTH):
-        here = slots[rows, :used]
-        openable = np.where(left[here] >= 0, power[here], 0.0)
+        nodes = slots[rows, :used]
+        openable = np.where(left[nodes] >= 0, power[nodes], 0.0)
         widest = np.argmax(openable, axis=1)
-        kept = openable[np.arange(len(rows)), widest] > 0.0
-        rows, widest = rows[kept], widest[kept]
+        is_open = openable[np.arange(len(rows)), widest] > 0.0
+        rows, widest = rows[is_open], widest[is_open]
         child = left[slots[rows, widest]]
         slots[rows, widest] = child
         slots[rows, used] = child + 1
@@ -335,7 +313,7 @@ def _bounds_of_ranges(lights: LightBounds, begin: Indices, end: Indices) -> Arra
             cos_spread[:, None],
             np.minimum.reduceat(below.cos_falloff, starts)[:, None] - _ROUNDING,
             np.sqrt(1.0 - cos_spread**2)[:, None],
-            # If normals differ, the extent cannot tell whether a point lies behind the lights.
+            # If normals differ, a point beyond the extent may still be in front of some lights.
             np.where(spread < _FLAT, depth * (1.0 + 1e-6) + slack, np.inf)[:, None],
             np.add.reduceat(below.power, starts)[:, None],
         ],

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend.device import Device
-from wrt.upload.limits import require_countable
-from wrt.upload.tables.albedo import reflection_table
+from wrt.upload.arrays import require_countable
+from wrt.upload.tables.albedo import dielectric_table, dispersive_table, reflection_table
 from wrt.upload.tables.coat import coat_table
-from wrt.upload.tables.dielectric import dielectric_table, dispersive_table
 from wrt.upload.tables.measured import measured_table
 
 TableKey = tuple[Hashable, ...]
@@ -32,14 +31,15 @@ _FORGOTTEN = ("measured",)
 _made: dict[tuple[TableKey, str], NDArray[np.float32]] = {}
 
 
-def table(key: TableKey, device: Device) -> NDArray[np.float32]:
+def _table(key: TableKey, device: Device) -> NDArray[np.float32]:
     """Return the table of a key; of most kinds it is computed on the device the first time only."""
-    if key[0] in _FORGOTTEN:
-        return MAKERS[str(key[0])](*key[1:], device)
     place = (key, device.name)
-    if place not in _made:
-        _made[place] = MAKERS[str(key[0])](*key[1:], device)
-    return _made[place]
+    if place in _made:
+        return _made[place]
+    table = MAKERS[str(key[0])](*key[1:], device)
+    if key[0] not in _FORGOTTEN:
+        _made[place] = table
+    return table
 
 
 def pack_tables(keys: Iterable[TableKey | None], device: Device) -> tuple[NDArray[np.float32], dict[TableKey, int]]:
@@ -50,7 +50,7 @@ def pack_tables(keys: Iterable[TableKey | None], device: Device) -> tuple[NDArra
     for key in keys:
         if key is not None and key not in places:
             places[key] = size
-            parts.append(table(key, device))
+            parts.append(_table(key, device))
             size += len(parts[-1])
             require_countable(size, "numbers in the tables of the scene's materials")
     return np.concatenate(parts), places

@@ -10,17 +10,14 @@ from wrt.scene.materials.measured import Measurement
 
 
 def measured_table(measurement: Measurement, device: Device) -> NDArray[np.float32]:
-    """Return the tables of a measurement as one array, with the integrals that sampling needs.
-
-    Nothing is computed on the device.
-    """
+    """Return the tables of a measurement as one array, with the integrals that sampling needs."""
     m = measurement
     sizes = (
         *(m.is_isotropic, m.reduction, m.jacobian, len(m.phi_i), len(m.theta_i)),
         *(*m.ndf.shape[::-1], *m.sigma.shape[::-1], *m.vndf.shape[:1:-1], m.luminance.shape[2]),
     )
-    given = (np.array(sizes, np.float32), m.phi_i, m.theta_i, m.ndf, m.sigma)
-    parts = (*given, *_with_integrals(m.vndf), *_with_integrals(m.luminance), np.moveaxis(m.rgb, 2, -1))
+    plain = (np.array(sizes, np.float32), m.phi_i, m.theta_i, m.ndf, m.sigma)
+    parts = (*plain, *_with_integrals(m.vndf), *_with_integrals(m.luminance), np.moveaxis(m.rgb, 2, -1))
     return np.concatenate([np.ravel(part) for part in parts])
 
 
@@ -33,9 +30,9 @@ def _with_integrals(density: NDArray[np.float32]) -> tuple[NDArray[np.float32], 
     values[~values.any(axis=(2, 3))] = 1.0
     columns = _integrals(values)
     rows = _integrals(columns[..., -1])
-    whole = rows[..., -1:]
-    found = values / whole[..., None], columns / whole[..., None], rows / whole
-    return tuple(part.astype(np.float32) for part in found)
+    total = rows[..., -1:]
+    parts = values / total[..., None], columns / total[..., None], rows / total
+    return tuple(part.astype(np.float32) for part in parts)
 
 
 def _integrals(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,11 +1,18 @@
-"""Mip pyramids."""
+"""Mip pyramids of images, and of the slopes of normal maps."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.scene.textures import NormalMap
+
 FloatArray = NDArray[np.float32]
+
+STEEPEST = 50.0
+"""Limit of slopes, at 89 degrees: a normal in the surface has an infinite slope."""
 
 
 def pyramid(pixels: FloatArray) -> list[FloatArray]:
@@ -37,4 +44,63 @@ def _resized(pixels: FloatArray, axis: int, size: int) -> FloatArray:
     whole = np.minimum(edges.astype(int), old - 1)
     at_edges = integral[whole] + (edges - whole)[:, None, None] * first[whole]
     result: FloatArray = np.moveaxis(np.diff(at_edges, axis=0) * (size / old), 0, axis).astype(np.float32)
+    return result
+
+
+# --- Normal maps -----------------------------------------------------------------------------------
+
+
+def normals_of(normal_map: NormalMap) -> FloatArray:
+    """Return (H, W, 3) normals in tangent space, not of unit length: 2c − 1, x and y scaled (glTF 2.0, 3.9.3).
+
+    Of a map of heights, return these, three times.
+    """
+    pixels = np.asarray(normal_map.pixels, np.float32)
+    if normal_map.heights:
+        return np.repeat(pixels[..., :1] * np.float32(normal_map.scale), 3, axis=2)
+    normals: FloatArray = np.float32(2.0) * pixels - np.float32(1.0)
+    normals[..., :2] *= np.float32(normal_map.scale)
+    steep = np.hypot(normals[..., 0], normals[..., 1]) / np.float32(STEEPEST)
+    normals[..., 2] = np.maximum(normals[..., 2], np.maximum(steep, np.float32(1e-3)))
+    return normals
+
+
+def slope_pyramid(normals: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield, from fine to coarse, mean slopes (H, W, 3) as (x, y, 0) and means of their products (xx, yy, xy).
+
+    The moments are those of Olano and Baker (2010), "LEAN mapping", section 3. The average is over the interpolated
+    surface of `kernels/textures/textures.py`, not over texels: its slopes vary less.
+    """
+    means, products = _texel_moments(normals)
+    yield means, products
+    while means.shape[:2] != (1, 1):
+        means, products = halved(means), halved(products)
+        yield means, products
+
+
+def _texel_moments(normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the moments over the square of each texel, with two Gauss points in each half of a side.
+
+    Normals are bilinear within a quarter of the square, so the rule is exact for small slopes.
+    """
+    node = 0.25 / np.sqrt(3.0)
+    places = [side * (0.25 + offset) for side in (-1, 1) for offset in (-node, node)]
+    means, products = np.zeros_like(normals), np.zeros_like(normals)
+    for y in places:
+        row = _shifted(normals, y, 0)
+        for x in places:
+            n = _shifted(row, x, 1)
+            a, b = n[..., 0] / n[..., 2], n[..., 1] / n[..., 2]
+            means[..., 0] += a
+            means[..., 1] += b
+            products[..., 0] += a * a
+            products[..., 1] += b * b
+            products[..., 2] += a * b
+    return means / np.float32(len(places) ** 2), products / np.float32(len(places) ** 2)
+
+
+def _shifted(pixels: FloatArray, place: float, axis: int) -> FloatArray:
+    """Interpolate a repeating image at an offset of `place` texels along an axis, at most 1/2."""
+    neighbour = np.roll(pixels, -1 if place > 0.0 else 1, axis)
+    result: FloatArray = pixels + (neighbour - pixels) * np.float32(abs(place))
     return result

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.scene.srgb import of_codes
-from wrt.upload.limits import require_countable
+from wrt.upload.arrays import require_countable
 
 FloatArray = NDArray[np.float32]
 Codes = NDArray[np.uint8]

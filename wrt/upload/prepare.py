@@ -1,0 +1,204 @@
+"""Check a scene and prepare its upload: shapes sorted into trees, lights, and materials as tables."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from wrt.errors import InputError, warn
+from wrt.linalg import norm
+from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.lights import Light
+from wrt.scene.materials import Material
+from wrt.scene.mesh import LARGEST, SMALLEST, Mesh, box_around
+from wrt.scene.motion import Motion
+from wrt.scene.scene import Scene, Shape
+from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
+from wrt.upload.accel.instancing import Layout, lay_out
+from wrt.upload.lights.environment import resolve_environment
+from wrt.upload.lights.table import texture_of
+from wrt.upload.materials import MaterialTable, describe_materials
+
+UP_TO_ONE = frozenset(
+    ["reflectance", "base_color", "specular_reflectance", "specular_transmittance", "sheen_color", "opacity", "weight"]
+)
+"""Attributes of materials that constants of at most 1 may have."""
+
+TOLERANCE = 1e-3
+"""Vertex colours may exceed 1 by what rounding adds; 16-bit floats near 1 are half as far apart."""
+
+VISIBLE = 1.01
+"""Images of files may exceed 1 by this factor without a warning: resampling overshoots."""
+
+
+class PreparedScene(NamedTuple):
+    """A scene as the upload takes it.
+
+    Attributes:
+        scene: the scene, in which exact shapes that kernels cannot meet as such are triangles.
+        layout: its shapes, sorted into trees.
+        exact: which exact shapes it has, as `Features.exact` names them.
+        environment: the environment as kernels have it.
+        lights: the lights without triangles.
+        textures: the textures of those, by their numbers.
+        materials: its materials.
+    """
+
+    scene: Scene
+    layout: Layout
+    exact: str
+    environment: ConstantEnvironment | ImageEnvironment | None
+    lights: list[Light]
+    textures: dict[int, ImageTexture]
+    materials: MaterialTable
+
+
+def prepare_scene(scene: Scene) -> PreparedScene:
+    """Check a scene and prepare its upload; raise InputError as `build_scene` does."""
+    if not scene.shapes:
+        raise InputError("the scene has no shapes to render")
+    _check_sizes(scene)
+    check_attributes(scene.shapes)
+    scene = _with_exact_shapes(scene)
+    layout = lay_out(scene)
+    exact = _mark_exact(layout)
+    environment, sky_lights = resolve_environment(scene.environment)
+    lights = [*scene.lights, *sky_lights]
+    textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
+    materials = describe_materials(
+        [shape.material for shape in scene.shapes],
+        [*(shape.emission for shape in scene.shapes), *textures.values()],
+    )
+    return PreparedScene(scene, layout, exact, environment, lights, textures, materials)
+
+
+def _check_sizes(scene: Scene) -> None:
+    """Raise InputError when static meshes are too large or too small for rays."""
+    meshes = {id(shape.mesh): shape for shape in scene.shapes if shape.transform is None and shape.deformation is None}
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for shape in meshes.values():
+        bounds = shape.mesh.bounds
+        reach = float(np.abs(bounds).max())
+        if not reach <= LARGEST:
+            raise InputError(f"{shape.name}: its vertices reach to {reach:g}; rays reach to {LARGEST:g}; scale it down")
+        low, high = np.minimum(low, bounds[0]), np.maximum(high, bounds[1])
+    size = norm(high - low) if len(meshes) == len(scene.shapes) else np.inf
+    if size < SMALLEST:
+        what = f"the scene is {size:g} across" if size else "all vertices of the scene are in one place"
+        raise InputError(f"{what}; rays need a size of {SMALLEST:g} at least; scale it up")
+
+
+# --- Attributes that materials read ----------------------------------------------------------------
+
+
+def check_attributes(shapes: Iterable[Shape]) -> None:
+    """Check the vertex attributes and images of shapes.
+
+    Warns of images on meshes without texture coordinates, and of images that reflect more than all light.
+
+    Raises:
+        InputError: where vertex colours that a material reads are not from 0 to 1, or emitted ones are below 0.
+    """
+    bright: set[int] = set()
+    varying: dict[int, list[tuple[str, object]]] = {}  # of materials, since many shapes share one
+    alike = {(id(shape.mesh), id(shape.material), id(shape.emission)): shape for shape in shapes}  # instances are many
+    for shape in alike.values():
+        if id(shape.material) not in varying:
+            varying[id(shape.material)] = [*_varying(shape.material)]
+        values = varying[id(shape.material)]
+        for name, value in values:
+            if isinstance(value, VertexColor) and name in UP_TO_ONE:
+                _check_colors(shape, value)
+            elif isinstance(value, ImageTexture) and name in UP_TO_ONE and id(value) not in bright:
+                bright.add(id(value))
+                most = float(value.pixels.max()) * max(value.factor)  # type: ignore[arg-type]
+                if most > VISIBLE:
+                    warn(f"texture {value.name}: as {name} it must be at most 1, but it reaches {most:g}")
+        if isinstance(shape.emission, VertexColor) and (low := _range(shape, shape.emission)[0]) < 0.0:
+            raise InputError(f"{shape.name}: vertex colors that shine must be at least 0, not {low:g}")
+        read = (*(value for _, value in values), shape.emission)
+        if shape.mesh.uvs is None and any(isinstance(value, (ImageTexture, NormalMap)) for value in read):
+            warn(f"{shape.name}: its material has an image, but its mesh no texture coordinates; it shows one texel")
+
+
+def _varying(material: Material) -> Iterator[tuple[str, object]]:
+    """Yield the names and values of those attributes of a material, and of its parts, that vary over a surface."""
+    for field in dataclasses.fields(material):
+        value = getattr(material, field.name)
+        if isinstance(value, (ImageTexture, NormalMap, VertexColor)):
+            yield field.name, value
+    for part in material.parts:
+        yield from _varying(part)
+
+
+def _range(shape: Shape, value: VertexColor) -> tuple[float, float]:
+    """Return the least and the greatest number that a value reads of vertex colours; a mesh without any is white."""
+    colors = shape.mesh.colors
+    if colors is None or (value.alpha and colors.shape[1] < 4):
+        return 1.0, 1.0
+    bounds = box_around(colors)
+    read = bounds[:, 3:] if value.alpha else bounds[:, :3] * np.asarray(value.factor)
+    return float(read.min()), float(read.max())
+
+
+def _check_colors(shape: Shape, value: VertexColor) -> None:
+    """Raise InputError unless the vertex colours that a value reads are from 0 to 1."""
+    low, high = _range(shape, value)
+    if low < 0.0 or high > 1.0 + TOLERANCE:
+        raise InputError(f"{shape.name}: vertex colors must be linear, from 0 to 1; they are from {low:g} to {high:g}")
+
+
+# --- Exact shapes ----------------------------------------------------------------------------------
+
+
+def _with_exact_shapes(scene: Scene) -> Scene:
+    """Return a scene in which exact shapes whose transform does not keep them are triangles."""
+    cut: dict[int, Mesh] = {}
+
+    def tessellated_if_needed(shape: Shape) -> Shape:
+        if not isinstance(shape.mesh, Analytic) or shape.transform is None:
+            return shape
+        motion = shape.transform
+        if shape.mesh.keeps(motion.transforms if isinstance(motion, Motion) else motion[None]):
+            return shape
+        mesh = cut.setdefault(id(shape.mesh), shape.mesh.tessellated())
+        return dataclasses.replace(shape, mesh=mesh)
+
+    shapes = [tessellated_if_needed(shape) for shape in scene.shapes]
+    return dataclasses.replace(scene, shapes=shapes) if cut else scene
+
+
+def _mark_exact(layout: Layout) -> str:
+    """Return which exact shapes a layout has, as `Features.exact` names them.
+
+    See to it that no triangle is taken for one: a triangle whose third corner is its first is never hit; where there
+    are exact shapes, its second becomes the same.
+    """
+    shared = [key for mesh in layout.shared for key in mesh.keys]
+    exact = [mesh for mesh in (*layout.world_meshes, *shared) if isinstance(mesh, Analytic)]
+    if not exact:
+        return "none"
+    layout.world_meshes[:] = [_without_needles([mesh])[0] for mesh in layout.world_meshes]
+    for each in layout.shared:
+        each.keys = _without_needles(each.keys)
+    return "quadrics" if any(isinstance(mesh, Quadrics) for mesh in exact) else "spheres"
+
+
+def _without_needles(keys: list[Mesh]) -> list[Mesh]:
+    """Return meshes of the same faces, without triangles whose third corner is their first, as exact shapes have."""
+    if isinstance(keys[0], Analytic):
+        return keys
+    faces = keys[0].faces
+    found = np.zeros(len(faces), bool)
+    for mesh in keys:
+        found |= (mesh.vertices[faces[:, 0]] == mesh.vertices[faces[:, 2]]).all(axis=1)
+    if not found.any():
+        return keys
+    faces = faces.copy()
+    faces[found] = faces[found][:, :1]
+    return [dataclasses.replace(mesh, faces=faces) for mesh in keys]
