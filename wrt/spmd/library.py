@@ -26,7 +26,7 @@ def fill(template: str, **values: str) -> str:
 
 
 _WIDE = {
-    "_make_in_one_tree__locals__traverse": "closest_hit",
+    "_in_one_tree__locals__traverse": "closest_hit",
     "_sample_tree": "sample_light_tree",
     "reverse_bits": "reverse_bits",
     "further_dimension": "further_dimension",
