@@ -114,7 +114,7 @@ from pathlib import Path
 
 renderer = renderer_with(1)
 guides = renderer.denoising_guides()["albedo"]
-list(renderer.passes(noise=0.2, adaptive="unbiased", spp=8))
+list(renderer.passes(noise=0.2, adaptive=True, spp=8))
 camera = wrt.PerspectiveCamera(origin=(0.3, 1.0, 3.9), target=(0.0, 1.0, 0.0), fov_degrees=39)
 renderer.set_camera(camera)
 list(renderer.passes(spp=2))

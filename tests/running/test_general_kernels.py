@@ -90,7 +90,7 @@ def test_long_renders_request_one_that_covers_the_scene(monkeypatch: pytest.Monk
     requested: list[tuple[Features, int]] = []
     monkeypatch.setattr(later, "request", lambda features, lanes: requested.append((features, lanes)))
     monkeypatch.setattr(render_kernel, "is_compiled", lambda *_: False)
-    monkeypatch.setattr(WideKernel, "prepare", lambda *_: None)
+    monkeypatch.setattr(WideKernel, "prepare", lambda *_, **__: None)
     monkeypatch.setattr(render_kernel, "lanes_here", lambda: 16)
     renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
     for seconds, expected in (0.0, 0), (9.0, 1):

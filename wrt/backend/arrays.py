@@ -204,7 +204,7 @@ def numpy_type(dtype: Any) -> Any:
     """Return the NumPy type of a struct's layout, of `int` or `float` (32 bits), or of a type of a Field."""
     if isinstance(dtype, Layout):
         return dtype.numpy
-    if dtype in (int, float):
+    if dtype is int or dtype is float:  # NumPy's types of 64 bits are equal to these
         return np.dtype("int32" if dtype is int else "float32")
     if dtype == "array":
         return HEADER

@@ -340,20 +340,22 @@ class Backend:
 
     def sums_before(self, counts: Any) -> Any:
         """Return the exclusive prefix sums of an array."""
-        if isinstance(counts, Array):
-            return self.array(np.cumsum(counts.rows, dtype=counts.rows.dtype) - counts.rows, counts.dtype)
-        with on_device(counts.device):
-            sums = self._wp.empty_like(counts)
+        sums = self.clone(counts)
         self.sum_before(counts, sums)
         return sums
 
     def sum_before(self, counts: Any, sums_out: Any) -> None:
-        """Write the exclusive prefix sums of an array of a GPU."""
+        """Write the exclusive prefix sums of an array."""
+        if isinstance(counts, Array):
+            sums_out.fill_(np.cumsum(counts.rows, dtype=counts.rows.dtype) - counts.rows)
+            return
         with on_device(counts.device):
             self._wp.utils.array_scan(counts, sums_out, inclusive=False)
 
     def total(self, values: Any) -> float:
-        """Return the sum of an array of a GPU of floats that are not negative."""
+        """Return the sum of an array of floats that are not negative."""
+        if isinstance(values, Array):
+            return float(values.rows.sum(dtype=np.float64))
         with on_device(values.device):
             sum_out = self._wp.array([_NO_SUM], dtype=float, device=values.device)
             self._wp.utils.array_sum(values, out=sum_out)

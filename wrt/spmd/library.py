@@ -18,7 +18,7 @@ def library(lanes: int, *, exact: str = "") -> str:
 
 
 _WIDE = {
-    "_make_in_one_tree__locals__traverse": "closest_hit",
+    "_in_one_tree__locals__traverse": "closest_hit",
     "_sample_tree": "sample_light_tree",
     "reverse_bits": "reverse_bits",
     "further_dimension": "further_dimension",
