@@ -82,7 +82,7 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     elements = fields.get("metadata", {}).get("_ply_raw", {})
     if b"format ascii" in data[: data.find(b"end_header")]:
         _check_text_is_complete(path, elements)
-    strips = strips_of(elements)
+    strips = _strips_of(elements)
     if len(strips):
         faces = np.asarray(fields.get("faces", np.zeros((0, 3), np.int64)))
         fields["faces"] = np.concatenate([faces, strips]) if faces.shape[1:] == (3,) else strips
@@ -107,7 +107,7 @@ def _check_text_is_complete(path: Path, elements: dict[str, Any]) -> None:
             raise InputError(f"{path}: {len(first)} of {element['length']} {name!r} rows are there; it is truncated")
 
 
-def strips_of(elements: dict[str, Any]) -> NDArray[np.int64]:
+def _strips_of(elements: dict[str, Any]) -> NDArray[np.int64]:
     """Return (T, 3) triangles of the element that programs of Stanford's school write instead of faces."""
     data = elements.get("tristrips", {}).get("data")
     if isinstance(data, np.ndarray):  # binary: records of a count and that many indices
