@@ -61,12 +61,9 @@ GROUPS: dict[str, str] = {
 
 INTERNAL_MEMBERS = {
     "arguments_for",
-    "built_features",
     "has_updated_vertices",
     "restore",
     "share",
-    "trace_film",
-    "uploaded_features",
     "with_backend",
 }
 """Members without an underscore that only wrt itself calls."""

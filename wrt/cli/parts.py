@@ -39,8 +39,8 @@ def render_part(options: RenderOptions) -> int:
 def _render(options: RenderOptions, interrupts: Interrupts) -> int:
     from wrt.io.images import OUTPUT_SUFFIXES
     from wrt.io.safe_write import require_writable
-    from wrt.parts.part import PART, Part, default_name
-    from wrt.parts.render import render_part as render
+    from wrt.rendering.part import PART, Part, default_name
+    from wrt.rendering.part import render_part as render
 
     started = time.monotonic()
     assert options.part is not None
@@ -113,8 +113,8 @@ def _merge(
 
     from wrt.io.images import check_output
     from wrt.io.safe_write import require_writable
-    from wrt.parts.merge import merge as merge_parts
     from wrt.rendering.checkpoint import CHECKPOINT
+    from wrt.rendering.merge import merge as merge_parts
     from wrt.rendering.picture import check_contents
 
     picture = check_output(output, force=force)

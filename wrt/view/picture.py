@@ -18,7 +18,7 @@ from wrt.develop.picture import develop_image
 from wrt.develop.settings import TONES, Exposure, check_exposure
 from wrt.develop.tones import CURVES
 from wrt.errors import InputError
-from wrt.rendering.layer_colors import layer_colors
+from wrt.rendering.picture import layer_colors
 from wrt.rendering.renderer import Renderer
 from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import srgb_from_linear
