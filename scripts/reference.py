@@ -62,15 +62,11 @@ GROUPS: dict[str, str] = {
 
 INTERNAL_MEMBERS = {
     "arguments_for",
-    "built_features",
     "check",
-    "estimate_noise",
     "has_updated_vertices",
     "require_own_tone",
     "restore",
     "share",
-    "trace_film",
-    "uploaded_features",
     "with_backend",
 }
 """Members without an underscore that only wrt itself calls."""

@@ -12,7 +12,7 @@ import pytest
 
 import wrt
 from wrt.cli import main
-from wrt.parts.merge import merge
+from wrt.rendering.merge import merge
 
 
 @pytest.fixture(scope="module")

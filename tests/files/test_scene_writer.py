@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.rendering.fingerprint import scene_fingerprint
+from wrt.rendering.checkpoint import scene_fingerprint
 from wrt.scene.environment import SphericalHarmonicsEnvironment, SunSkyEnvironment
 from wrt.scene.materials import MATERIALS
 from wrt.scene.medium import Medium

@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT
 
 import wrt
-from wrt.rendering.fingerprint import scene_fingerprint
+from wrt.rendering.checkpoint import scene_fingerprint
 
 ENCODINGS = {
     "utf-8": codecs.BOM_UTF8,

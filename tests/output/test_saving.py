@@ -96,7 +96,7 @@ def test_an_error_in_a_pass_and_another_in_saving_are_one_line(after_passes, mon
     ("function", "options"),
     [
         ("wrt.rendering.render_kernel.RenderKernel.launch", ("-o", "a.png")),
-        ("wrt.parts.render.render_windows", ("--part", "1/2", "-o", "a.wrt")),
+        ("wrt.rendering.part.render_part", ("--part", "1/2", "-o", "a.wrt")),
     ],
     ids=["before the first sample", "in a part"],
 )

@@ -7,7 +7,7 @@ not match is compiled again.
 Kernels are compiled in this process's work folder, which is checked for free space first, because LLVM ends the process
 when the disk is full. The files are then copied into the cache: the old digests are removed first, and the new ones
 come last, so that a reader finds no digests while another process writes. One process at a time compiles a module; one
-that waits for the lock in vain keeps its build to itself.
+that does not get the lock in time keeps its build to itself.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def state(binary: Path, meta: Path | None = None) -> State:
     try:
         expected = Path(f"{binary}{DIGEST}").read_bytes().split(b" ")
         found = [digest(path.read_bytes()) for path in (binary, meta) if path is not None]
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return State.UNKNOWN
     except OSError:
         return State.DAMAGED

@@ -192,8 +192,7 @@ class AnimationRender:
         """Return everything that the frames depend on, by name."""
         import hashlib
 
-        from wrt.rendering.checkpoint import identity_of
-        from wrt.rendering.fingerprint import scene_fingerprint
+        from wrt.rendering.checkpoint import identity_of, scene_fingerprint
 
         options = self._options
         identity = identity_of(renderer)

@@ -32,8 +32,8 @@ def render_part(interrupts: Interrupts, options: RenderOptions, number: int, of:
     """Render part `number` of `of` of one input's picture; return the exit status."""
     from wrt.io.images import OUTPUT_SUFFIXES
     from wrt.io.safe_write import require_writable
-    from wrt.parts.part import PART, Part, default_name
-    from wrt.parts.render import render_part as render
+    from wrt.rendering.part import PART, Part, default_name
+    from wrt.rendering.part import render_part as render
 
     interrupts.unfinished = "the part was not written"
     started = time.monotonic()
@@ -96,8 +96,8 @@ def merge(
 
     from wrt.io.images import check_output
     from wrt.io.safe_write import require_writable
-    from wrt.parts.merge import merge as merge_parts
     from wrt.rendering.checkpoint import CHECKPOINT
+    from wrt.rendering.merge import merge as merge_parts
     from wrt.rendering.picture import check_contents
 
     interrupts.unfinished = f"{output} was not written"

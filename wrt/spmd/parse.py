@@ -157,8 +157,8 @@ def _builtin(parser: _Parser, name: str, arguments: str) -> ir.Expression:
     return ir.Builtin(_CONVERSIONS.get(name, name), parser.operands(arguments))
 
 
-def _operation(parser: _Parser, left: str, operator: str, right: str) -> ir.Expression:
-    return ir.Operation(operator, parser.variables[left], parser.variables[right])
+def _operation(parser: _Parser, a: str, operator: str, b: str) -> ir.Expression:
+    return ir.Operation(operator, parser.variables[a], parser.variables[b])
 
 
 def _compiled(table: dict[str, Any]) -> list[tuple[re.Pattern[str], Callable[..., Any]]]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wrt.develop.exposure import peak, stops
 from wrt.develop.picture import develop_image
 from wrt.develop.tones import CURVES
-from wrt.rendering.layer_colors import layer_colors
+from wrt.rendering.picture import layer_colors
 from wrt.rendering.renderer import Renderer
 from wrt.scene.srgb import srgb_from_linear
 from wrt.view.controls import Look

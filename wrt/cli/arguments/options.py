@@ -108,12 +108,6 @@ SPECIAL: dict[str, dict[str, Any]] = {
         "default": None,
         "help": "let parts of the picture that reach --noise stop before the others; slightly biased",
     },
-    "--adaptive-unbiased": {
-        "action": "store_const",
-        "const": "unbiased",
-        "dest": "adaptive",
-        "help": "the same without bias: a sparse second render decides which parts stop",
-    },
     "--frame": {
         "action": argparse.BooleanOptionalAction,
         "help": "ignore the input's camera and frame the scene; --no-frame keeps a camera that shows a mesh small",
@@ -274,7 +268,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     render = command(
         "render",
-        f"INPUT --output --spp --time --noise --adaptive --adaptive-unbiased --denoise {STUDIO} --device --threads "
+        f"INPUT --output --spp --time --noise --adaptive --denoise {STUDIO} --device --threads "
         f"--dask --seed --max-depth {INTEGRATION} --tone --exposure --turntable --frames --fps --part --checkpoint "
         f"--resume --save-every --force --quiet --json {READING}",
         "render scenes and meshes to pictures",
