@@ -22,7 +22,7 @@ from wrt.io.gltf.materials import GltfMaterials
 from wrt.io.gltf.scene import cameras_of, lights_of
 from wrt.io.mesh.mtl import MtlMaterials
 from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed
-from wrt.io.mesh.sidecars import COLOR_MAP, Sidecars
+from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
 from wrt.scene.normals import corner_weighted_normals
@@ -165,10 +165,10 @@ class _Reader:
             return self._physical.dressed(part, number)
         if isinstance(material, SimpleMaterial):
             if statements := self._statements(material):
-                laid, colored = part.uvs is not None, part.colors is not None
+                has_uvs, has_colors = part.uvs is not None, part.colors is not None
                 # Several materials may have the same name.
                 key = f"{material.name} {id(material)}"
-                part.material = self._simple.material(key, statements, laid=laid, colored=colored)
+                part.material = self._simple.material(key, statements, has_uvs=has_uvs, has_colors=has_colors)
         elif material is not None:
             warn(f"{self._name}: a {type(material).__name__} of {part.name!r} is left out: unknown type of material")
         return part
@@ -211,7 +211,7 @@ class _Reader:
         if "ns" in statements or material.glossiness != 1.0:  # 1 is the default
             statements["ns"] = material.glossiness
         if material.image is not None and not is_stand_in(material.image):
-            statements[COLOR_MAP] = [self._label(material.image)]
+            statements["map_kd"] = [self._label(material.image)]
         return statements
 
     def _label(self, image: Any) -> str:
