@@ -137,7 +137,7 @@ def is_marked(text: str) -> bool:
 
 
 def test_mistakes_are_marked(report: Any) -> None:
-    """All but those that take reading other files, or several keys at a time."""
+    """Except where other files, or several keys at a time, must be read."""
     unmarked = {text: message for text, message in MISTAKES.items() if not is_marked(text) and "0" * 400 not in text}
     report("mistakes that the schema marks", f"{len(MISTAKES) - len(unmarked)} of {len(MISTAKES)}")
     assert [m for m in unmarked.values() if not SEEN_BY_THE_READER_ALONE.search(m)] == []

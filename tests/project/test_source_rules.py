@@ -129,7 +129,7 @@ def test_imports_run_one_way(part: str) -> None:
 
 
 def circles(graph: dict[str, set[str]]) -> list[str]:
-    """Return the nodes on circles or between them, by removing nodes without a source or a target until none is."""
+    """Return the nodes on circles or between them: what remains without first and last nodes."""
     nodes = set(graph)
     while True:
         targets = {target for node in nodes for target in graph[node]}

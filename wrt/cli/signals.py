@@ -52,7 +52,7 @@ class Interrupts:
         self._pipe: tuple[int, int] | None = None
 
     def rearm(self, unfinished: str) -> None:
-        """Begin another piece of work, of which there is nothing to save yet."""
+        """Begin another piece of work, which has nothing to save yet."""
         self.unfinished, self.worth_saving = unfinished, False
         self._armed, self._done = True, False
 

@@ -36,7 +36,7 @@ def report(
         renderer: the renderer.
         output: the file that was written.
         line: the parts of the line of text after the file's name; empty ones are left out.
-        values: the values of the line of JSON besides those that every render has.
+        values: further values of the line of JSON.
     """
     if not options.quiet:
         warn("  ".join(part for part in (one_line(str(output)), *line) if part))

@@ -117,8 +117,8 @@ def _answer(request: Request, token: str, port: int) -> Response | None:
         return _response(http.HTTPStatus.OK, (resources.files("wrt.view") / "page" / name).read_bytes(), kind)
     if address.path != "/live":
         return _response(http.HTTPStatus.NOT_FOUND, b"there is nothing here\n")
-    given = parse_qs(address.query).get("token", [""])[0]
-    if not secrets.compare_digest(given.encode(), token.encode()):
+    sent_token = parse_qs(address.query).get("token", [""])[0]
+    if not secrets.compare_digest(sent_token.encode(), token.encode()):
         return _response(http.HTTPStatus.FORBIDDEN, b"this needs the address that wrt view has printed\n")
     if not is_from("Origin", "http://"):
         return _response(http.HTTPStatus.FORBIDDEN, b"not from another page\n")
