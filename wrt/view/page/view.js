@@ -314,7 +314,6 @@ export function mount(root, link, { title = true } = {}) {
         say("The browser keeps the clipboard closed.");
         prompt("The camera", message.text.trim().replaceAll("\n", "; "));
       }
-      state.toml = message.text;
     } else if (message.type === "error") {
       say(message.text);
       denoise.checked = state.denoise;
