@@ -179,7 +179,7 @@ def options_text() -> str:
         if explained:
             parts.append(listing(explained))
         if same:
-            parts.append(f"As for `wrt render`: {', '.join(same)}.\n")
+            parts.append(f"As for render: {', '.join(same)}.\n")
     return "\n".join(parts)
 
 
