@@ -1,6 +1,6 @@
 """Write the generated parts of the reference: Python's public names, keys of scene files, options of the command line.
 
-    python scripts/reference.py            rewrite python.md, scene-format.md, command-line.md and scene.schema.json of docs
+    python scripts/reference.py            rewrite the generated pages and the schema of docs
     python scripts/reference.py --check    only report whether they are current
 
 Descriptions come from docstrings, from the JSON schema of scene files, which is made from the classes, and from
