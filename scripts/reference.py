@@ -1,6 +1,6 @@
 """Write the generated parts of the reference: Python's public names, keys of scene files, options of the command line.
 
-    python scripts/reference.py            rewrite docs/python.md, docs/scene-format.md and docs/command-line.md
+    python scripts/reference.py            rewrite the generated pages and the schema of docs
     python scripts/reference.py --check    only report whether they are current
 
 Descriptions come from docstrings, from the JSON schema of scene files, which is made from the classes, and from
@@ -26,7 +26,7 @@ import wrt
 from wrt.cli.arguments.options import make_parser
 from wrt.cli.arguments.parser import commands_of
 from wrt.describe.docstrings import meanings_of, plain, summary_of
-from wrt.io.toml.schema import scene_schema
+from wrt.io.toml.schema import scene_schema, schema_text
 from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS
 from wrt.scene.lights import LIGHTS
@@ -358,6 +358,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stale.append(name)
             if options.check:
                 page.write_text(before, encoding="utf-8")
+    schema = DOCS / "scene.schema.json"
+    if schema.read_text(encoding="utf-8") != schema_text():
+        stale.append(schema.name)
+        if not options.check:
+            schema.write_text(schema_text(), encoding="utf-8")
     print("\n".join(f"docs/{name}: {'not current' if options.check else 'written'}" for name in stale) or "all current")
     return 1 if options.check and stale else 0
 
