@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt import _notebook
 from wrt.develop.settings import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.deformation import Deformation
-from wrt.scene.description import Check, Description, Flag, optional, word_of
+from wrt.scene.description import Check, Description, Flag, instance_of, optional, word_of
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.layers import layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material
 from wrt.scene.materials.body import bodies_of
-from wrt.scene.materials.material import color_source
+from wrt.scene.materials.material import UnlimitedColor
 from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
-from wrt.scene.motion import Motion, check_affine
+from wrt.scene.motion import Motion, affine_matrix
 from wrt.scene.textures import ColorSource, shines
 from wrt.values import FLOAT32_MAX, Vec3, integer, number
 
@@ -42,17 +42,21 @@ INTEGRATORS = ("path", "volpath", "direct", "whitted", "ao", "aov")
 MAX_SPP = 2**30
 """Most samples per pixel: a wide kernel takes several at once, and must not count beyond 32 bits."""
 
-_MAKES_A_MESH = "wrt.load_mesh makes one of a file or a trimesh object"
-
-UNBIASED = "unbiased"
-"""The choice of adaptive sampling besides true and false."""
-
 MOST_JITTERED_RAYS = 16
 """More would not find a place among the 32 rays of a tree that may wait."""
 
 
+def _matrix_or_motion(value: object, name: str) -> NDArray[np.float64] | Motion:
+    return value if isinstance(value, Motion) else affine_matrix(value, name, " or a wrt.Motion")
+
+
+_Mesh = Annotated[Mesh, instance_of(Mesh, "; wrt.load_mesh makes one of a file or a trimesh object")]
+_Placement = Annotated[NDArray[np.float64] | Motion | None, optional(_matrix_or_motion)]
+_Deformation = Annotated[Deformation | None, optional(instance_of(Deformation))]
+
+
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Description):
     """A mesh with a material, an emission and a place in the world.
 
     Attributes:
@@ -67,31 +71,27 @@ class Shape:
         deformation: keyframes of the vertices.
     """
 
-    mesh: Mesh
-    material: Material = field(default_factory=Diffuse)
-    emission: ColorSource = 0.0
+    mesh: _Mesh
+    material: Annotated[Material, instance_of(Material)] = field(default_factory=Diffuse)
+    emission: UnlimitedColor = 0.0
     two_sided_emission: bool = False
     name: str = "shape"
-    transform: NDArray[np.float64] | Motion | None = field(default=None, repr=False)
-    deformation: Deformation | None = field(default=None, repr=False)
+    transform: _Placement = field(default=None, repr=False)
+    deformation: _Deformation = field(default=None, repr=False)
+
+    def _label(self, name: str) -> str:
+        return f"{self.name}: {name}"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mesh, Mesh):
-            raise InputError(f"{self.name}: mesh must be a wrt.Mesh, not {type(self.mesh).__name__}; {_MAKES_A_MESH}")
-        if not isinstance(self.material, Material):
-            raise InputError(f"{self.name}: material must be a wrt.Material, not {type(self.material).__name__}")
-        if self.transform is not None and not isinstance(self.transform, Motion):
-            object.__setattr__(self, "transform", _matrix(self.transform, f"{self.name}: transform"))
+        super().__post_init__()
         if self.deformation is not None:
-            if not isinstance(self.deformation, Deformation):
-                raise InputError(f"{self.name}: deformation must be a wrt.Deformation")
             if isinstance(self.mesh, Analytic):
                 raise InputError(f"{self.name}: exact shapes cannot be deformed; take mesh.tessellated()")
             moving, count = self.deformation.vertices.shape[1], len(self.mesh.vertices)
             if moving != count:
                 raise InputError(f"{self.name}: the deformation has {moving} vertices, but the mesh has {count}")
-        emission = color_source(self.emission, f"{self.name}: emission", maximum=FLOAT32_MAX)
-        object.__setattr__(self, "emission", emission if shines(emission) else self.material.emission)
+        if not shines(self.emission):
+            self._set(emission=self.material.emission)
 
     @property
     def emits(self) -> bool:
@@ -150,13 +150,6 @@ def bake_transforms(shapes: list[Shape]) -> list[Shape]:
     return [s if s.transform is None else replace(s, mesh=s.mesh_at(0.0), transform=None) for s in shapes]
 
 
-def adaptive_choice(value: object) -> bool | str:
-    """Return `value` if it is a choice of adaptive sampling, or raise InputError."""
-    if isinstance(value, bool) or value == UNBIASED:
-        return value
-    raise InputError(f'adaptive must be true or false, or "{UNBIASED}", not {value!r}')
-
-
 def _nameless(check: Callable[[Any], Any]) -> Check:
     """Return a check of a field whose messages name the field themselves."""
     return lambda value, _: check(value)
@@ -165,7 +158,6 @@ def _nameless(check: Callable[[Any], Any]) -> Check:
 _Length = Annotated[int, partial(integer, minimum=1, maximum=65536)]
 _Share = Annotated[float, partial(number, minimum=0.0, maximum=1.0)]
 _Noise = Annotated[float | None, optional(partial(number, above=0.0, maximum=1.0))]
-_Adaptive = Annotated[bool | str, {"enum": [False, True, UNBIASED]}, _nameless(adaptive_choice)]
 
 
 @dataclass(slots=True)
@@ -176,8 +168,8 @@ class RenderSettings(Description):
         width, height: pixels.
         spp: samples per pixel.
         noise: relative noise at which a render ends instead, such as 0.01; see `wrt.Renderer.noise`.
-        adaptive: whether tiles of the picture that are good enough for `noise` stop before the others; true is slightly
-            biased, "unbiased" takes a quarter more work.
+        adaptive: whether tiles of the picture that are good enough for `noise` stop before the others, which is
+            slightly biased.
         max_depth: maximum number of path segments; 1 shows emission only, 2 adds direct light.
         filter: reconstruction filter, one of FILTERS.
         sampler: sampler, one of SAMPLERS.
@@ -206,7 +198,7 @@ class RenderSettings(Description):
     height: _Length = 576
     spp: Annotated[int, partial(integer, minimum=1, maximum=MAX_SPP)] = 64
     noise: _Noise = field(default=None, kw_only=True)
-    adaptive: _Adaptive = field(default=False, kw_only=True)
+    adaptive: Flag = field(default=False, kw_only=True)
     denoise: Flag = field(default=False, kw_only=True)
     max_depth: _Length = 64
     filter: Annotated[str, word_of(FILTERS)] = "blackman-harris"
@@ -229,23 +221,23 @@ class RenderSettings(Description):
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
 
+    def changed(self, **changes: Any) -> RenderSettings:
+        """Return the settings with the changes that are not None.
+
+        Raises:
+            InputError: on unusable values.
+            TypeError: on a setting that does not exist.
+        """
+        names = [each.name for each in fields(self)]
+        for name in changes:
+            if name not in names:
+                raise TypeError(f"there is no render setting {name!r}{did_you_mean(name, names)}")
+        return replace(self, **{name: value for name, value in changes.items() if value is not None})
+
     @property
     def film_layers(self) -> tuple[str, ...]:
         """The layers that a film needs: the selected ones, and coverage for a transparent picture."""
         return layer_names((*self.layers, "alpha")) if self.transparent else self.layers
-
-
-def _matrix(value: object, name: str) -> NDArray[np.float64]:
-    """Return `value` as an affine (4, 4) matrix, or raise InputError."""
-    try:
-        matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not {type(value).__name__}") from None
-    if matrix.shape != (4, 4):
-        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not an array of {matrix.shape}")
-    check_affine(matrix, name)
-    matrix.setflags(write=False)
-    return matrix
 
 
 def _crop_window(value: object, width: int, height: int) -> tuple[int, int, int, int]:
