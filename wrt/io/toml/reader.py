@@ -83,8 +83,8 @@ def shape_makers() -> dict[str, Callable[..., Any]]:
     return dict(_SceneReader(Path(), None).makers())
 
 
-def found(section: str, name: Any, objects: dict[str, Result]) -> Result:
-    """Return the object of a section that a name stands for, or raise InputError."""
+def look_up(section: str, name: Any, objects: dict[str, Result]) -> Result:
+    """Return the object of a section by its name, or raise InputError."""
     if text_of(name) not in objects:
         raise InputError(f"there is no [{section}.{name}]{did_you_mean(name, objects)}")
     return objects[name]
@@ -168,7 +168,7 @@ class _SceneReader(TableReader):
 
     def medium(self, name: Any) -> Medium:
         """Return a medium by its name."""
-        return found("media", name, self.media)
+        return look_up("media", name, self.media)
 
     def material(self, name: str) -> Material:
         """Return a material by its name; it may name others as its parts, in any order."""
@@ -186,7 +186,7 @@ class _SceneReader(TableReader):
 
     def part(self, name: Any) -> Material:
         """Return a material that another one names."""
-        found("materials", name, self._material_tables)
+        look_up("materials", name, self._material_tables)
         place, self.place = self.place, self.place[:2]
         try:
             return self.material(name)
@@ -200,7 +200,7 @@ class _SceneReader(TableReader):
         return {name: table[name] for name in names if name in table}
 
     def color_source(self, value: Any, kinds: tuple[Any, ...]) -> Any:
-        """Return what a value that may vary stands for: vertex colours, an image, or itself as a constant."""
+        """Return a value that may vary over the surface: vertex colours, an image, or a constant."""
         if isinstance(value, dict) and "texture" not in value and "vertex_colors" in value:
             options = self.fields_of(value, VERTEX_COLORS, VertexColor)
             if value["vertex_colors"] is not True:
@@ -251,7 +251,7 @@ class _SceneReader(TableReader):
         """Return a shape, or the several of a mesh file that keeps its own materials."""
         made = self.meshes(table)
         matrix = self.transform(table) if TRANSFORM.keys() & table.keys() else None
-        material = self.read(table, "material", lambda name: found("materials", name, self.materials))
+        material = self.read(table, "material", lambda name: look_up("materials", name, self.materials))
         places = read_places(self, table)
         if "deformation" in table or any(isinstance(place, Motion) and not place.is_rigid for place in places):
             made = bake_transforms(made)
