@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from support.covering_kernels import render_with
 from support.hits import Hit
 
 import wrt
-from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.materials import choice as device_materials
 from wrt.rendering.checkpoint import scene_fingerprint
 from wrt.scene.materials import composite
@@ -23,7 +20,6 @@ EVEN = ((np.arange(N) + 0.5) / N).astype(np.float32)
 """Every random number as often as any other: shares come out to one in N for each border between two answers."""
 EXTREMES = np.array([0.0, 2.0**-24, 0.5, 1.0 - 2.0**-24], np.float32)
 
-METAL = wrt.RoughConductor(0.4, masking="smith-separable")
 WHITE = wrt.ImageTexture(np.ones((1, 1, 3)))
 
 # --- Which material answers -------------------------------------------------------------------------
@@ -179,39 +175,3 @@ def test_a_checkpoint_knows_what_a_material_is_made_of() -> None:
     ]
     found = [scene_fingerprint(ball_scene(material)) for material in different]
     assert len({each["materials"] for each in found}) == len(different)
-
-
-# --- Kernels without holes have the bits of kernels with them --------------------------------------
-
-
-def sides() -> wrt.Scene:
-    """Return a scene of one-sided materials, a nested one among them, as files of Mitsuba give them."""
-    return room((wrt.TwoSided(A, BLACK), wrt.TwoSided(METAL, BLACK), wrt.TwoSided(B, wrt.TwoSided(BLACK, A)), A))
-
-
-def mixed() -> wrt.Scene:
-    mix = wrt.Mix(A, METAL, weight=0.4)
-    return room((mix, wrt.TwoSided(mix, B), wrt.Mix(mix, BLACK, weight=0.3), mix))
-
-
-class WithHoles(wrt.Renderer):
-    """A renderer whose kernel allows for holes."""
-
-    def _choose_kernel(self, features: Any, compile: Callable[[Any], None], read: Any = None) -> Any:
-        assert not features.has_holes
-        return super()._choose_kernel(dataclasses.replace(features, composite="holes"), compile, read)
-
-
-@pytest.mark.machinery
-@pytest.mark.parametrize("make", [sides, mixed])
-def test_the_bits_are_those_with_holes(make: Callable[[], wrt.Scene]) -> None:
-    """Of layers, too: these are chosen by the same numbers as the parts that paths meet."""
-    films = []
-    for kind in (wrt.Renderer, WithHoles):
-        renderer = kind(make(), width=40, height=30, layers=("albedo", "normal", "material"))
-        assert can_attenuate_shadows(renderer._kernel._features) == (kind is WithHoles)
-        for _ in renderer.passes(spp=20):
-            pass
-        assert renderer.image().max() > 0.0
-        films.append({**renderer.film.state(), "rays": renderer.film.data.rays.numpy()})
-    assert {name: array.tobytes() for name, array in films[0].items()} == {k: a.tobytes() for k, a in films[1].items()}
