@@ -14,8 +14,8 @@ from wrt.rendering.film_aovs import bytes_per_pixel
 from wrt.rendering.guides import LAYERS as GUIDES
 from wrt.scene.scene import UNBIASED, RenderSettings
 from wrt.studio.framing import with_camera
-from wrt.upload.memory import SceneMemory, scene_memory
-from wrt.upload.prepare import prepare_scene
+from wrt.upload.memory import SceneMemory
+from wrt.upload.prepare import PreparedScene
 
 _PARTS = ("geometry", "trees", "materials", "lights", "film", "layers")
 
@@ -94,7 +94,7 @@ def device_memory(
     settings = dataclasses.replace(scene.settings, **changed)  # type: ignore[arg-type]
     scene = with_camera(scene, settings.width / settings.height)
     coordinates = "uv" in settings.layers
-    of_scene = scene_memory(prepare_scene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
+    of_scene = SceneMemory(PreparedScene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
     return DeviceMemory.of(of_scene, settings)
 
 
