@@ -46,8 +46,8 @@ class SceneMemory:
         trees: the ray trees.
         materials: materials, texels of images and normal maps, the environment with its tables, and grids of media.
         lights: light records, and what selects one.
-        scratch: the most that building takes besides, until it is done.
-        scratch_if_cut: the same if the builder cuts large triangles, which it decides when it has seen the tree.
+        scratch: the most that building takes in addition; it is released afterwards.
+        scratch_if_cut: the same if the builder cuts large triangles; it decides that from the finished tree.
         lasting: the built scene.
     """
 

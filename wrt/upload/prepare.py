@@ -93,7 +93,7 @@ def check_attributes(shapes: Iterable[Shape]) -> None:
     """
     bright: set[int] = set()
     varying: dict[int, list[tuple[str, object]]] = {}  # of materials, since many shapes share one
-    alike = {(id(shape.mesh), id(shape.material), id(shape.emission)): shape for shape in shapes}  # instances are many
+    alike = {(id(shape.mesh), id(shape.material), id(shape.emission)): shape for shape in shapes}  # not every instance
     for shape in alike.values():
         if id(shape.material) not in varying:
             varying[id(shape.material)] = [*_varying(shape.material)]
