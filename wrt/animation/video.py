@@ -245,7 +245,7 @@ def _palette(pictures: list[Any]) -> Any:
 
 
 def _save_animation(path: Path, kind: str, pictures: list[Any], fps: float, *, unit: int, **options: Any) -> None:
-    """Write a looping animation. Each picture shows for a multiple of `unit` milliseconds; the sum is their count/fps."""
+    """Write a looping animation whose times, in multiples of `unit` milliseconds, add up to those of the frame rate."""
     ends = [round(1000.0 * number / fps / unit) * unit for number in range(len(pictures) + 1)]
     options["duration"] = [max(unit, end - start) for start, end in itertools.pairwise(ends)]
     pictures[0].save(path, format=kind, save_all=True, append_images=pictures[1:], loop=0, **options)

@@ -31,7 +31,7 @@ A = TypeVar("A", bound="Analytic")
 class Analytic(Mesh, ABC):
     """Spheres, or disks and cylinders, that are not made of triangles.
 
-    Each is stored as a triangle that no ray hits, so code for meshes handles them unchanged. Its corners are two opposite
+    Each is stored as a triangle that no ray hits, so code for meshes handles it unchanged. Its corners are two opposite
     corners of the box around the shape, and the first again; which two encodes the kind of shape and its front
     (`kernels/native/exact`). The normals of its vertices are the shape's own vectors. Attributes that a triangle
     interpolates by u and v are interpolated over the shape by its texture coordinates.
