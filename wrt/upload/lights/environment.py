@@ -52,7 +52,6 @@ def upload_environment(environment: ConstantEnvironment | ImageEnvironment | Non
     """
     backend = current_backend()
     k = backend.kernels("wrt.kernels.core.scene_data")
-
     data = k.EnvironmentData()
     data.rotation = np.eye(3)
     data.light = -1
