@@ -94,9 +94,9 @@ def readers(kind: str) -> list[Reader]:
     import wrt
     from wrt.describe.scene import scene_text
     from wrt.io.images import load_environment, load_image
-    from wrt.parts import part
-    from wrt.parts.merge import merge
+    from wrt.rendering import part
     from wrt.rendering.checkpoint import read_checkpoint
+    from wrt.rendering.merge import merge
 
     part.__version__ = CORPUS_VERSION
 

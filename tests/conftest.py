@@ -1,4 +1,4 @@
-"""Options, marks and fixtures shared by all tests. What a run prints is in `support/terminal.py`."""
+"""Options, marks and fixtures shared by all tests, and the table of `--report`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 import warp as wp
-from support.terminal import MEASURED, Progress, Table
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -56,11 +55,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if not hasattr(config, "workerinput"):
-        if config.getoption("--report"):
-            config.pluginmanager.register(Table())
-        if config.get_verbosity() == 0:
-            config.pluginmanager.register(Progress(config))
+    if config.getoption("--report") and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Table())
     if config.getoption("--device") == EMULATED:
         from support.emulated_cuda.plugin import EmulatedCuda
 
@@ -122,6 +118,30 @@ def _devices(config: pytest.Config) -> list[str]:
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "device" in metafunc.fixturenames:
         metafunc.parametrize("device", _devices(metafunc.config), scope="session")
+
+
+MEASURED = "measured"
+"""Name of the property of a test that holds a row of the table."""
+
+
+class Table:
+    """Prints the rows that tests reported."""
+
+    def __init__(self) -> None:
+        self._rows: list[list[str]] = [["claim", "measured", "expected", "p"]]
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Keep the rows of a test."""
+        if report.when == "call":
+            self._rows += [row for name, row in report.user_properties if name == MEASURED]
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Print all rows."""
+        widths = [max(len(row[i]) for row in self._rows) for i in range(4)]
+        terminalreporter.section("measured")
+        for row in self._rows:
+            cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
+            terminalreporter.write_line("  ".join(cells))
 
 
 @pytest.fixture

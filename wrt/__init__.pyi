@@ -18,14 +18,14 @@ from wrt.io.toml.writer import save_scene as save_scene
 from wrt.io.volume.read import load_density as load_density
 from wrt.memory_needed import DeviceMemory as DeviceMemory
 from wrt.memory_needed import device_memory as device_memory
-from wrt.parts.merge import Merged as Merged
-from wrt.parts.merge import merge as merge
-from wrt.parts.part import Part as Part
 from wrt.registering import register_camera as register_camera
 from wrt.registering import register_light as register_light
 from wrt.registering import register_material as register_material
 from wrt.rendering.intersector import Hits as Hits
 from wrt.rendering.intersector import Intersector as Intersector
+from wrt.rendering.merge import Merged as Merged
+from wrt.rendering.merge import merge as merge
+from wrt.rendering.part import Part as Part
 from wrt.rendering.passes import Progress as Progress
 from wrt.rendering.renderer import Renderer as Renderer
 from wrt.scene.camera import Camera as Camera

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.develop.settings import names_file
-from wrt.errors import InputError, InputWarning, did_you_mean, name_of, warn
+from wrt.errors import InputError, InputWarning, did_you_mean, name_of
 from wrt.io.safe_read import PathLike, confined_to
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import RenderSettings, Scene, Shape
-from wrt.studio.stage import FOR_ANIMATIONS, Stage, make_stage
+from wrt.studio.stage import FOR_ANIMATIONS, Stage
 from wrt.studio.views import ViewLike
 
 if TYPE_CHECKING:
@@ -88,16 +88,8 @@ def load(
     Raises:
         InputError: if the source cannot be used; the message names it and the cause.
     """
-    stage = make_stage(
-        view=view,
-        frame=frame,
-        material=material,
-        environment=environment,
-        transparent=transparent,
-        aspect=aspect,
-        time=time,
-    )
-    reading = _Reading(triangles, up, parameters or None, sensor)
+    reading = {"triangles": triangles, "up": up, "parameters": parameters or None, "sensor": sensor}
+    stage = Stage(view, frame, material, environment, transparent, aspect, time)
     with _confined(source if confined else None), _strictly() if strict else contextlib.nullcontext():
         scene = _load(source, reading, stage)
     if confined and scene is not source and names_file(scene.settings.tone):
@@ -119,8 +111,7 @@ def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any)
     """
     width, height = settings.get("width"), settings.get("height")
     scene = load(source, aspect=width / height if width and height else None, **options)
-    changes = {name: value for name, value in settings.items() if value is not None}
-    scene = dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, **changes))
+    scene = dataclasses.replace(scene, settings=scene.settings.changed(**settings))
     if scene.settings.denoise:
         from wrt.develop.denoise import require_denoiser
 
@@ -159,6 +150,9 @@ def is_builtin(source: Any) -> bool:
     return isinstance(source, str) and source in meshes.scene_names() and not Path(source).is_file()
 
 
+_Reading = Mapping[str, Any]
+"""The options of `load` that apply to one kind of source each; None where an option is not given."""
+
 _ONLY_FOR = {
     "triangles": "a number of triangles is for scenes with a procedural mesh",
     "up": "an up axis is for meshes, not for scenes",
@@ -167,20 +161,11 @@ _ONLY_FOR = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class _Reading:
-    """The options of `load` that apply to one kind of source each."""
-
-    triangles: int | None
-    up: str | None
-    parameters: Mapping[str, Any] | None
-    sensor: int | None
-
-    def require_only(self, source: object, *applicable: str) -> None:
-        """Raise InputError if an option is given that does not apply to a source."""
-        for name, message in _ONLY_FOR.items():
-            if name not in applicable and getattr(self, name) is not None:
-                raise InputError(f"{source}: {message}")
+def _require_only(source: object, reading: _Reading, *applicable: str) -> None:
+    """Raise InputError if an option is given that does not apply to a source."""
+    for name, message in _ONLY_FOR.items():
+        if name not in applicable and reading[name] is not None:
+            raise InputError(f"{source}: {message}")
 
 
 def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
@@ -190,23 +175,21 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     if stage.time is not None:
         raise InputError(f"{kind}: {FOR_ANIMATIONS}")
     if isinstance(source, Scene):
-        reading.require_only(kind)
+        _require_only(kind, reading)
         source.check()
         return stage.shown(source)
-    reading.require_only(kind, "up")
+    _require_only(kind, reading, "up")
     if isinstance(source, Mesh):
         from wrt.io.mesh.repair import bare_shape
 
         shapes = [bare_shape(source) if stage.material is None else Shape(source, name=source.name)]
-        if reading.up is None:
-            _warn_of_land(source.name, shapes, "y")
-        return stage.present(source, Scene(shapes), reading.up or "y")
+        return stage.present(source, Scene(shapes), reading["up"] or "y")
     from wrt.io.load_mesh import load_object
 
-    scene = load_object(source, alone=True)
+    scene = load_object(source, standalone=True)
     from wrt.io.trimesh_objects import file_type
 
-    return _present(source, scene, reading.up, file_type(source), stage)
+    return _present(source, scene, reading["up"], file_type(source), stage)
 
 
 def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
@@ -222,28 +205,28 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         raise InputError(_missing_file(source))
     suffix = path.suffix.lower()
     if suffix == ".xml":
-        reading.require_only(source, "parameters", "sensor")
+        _require_only(source, reading, "parameters", "sensor")
         from wrt.io.file_type import hinting
         from wrt.io.mitsuba.scene import load_mitsuba
 
         # Overflow is not reported here: values are checked where they are used.
         with naming_file(path), hinting(path), np.errstate(all="ignore"):
-            return stage.shown(load_mitsuba(path, parameters=reading.parameters, sensor=reading.sensor))
+            return stage.shown(load_mitsuba(path, parameters=reading["parameters"], sensor=reading["sensor"]))
     if suffix == ".toml":
-        reading.require_only(source, "triangles")
+        _require_only(source, reading, "triangles")
         from wrt.io.toml.reader import load_scene
 
-        loaded = load_scene(path, triangles=reading.triangles)
+        loaded = load_scene(path, triangles=reading["triangles"])
         with naming_file(path):
             return stage.shown(loaded)
-    reading.require_only(source, "up")
+    _require_only(source, reading, "up")
     from wrt.io.load_mesh import load_file
 
     if stage.time is not None:
         from wrt.animation.timeline import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
-    scene, up = load_file(path, time=stage.time, alone=stage.time is None), reading.up
+    scene, up = load_file(path, time=stage.time, standalone=stage.time is None), reading["up"]
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up
 
@@ -287,20 +270,9 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         from wrt.studio.orientation import guess_up
 
         up = "y" if kind in _Y_UP else guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
-        _warn_of_land(name, scene.shapes, up)
     if up not in (None, "y") and (scene.lights or scene.camera):
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
-
-
-def _warn_of_land(name: str, shapes: list[Shape], up: str) -> None:
-    """Warn if shapes stand on edge that look like land, in a file that does not name its up axis."""
-    from wrt.studio.orientation import land_axis
-
-    axis = land_axis(shapes, up)
-    if axis is not None:
-        looks = f"it is thin along {axis} and faces that way"
-        warn(f'{name}: {looks}; if it is land, which lies flat, use up="{axis}", or --up {axis}', UserWarning)
 
 
 def render(
@@ -309,10 +281,11 @@ def render(
     spp: int | None = None,
     time: float | None = None,
     noise: float | None = None,
-    adaptive: bool | str | None = None,
+    adaptive: bool | None = None,
     device: str = "cpu",
     seed: int = 0,
     threads: int | None = None,
+    client: Any = None,
     progress: bool | None = None,
     **options: Any,
 ) -> NDArray[np.float32]:
@@ -329,6 +302,7 @@ def render(
         device: "cpu", "cuda" or "cuda:N".
         seed: 0 to 2³² − 1; different seeds give statistically independent pictures.
         threads: CPU threads; by default all cores.
+        client: renders on the workers of a cluster, see `wrt.distributed.DistributedRenderer`.
         progress: whether to show progress; by default a bar in terminals and notebooks, and nothing elsewhere.
         options: fields of `wrt.RenderSettings`, which override the scene's own, such as width, height, crop, sampler,
             integrator, max_depth and denoise; and options of `load`, such as up, view, frame, material, environment,
@@ -339,17 +313,22 @@ def render(
     """
     from wrt.progress.bar import ProgressBar
     from wrt.progress.terminal import bar_stream
-    from wrt.rendering.passes import LONGEST_PASS
     from wrt.rendering.renderer import Renderer
 
     settings, loading = split_settings(options)
     scene = load_with_settings(source, settings, **loading)
-    renderer = Renderer(scene, device=device, seed=seed, threads=threads)
+    where: dict[str, Any] = {"device": device, "seed": seed, "threads": threads}
+    if client is None:
+        renderer = Renderer(scene, **where)
+    else:
+        from wrt.distributed.head import DistributedRenderer
+
+        renderer = DistributedRenderer(scene, client=client, **where)
     is_watched = bar_stream() is not None if progress is None else progress
     limits: dict[str, Any] = {"spp": spp, "time": time, "noise": noise, "adaptive": adaptive}
     name = Path(source).stem if isinstance(source, (str, os.PathLike)) else "picture"
     with ProgressBar(name, time_limit=time, is_shown=is_watched) as bar:
-        for done in renderer.passes(**limits, pass_seconds=None if is_watched else LONGEST_PASS):
+        for done in renderer.passes(**limits, pass_seconds=None if is_watched else renderer.longest_pass):
             bar.update(done)
     return finished_image(renderer)
 

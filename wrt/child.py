@@ -12,7 +12,7 @@ from pathlib import Path
 def command(code: str, *arguments: str) -> list[str]:
     """Return the command that runs Python code in another process, which imports nothing from the current folder.
 
-    `python -c` and `-m` put the current folder first on the path of modules, where somebody's upload may lie.
+    `python -c` and `-m` put the current folder first on the path of modules, where an uploaded file may lie.
 
     Args:
         code: what to run, on one line; its arguments are in `sys.argv[1:]`.
@@ -30,7 +30,7 @@ def command(code: str, *arguments: str) -> list[str]:
 
 @contextlib.contextmanager
 def safe_path() -> Iterator[None]:
-    """Have processes that `multiprocessing` starts meanwhile import nothing from the current folder.
+    """Within the context, have processes that `multiprocessing` starts import nothing from the current folder.
 
     Python 3.10 has no such setting.
     """

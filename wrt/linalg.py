@@ -24,10 +24,10 @@ _SWEEPS = 30
 
 def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
     """Return what the operator @ does for vectors, matrices and stacks of matrices."""
-    left, right = np.asarray(a), np.asarray(b)
-    of_left, of_right = ("j" if left.ndim == 1 else "...ij"), ("j" if right.ndim == 1 else "...jk")
-    result = "..." + ("" if left.ndim == 1 else "i") + ("" if right.ndim == 1 else "k")
-    return np.asarray(np.einsum(f"{of_left},{of_right}->{result}", left, right))
+    a, b = np.asarray(a), np.asarray(b)
+    axes_of_a, axes_of_b = ("j" if a.ndim == 1 else "...ij"), ("j" if b.ndim == 1 else "...jk")
+    result = "..." + ("" if a.ndim == 1 else "i") + ("" if b.ndim == 1 else "k")
+    return np.asarray(np.einsum(f"{axes_of_a},{axes_of_b}->{result}", a, b))
 
 
 def dot(a: ArrayLike, b: ArrayLike) -> float:
@@ -57,12 +57,12 @@ def inverse(matrices: ArrayLike) -> FloatArray:
     Raises:
         numpy.linalg.LinAlgError: if a matrix is singular.
     """
-    given = _entries(np.asarray(matrices, np.float64))
-    rows = [[*row, *(float(i == j) for j in range(len(given)))] for i, row in enumerate(given)]
+    entries = _entries(np.asarray(matrices, np.float64))
+    rows = [[*row, *(float(i == j) for j in range(len(entries)))] for i, row in enumerate(entries)]
     # A determinant of numbers that are not 0 may underflow to 0; pivots do not.
     if np.any(_reduce(rows)[1]):
         raise np.linalg.LinAlgError("Singular matrix")
-    result = np.array([row[len(given) :] for row in rows])
+    result = np.array([row[len(entries) :] for row in rows])
     return result if result.ndim == 2 else np.ascontiguousarray(np.moveaxis(result, (0, 1), (-2, -1)))
 
 
@@ -94,9 +94,9 @@ def _reduce(rows: list[list[Any]]) -> tuple[Any, Any]:
                 if larger:
                     rows[k], rows[i], result = rows[i], rows[k], -result
             elif larger.any():
-                both = list(zip(rows[k], rows[i], strict=True))
-                rows[k] = [np.where(larger, below, above) for above, below in both]
-                rows[i] = [np.where(larger, above, below) for above, below in both]
+                pairs = list(zip(rows[k], rows[i], strict=True))
+                rows[k] = [np.where(larger, below, above) for above, below in pairs]
+                rows[i] = [np.where(larger, above, below) for above, below in pairs]
                 result = np.where(larger, -result, result)
         pivot = rows[k][k]
         result = result * pivot
@@ -131,9 +131,9 @@ def _orthogonal_columns(matrices: ArrayLike) -> tuple[FloatArray, FloatArray]:
     Pairs of columns are turned until all are orthogonal (one-sided Jacobi, Hestenes 1958), which keeps small singular
     values accurate.
     """
-    given = np.asarray(matrices, np.float64)
-    size = given.shape[-1]
-    columns = given.reshape(-1, *given.shape[-2:]).copy()
+    matrices = np.asarray(matrices, np.float64)
+    size = matrices.shape[-1]
+    columns = matrices.reshape(-1, *matrices.shape[-2:]).copy()
     axes = np.tile(np.eye(size), (len(columns), 1, 1))
     for _ in range(_SWEEPS):
         turned = False
@@ -157,7 +157,7 @@ def _orthogonal_columns(matrices: ArrayLike) -> tuple[FloatArray, FloatArray]:
                     )
         if not turned:
             break
-    return columns.reshape(given.shape), axes.reshape(*given.shape[:-2], size, size)
+    return columns.reshape(matrices.shape), axes.reshape(*matrices.shape[:-2], size, size)
 
 
 @functools.lru_cache(maxsize=64)

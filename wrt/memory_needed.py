@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,6 @@ from wrt.backend import current_backend
 from wrt.rendering.film import BYTES_PER_PIXEL
 from wrt.rendering.film_aovs import bytes_per_pixel
 from wrt.rendering.guides import LAYERS as GUIDES
-from wrt.scene.scene import UNBIASED, RenderSettings
 from wrt.studio.framing import with_camera
 from wrt.upload.memory import SceneMemory
 from wrt.upload.prepare import PreparedScene
@@ -29,7 +27,7 @@ class DeviceMemory:
         trees: the ray trees.
         materials: materials, images, normal maps, the environment and grids of media.
         lights: the table of lights and the tree over them.
-        film: sums of samples for each pixel, also those of guides for denoising and of a pilot.
+        film: sums of samples for each pixel, also those of guides for denoising.
         layers: layers besides radiance.
         kept: all of these, for as long as the renderer lives.
         peak: the most at once, while the trees are built.
@@ -46,21 +44,6 @@ class DeviceMemory:
     kept: int
     peak: int
     peak_if_cut: int
-
-    @classmethod
-    def of(cls, scene: SceneMemory, settings: RenderSettings) -> DeviceMemory:
-        """Return the memory of a scene and of a picture with these settings."""
-        x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
-        pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers)
-        pilot = settings.adaptive == UNBIASED
-        film = pixels * BYTES_PER_PIXEL * (1 + settings.denoise + pilot)
-        layers = pixels * ((1 + pilot) * of_layers + settings.denoise * bytes_per_pixel(GUIDES))
-        # Films come before the scene, but for those of guides and the pilot.
-        first = pixels * (BYTES_PER_PIXEL + of_layers)
-        kept = scene.lasting + film + layers
-        peaks = (max(kept, first + scene.lasting + scratch) for scratch in (scene.scratch, scene.scratch_if_cut))
-        parts = (scene.geometry, scene.trees, scene.materials, scene.lights)
-        return cls(*parts, film, layers, kept, *peaks)
 
 
 def device_memory(
@@ -89,17 +72,32 @@ def device_memory(
         InputError: see `wrt.load` and `wrt.Renderer`.
     """
     scene = load(source)
-    given = {"width": width, "height": height, "layers": layers, "denoise": denoise}
-    changed = {name: value for name, value in given.items() if value is not None}
-    settings = dataclasses.replace(scene.settings, **changed)  # type: ignore[arg-type]
+    settings = scene.settings.changed(width=width, height=height, layers=layers, denoise=denoise)
     scene = with_camera(scene, settings.width / settings.height)
     coordinates = "uv" in settings.layers
     of_scene = SceneMemory(PreparedScene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
-    return DeviceMemory.of(of_scene, settings)
+    x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
+    pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers)
+    film = pixels * BYTES_PER_PIXEL * (1 + settings.denoise)
+    of_layers_and_guides = pixels * (of_layers + settings.denoise * bytes_per_pixel(GUIDES))
+    kept = of_scene.lasting + film + of_layers_and_guides
+    # The film comes before the scene, that of guides after it.
+    building = pixels * (BYTES_PER_PIXEL + of_layers) + of_scene.lasting
+    return DeviceMemory(
+        of_scene.geometry,
+        of_scene.trees,
+        of_scene.materials,
+        of_scene.lights,
+        film,
+        of_layers_and_guides,
+        kept,
+        peak=max(kept, building + of_scene.scratch),
+        peak_if_cut=max(kept, building + of_scene.scratch_if_cut),
+    )
 
 
 def memory_text(memory: DeviceMemory, width: int, height: int) -> str:
-    """Return lines that tell what a picture of width x height pixels takes on a GPU, and which GPU here has that."""
+    """Return lines about what a picture of width x height pixels takes on a GPU, and which GPU here has that."""
     parts = [(name, _size(getattr(memory, name))) for name in _PARTS if getattr(memory, name)]
     peak = f"{_size(memory.peak)} while the ray tree is built"
     if memory.peak_if_cut > memory.peak:

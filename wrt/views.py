@@ -98,7 +98,7 @@ class _Views:
         """Share a built scene between renderers; `count` is the number of views, or 0 if it is not known."""
         self._device, self._limits, self._count = renderer.device, limits, count
         # Bodies around the camera belong to the built scene, which all share; a GPU has no threads that could idle.
-        is_alone = renderer.built_features.bodies or not renderer.device.is_cpu
+        is_alone = renderer._built.features.bodies or not renderer.device.is_cpu
         self._idle = [renderer, *(renderer.sharing() for _ in range(0 if is_alone else TOGETHER - 1))]
         self._together = len(self._idle)
         self._seconds_of_view = 0.0

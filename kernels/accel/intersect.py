@@ -55,8 +55,28 @@ def make_intersect(geometry: str) -> Intersect:
     )
     instances = instances_of(geometry)
     if instances == "none":
-        return _make_in_one_tree(include(*exact, "traversal.h"))
-    return _make_in_instances(include(*exact, "instances.h"), instances, geometry)
+        suffix = ""
+        find, following = _in_one_tree(include(*exact, "traversal.h"))
+    else:
+        suffix = f"_{geometry}"
+        find, following = _in_instances(include(*exact, "instances.h"), instances, suffix)
+
+    @wp.func(name=f"closest_hit_before{suffix}")
+    def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
+        return find(scene, ray, distance, False)
+
+    @wp.func(name=f"closest_hit{suffix}")
+    @ray_query
+    def nearest(scene: SceneData, ray: Ray) -> Hit:
+        return find(scene, ray, INFINITE_DISTANCE, False)
+
+    @wp.func(name=f"occluded{suffix}")
+    @ray_query
+    def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
+        hit = find(scene, ray, distance, True)
+        return hit.triangle >= 0
+
+    return Intersect(nearest, before, following, blocked)
 
 
 @wp.func
@@ -69,24 +89,27 @@ def _hit(found: wp.vec4) -> Hit:
     return hit
 
 
-def _make_in_one_tree(header: wp.Function) -> Intersect:
-    """Return the functions for scenes without instances; the wide kernel knows `traverse` (`wrt/spmd/natives.py`)."""
-    tree = "wrt::with_axes(bvh, corners, normals)"
+def _in_one_tree(header: wp.Function) -> tuple[wp.Function, wp.Function]:
+    """Return (scene, ray, distance, any_hit) -> Hit before a distance, and `next_hit`, for scenes without instances.
 
-    @wp.func_native(f"return wrt::closest_hit({tree}, origin, direction, t_min, t_max, any_hit);")
+    The wide kernel knows `traverse` (`wrt/spmd/library.py`).
+    """
+
+    @wp.func_native("return wrt::closest_hit(bvh, wrt::axes_of(corners, normals), origin, direction, t_max, any_hit);")
     def traverse(
         bvh: Bvh,
         corners: wp.array(dtype=wp.vec3i),
         normals: wp.array(dtype=wp.vec3),
         origin: wp.vec3,
         direction: wp.vec3,
-        t_min: float,
         t_max: float,
         any_hit: bool,
     ) -> wp.vec4:
         header()
 
-    @wp.func_native(f"return wrt::next_hit({tree}, origin, direction, t_min, t_max, id_min);")
+    @wp.func_native(
+        "return wrt::next_hit(bvh, wrt::axes_of(corners, normals), origin, direction, t_min, t_max, id_min);"
+    )
     def traverse_after(
         bvh: Bvh,
         corners: wp.array(dtype=wp.vec3i),
@@ -99,14 +122,9 @@ def _make_in_one_tree(header: wp.Function) -> Intersect:
     ) -> wp.vec4:
         header()
 
-    @wp.func(name="closest_hit_before")
-    def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
-        return _hit(traverse(scene.bvh, scene.corners, scene.normals, ray.origin, ray.direction, 0.0, distance, False))
-
-    @wp.func(name="closest_hit")
-    @ray_query
-    def nearest(scene: SceneData, ray: Ray) -> Hit:
-        return before(scene, ray, INFINITE_DISTANCE)
+    @wp.func(name="find_hit")
+    def find(scene: SceneData, ray: Ray, distance: float, any_hit: bool) -> Hit:
+        return _hit(traverse(scene.bvh, scene.corners, scene.normals, ray.origin, ray.direction, distance, any_hit))
 
     @wp.func(name="next_hit")
     def following(scene: SceneData, ray: Ray, last: Hit, distance: float) -> Hit:
@@ -115,41 +133,29 @@ def _make_in_one_tree(header: wp.Function) -> Intersect:
         )
         return _hit(found)
 
-    @wp.func(name="occluded")
-    @ray_query
-    def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
-        found = traverse(scene.bvh, scene.corners, scene.normals, ray.origin, ray.direction, 0.0, distance, True)
-        return wp.cast(found[0], wp.int32) >= 0
-
-    return Intersect(nearest, before, following, blocked)
+    return find, following
 
 
-# Instance, triangle of the mesh, t, u, v
-instance_found = wp.types.vector(length=5, dtype=float)
+# Instance, number of the triangle through all instances, t, u, v
+_instance_found = wp.types.vector(length=5, dtype=float)
 
 
 @wp.func
-def instance_hit(tree: InstanceTree, found: instance_found) -> Hit:
-    """Return the result of a traversal, with triangle numbers from the first one of the instance's mesh on."""
+def _instance_hit(found: _instance_found) -> Hit:
     hit = Hit()
     hit.instance = wp.cast(found[0], wp.int32)
-    hit.triangle = -1
-    if hit.instance >= 0:
-        hit.triangle = wp.cast(found[1], wp.int32) + tree.instances[hit.instance].first_triangle
+    hit.triangle = wp.cast(found[1], wp.int32)
     hit.t = found[2]
     hit.u = found[3]
     hit.v = found[4]
     return hit
 
 
-def _make_in_instances(header: wp.Function, instances: str, geometry: str) -> Intersect:
-    """Return the functions for scenes with instances."""
-    kind = f"wrt::Instances::{instances}"
-    trees = "wrt::instances_with_axes(tree, corners, normals)"
+def _in_instances(header: wp.Function, instances: str, suffix: str) -> tuple[wp.Function, wp.Function]:
+    """Return the same for scenes with instances."""
+    arguments = f"<wrt::Instances::{instances}>(tree, wrt::axes_of(corners, normals), origin, direction, time,"
 
-    @wp.func_native(
-        f"return wrt::closest_instance_hit<{kind}>({trees}, origin, direction, time, t_min, t_max, any_hit);"
-    )
+    @wp.func_native(f"return wrt::closest_instance_hit{arguments} 0.0f, t_max, any_hit);")
     def traverse(
         tree: InstanceTree,
         corners: wp.array(dtype=wp.vec3i),
@@ -157,15 +163,12 @@ def _make_in_instances(header: wp.Function, instances: str, geometry: str) -> In
         origin: wp.vec3,
         direction: wp.vec3,
         time: float,
-        t_min: float,
         t_max: float,
         any_hit: bool,
-    ) -> instance_found:
+    ) -> _instance_found:
         header()
 
-    @wp.func_native(
-        f"return wrt::next_instance_hit<{kind}>({trees}, origin, direction, time, t_min, t_max, instance, triangle);"
-    )
+    @wp.func_native(f"return wrt::next_instance_hit{arguments} t_min, t_max, instance, triangle);")
     def traverse_after(
         tree: InstanceTree,
         corners: wp.array(dtype=wp.vec3i),
@@ -177,27 +180,20 @@ def _make_in_instances(header: wp.Function, instances: str, geometry: str) -> In
         t_max: float,
         instance: int,
         triangle: int,
-    ) -> instance_found:
+    ) -> _instance_found:
         header()
 
-    @wp.func(name=f"closest_hit_before_{geometry}")
-    def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
+    @wp.func(name=f"find_hit{suffix}")
+    def find(scene: SceneData, ray: Ray, distance: float, any_hit: bool) -> Hit:
         found = traverse(
-            scene.placed, scene.corners, scene.normals, ray.origin, ray.direction, ray.time, 0.0, distance, False
+            scene.placed, scene.corners, scene.normals, ray.origin, ray.direction, ray.time, distance, any_hit
         )
-        return instance_hit(scene.placed, found)
+        return _instance_hit(found)
 
-    @wp.func(name=f"closest_hit_{geometry}")
-    @ray_query
-    def nearest(scene: SceneData, ray: Ray) -> Hit:
-        return before(scene, ray, INFINITE_DISTANCE)
-
-    @wp.func(name=f"next_hit_{geometry}")
+    @wp.func(name=f"next_hit{suffix}")
     def following(scene: SceneData, ray: Ray, last: Hit, distance: float) -> Hit:
-        placed = scene.placed
-        triangle = last.triangle - placed.instances[last.instance].first_triangle
         found = traverse_after(
-            placed,
+            scene.placed,
             scene.corners,
             scene.normals,
             ray.origin,
@@ -206,16 +202,8 @@ def _make_in_instances(header: wp.Function, instances: str, geometry: str) -> In
             last.t,
             distance,
             last.instance,
-            triangle,
+            last.triangle,
         )
-        return instance_hit(placed, found)
+        return _instance_hit(found)
 
-    @wp.func(name=f"occluded_{geometry}")
-    @ray_query
-    def blocked(scene: SceneData, ray: Ray, distance: float) -> bool:
-        found = traverse(
-            scene.placed, scene.corners, scene.normals, ray.origin, ray.direction, ray.time, 0.0, distance, True
-        )
-        return wp.cast(found[0], wp.int32) >= 0
-
-    return Intersect(nearest, before, following, blocked)
+    return find, following

@@ -62,17 +62,17 @@ def make_camera(outside: tuple[str, ...] = ()) -> CameraFunctions:
 
     @wp.func
     def film_position(camera: Camera, point: wp.vec3, distant: bool, time: float) -> wp.vec2:
-        way = point
+        vector = point
         if camera.motion.keys > 0:
             placement = transform_at(camera.motion_keys, camera.motion, time)
             back = wp.inverse(placement.linear)
             if distant:
-                way = back * point
+                vector = back * point
             else:
-                way = back * (point - placement.offset)
+                vector = back * (point - placement.offset)
         if not distant:
-            way = way - camera.origin
-        p = project(camera, wp.dot(way, camera.right), wp.dot(way, camera.up), wp.dot(way, camera.forward))
+            vector = vector - camera.origin
+        p = project(camera, wp.dot(vector, camera.right), wp.dot(vector, camera.up), wp.dot(vector, camera.forward))
         return wp.vec2(
             (p[0] - camera.shift[0]) / camera.pixel[0] + 0.5 * float(camera.width),
             0.5 * float(camera.height) - (p[1] - camera.shift[1]) / camera.pixel[1],

@@ -8,25 +8,18 @@ fraction of a turn from x; of a cylinder, the fraction of a turn and the height 
 
 import warp as wp
 
-from wrt.kernels.core.elementary import arc_tangent
 from wrt.kernels.core.features import instances_of
 from wrt.kernels.core.ray_tree import make_instance_placement
 from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
-from wrt.kernels.geometry.spheres import slack_of
-from wrt.kernels.sampling.warps import TWO_PI
+from wrt.kernels.geometry.spheres import LEAST_CHORD, NEARLY, turn_of
+from wrt.kernels.geometry.triangles import clearance, slack_of
+from wrt.kernels.sampling.warps import PI, TWO_PI
 
 NO_QUADRIC = wp.constant(0)
 DISK = wp.constant(1)
 CYLINDER = wp.constant(2)
-
-_PI = wp.constant(3.141592653589793)
-# As for spheres (`kernels/geometry/spheres.py`)
-_CLEARANCE = wp.constant(16.0 * 2.0**-24)
-_TILT = wp.constant(1.0 / 16.0)
-_LEAST_CHORD = wp.constant(1.0e-5)
-_NEARLY = wp.constant(1.0 + 2.0**-21)
 
 _LEAST_SHARE = wp.constant(1.0e-4)
 """The least distance from the middle of a disk, in radii, for the length of a turn."""
@@ -145,13 +138,13 @@ def disk_area(quadric: Quadric) -> float:
     """Return the area of one side of a disk, square metres."""
     along_x = scale_of(quadric.x)
     along_y = scale_of(quadric.y)
-    return _PI * wp.length(wp.cross(quadric.x * along_x, quadric.y * along_y)) / (along_x * along_y)
+    return PI * wp.length(wp.cross(quadric.x * along_x, quadric.y * along_y)) / (along_x * along_y)
 
 
 @wp.func
 def clearance_of_quadric(quadric: Quadric, n: wp.vec3) -> float:
     """Return the offset along the normal n that puts a point on that side of the shape, metres."""
-    return wp.dot(wp.abs(n) + wp.vec3(_TILT), sizes_of(quadric)) * _CLEARANCE + quadric.slack
+    return clearance(n, sizes_of(quadric), quadric.slack)
 
 
 @wp.struct
@@ -185,8 +178,8 @@ def point_on_quadric(quadric: Quadric, ray: Ray, t: float) -> QuadricPoint:
         x -= d[0] * error
         y -= d[1] * error
         begins_outside = o[0] * o[0] + o[1] * o[1] > 1.0
-        from_outside = begins_outside and t <= middle * _NEARLY
-        step = wp.max(wp.sqrt(wp.max(1.0 - (x * x + y * y), 0.0)), _LEAST_CHORD) / wp.sqrt(across)
+        from_outside = begins_outside and t <= middle * NEARLY
+        step = wp.max(wp.sqrt(wp.max(1.0 - (x * x + y * y), 0.0)), LEAST_CHORD) / wp.sqrt(across)
         step = wp.where(from_outside, -step, step)
         x += d[0] * step
         y += d[1] * step
@@ -195,13 +188,6 @@ def point_on_quadric(quadric: Quadric, ray: Ray, t: float) -> QuadricPoint:
         point.place = wp.vec3(x * scale, y * scale, z)
         point.front = from_outside == (quadric.side > 0.0)
     return point
-
-
-@wp.func
-def turn_of(place: wp.vec3) -> float:
-    """Return the fraction of a turn about z, from x."""
-    turn = arc_tangent(place[1], place[0]) / TWO_PI
-    return wp.where(turn < 0.0, turn + 1.0, turn)
 
 
 @wp.func

@@ -10,24 +10,17 @@ import warp as wp
 
 from wrt.kernels.core.elementary import arc_tangent
 from wrt.kernels.core.features import instances_of
-from wrt.kernels.core.motion import Placement
-from wrt.kernels.core.ray_tree import InstanceRecord, make_instance_placement
+from wrt.kernels.core.ray_tree import make_instance_placement
 from wrt.kernels.core.rays import Frame, Ray, to_local, to_world
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
-from wrt.kernels.sampling.warps import TWO_PI
+from wrt.kernels.geometry.triangles import clearance, slack_of
+from wrt.kernels.sampling.warps import PI, TWO_PI
 
-_PI = wp.constant(3.141592653589793)
-_EPSILON = wp.constant(2.0**-24)
-# As for triangles (`kernels/geometry/triangles.py`): roundings of an instance's map, and of a point on the sphere.
-_ROUNDINGS = wp.constant(10.0)
-_CLEARANCE = wp.constant(16.0 * 2.0**-24)
-_TILT = wp.constant(1.0 / 16.0)
-
-_LEAST_CHORD = wp.constant(1.0e-5)
+LEAST_CHORD = wp.constant(1.0e-5)
 """The least half chord, in radii, so that the viewer is never in the plane of the surface."""
 
-_NEARLY = wp.constant(1.0 + 2.0**-21)
+NEARLY = wp.constant(1.0 + 2.0**-21)
 """More than the error of a distance: of a chord that short, rays from outside meet the near end."""
 
 _LEAST_SINE = wp.constant(1.0e-4)
@@ -72,16 +65,6 @@ def sphere_of_one_tree(scene: SceneData, triangle: int, instance: int, time: flo
     return sphere
 
 
-@wp.func
-def slack_of(record: InstanceRecord, placement: Placement, sizes: wp.vec3) -> float:
-    """Return the distance by which rays may miss points of an instance, whose coordinates are at most `sizes`."""
-    size = float(0.0)
-    if record.round_trip > 0.0:
-        for k in range(3):
-            size = wp.max(size, wp.dot(wp.abs(placement.linear[k]), sizes) + wp.abs(placement.offset[k]))
-    return size * _EPSILON * _ROUNDINGS * (1.0 + record.round_trip)
-
-
 @specialised()
 def make_sphere_of(geometry: str) -> wp.Function:
     """Return the device function (scene, triangle, instance, time) -> Sphere; see `Features.geometry`.
@@ -110,8 +93,8 @@ def make_sphere_of(geometry: str) -> wp.Function:
 @specialised()
 def make_sphere_axes(geometry: str) -> wp.Function:
     """Return the device function (scene, triangle, instance, time) -> Frame of a sphere's axes."""
-    still = instances_of(geometry) == "none"
-    instance_placement = make_instance_placement("still" if still else instances_of(geometry))
+    in_one_tree = instances_of(geometry) == "none"
+    instance_placement = make_instance_placement("still" if in_one_tree else instances_of(geometry))
 
     @wp.func
     def sphere_axes(scene: SceneData, triangle: int, instance: int, time: float) -> Frame:
@@ -119,7 +102,7 @@ def make_sphere_axes(geometry: str) -> wp.Function:
         x = scene.normals[corners[0]]
         y = scene.normals[corners[1]]
         z = scene.normals[corners[2]]
-        if wp.static(not still):
+        if wp.static(not in_one_tree):
             linear = instance_placement(scene.placed, scene.placed.instances[instance], time).linear
             x = linear * x
             y = linear * y
@@ -136,8 +119,7 @@ def make_sphere_axes(geometry: str) -> wp.Function:
 @wp.func
 def clearance_of_sphere(sphere: Sphere, n: wp.vec3) -> float:
     """Return the offset along the normal n that puts a point of a sphere on that side of it, metres."""
-    sizes = wp.abs(sphere.center) + wp.vec3(sphere.radius)
-    return wp.dot(wp.abs(n) + wp.vec3(_TILT), sizes) * _CLEARANCE + sphere.slack
+    return clearance(n, wp.abs(sphere.center) + wp.vec3(sphere.radius), sphere.slack)
 
 
 @wp.func
@@ -154,19 +136,24 @@ def point_on_sphere(sphere: Sphere, ray: Ray, t: float) -> SpherePoint:
     half_chord = wp.sqrt(wp.max(1.0 - wp.dot(nearest, nearest), 0.0))
     point = SpherePoint()
     begins_outside = wp.dot(from_center, from_center) > sphere.radius * sphere.radius
-    point.from_outside = begins_outside and t <= middle * _NEARLY
-    step = wp.max(half_chord, _LEAST_CHORD)
+    point.from_outside = begins_outside and t <= middle * NEARLY
+    step = wp.max(half_chord, LEAST_CHORD)
     point.out = wp.normalize(nearest + ray.direction * wp.where(point.from_outside, -step, step))
     return point
+
+
+@wp.func
+def turn_of(v: wp.vec3) -> float:
+    """Return the fraction of a turn of a vector about z, from x."""
+    turn = arc_tangent(v[1], v[0]) / TWO_PI
+    return wp.where(turn < 0.0, turn + 1.0, turn)
 
 
 @wp.func
 def sphere_coordinates(axes: Frame, out: wp.vec3) -> wp.vec2:
     """Return the texture coordinates of the point of a sphere in a direction: fractions of a turn and of half a one."""
     local = to_local(axes, out)
-    turn = arc_tangent(local[1], local[0]) / TWO_PI
-    turn = wp.where(turn < 0.0, turn + 1.0, turn)
-    return wp.vec2(turn, arc_tangent(wp.sqrt(local[0] * local[0] + local[1] * local[1]), local[2]) / _PI)
+    return wp.vec2(turn_of(local), arc_tangent(wp.sqrt(local[0] * local[0] + local[1] * local[1]), local[2]) / PI)
 
 
 @wp.func
@@ -188,4 +175,4 @@ def along_meridian(axes: Frame, out: wp.vec3, radius: float) -> wp.vec3:
     down = wp.vec3(1.0, 0.0, 0.0)
     if sine > 0.0:
         down = wp.vec3(local[0] / sine * local[2], local[1] / sine * local[2], -sine)
-    return to_world(axes, down) * (_PI * radius)
+    return to_world(axes, down) * (PI * radius)

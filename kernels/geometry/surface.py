@@ -28,7 +28,7 @@ from wrt.kernels.geometry.spheres import (
     point_on_sphere,
     sphere_coordinates,
 )
-from wrt.kernels.geometry.triangles import clearance_of, make_triangle_of, triangle_normal
+from wrt.kernels.geometry.triangles import clearance, make_triangle_of, triangle_normal
 
 # Rays leave a surface at most this many times its clearance from where one met it.
 _MOST_CLEARANCES = wp.constant(64.0)
@@ -38,7 +38,7 @@ _MOST_CLEARANCES = wp.constant(64.0)
 class Surface:
     """A point on a triangle, seen along a ray.
 
-    `normal` (geometric) and `frame.n` (shading) face the viewer; `front` tells whether the viewer is on the triangle's
+    `normal` (geometric) and `frame.n` (shading) face the viewer; `front` is whether the viewer is on the triangle's
     front, where its corners run counter-clockwise; for a mirrored instance, the front of its mesh. `e1` and `e2` are
     two edges of the triangle in the world, `clearance` is the offset from which rays leave it. `footprint` is the ray
     cone's footprint in the texture (see `texture_footprint`); zero for a point sample. `second_uv` and `alpha` are set
@@ -165,7 +165,8 @@ def make_surface_at(geometry: str) -> wp.Function:
         surface.e1 = triangle.e1
         surface.e2 = triangle.e2
         normal = triangle_normal(triangle.e1, triangle.e2)
-        surface.clearance = clearance_of(triangle, normal)
+        sizes = wp.abs(triangle.p0) + wp.abs(triangle.e1) + wp.abs(triangle.e2)
+        surface.clearance = clearance(normal, sizes, triangle.slack)
         if wp.static(placed):
             surface.shape = scene.placed.instances[hit.instance].shape
             if surface.shape < 0:
@@ -223,26 +224,27 @@ def _make_surface_or_exact_at(geometry: str) -> wp.Function:
         if wp.static(quadrics):
             quadric = quadric_of(scene, hit.triangle, hit.instance, ray.time)
             if quadric.kind != NO_QUADRIC:
-                met = point_on_quadric(quadric, ray, hit.t)
-                normal = front_of(quadric, met.place)
-                seen = seen_of(scene, hit, point_of(quadric, met.place), normal, met.front, met.front)
-                seen.clearance = clearance_of_quadric(quadric, normal)
-                seen.uv = quadric_coordinates(quadric, met.place)
-                seen.e1 = by_coordinate(quadric, met.place, 0)
-                seen.e2 = by_coordinate(quadric, met.place, 1)
-                return seen
+                point = point_on_quadric(quadric, ray, hit.t)
+                normal = front_of(quadric, point.place)
+                position = point_of(quadric, point.place)
+                on_quadric = seen_of(scene, hit, position, normal, point.front, point.front)
+                on_quadric.clearance = clearance_of_quadric(quadric, normal)
+                on_quadric.uv = quadric_coordinates(quadric, point.place)
+                on_quadric.e1 = by_coordinate(quadric, point.place, 0)
+                on_quadric.e2 = by_coordinate(quadric, point.place, 1)
+                return on_quadric
         surface = Surface()
         sphere = sphere_of(scene, hit.triangle, hit.instance, ray.time)
         if sphere.radius > 0.0:
-            point = point_on_sphere(sphere, ray, hit.t)
-            position = sphere.center + point.out * sphere.radius
-            front = point.from_outside == (sphere.side > 0.0)
-            surface = seen_of(scene, hit, position, point.out, point.from_outside, front)
-            surface.clearance = clearance_of_sphere(sphere, point.out)
+            on_sphere = point_on_sphere(sphere, ray, hit.t)
+            sphere_position = sphere.center + on_sphere.out * sphere.radius
+            front = on_sphere.from_outside == (sphere.side > 0.0)
+            surface = seen_of(scene, hit, sphere_position, on_sphere.out, on_sphere.from_outside, front)
+            surface.clearance = clearance_of_sphere(sphere, on_sphere.out)
             axes = sphere_axes(scene, hit.triangle, hit.instance, ray.time)
-            surface.uv = sphere_coordinates(axes, point.out)
-            surface.e1 = along_turn(axes, point.out, sphere.radius)
-            surface.e2 = along_meridian(axes, point.out, sphere.radius)
+            surface.uv = sphere_coordinates(axes, on_sphere.out)
+            surface.e1 = along_turn(axes, on_sphere.out, sphere.radius)
+            surface.e2 = along_meridian(axes, on_sphere.out, sphere.radius)
         else:
             surface = on_triangle(scene, ray, hit)
             surface.uv = wp.vec2(hit.u, hit.v)
@@ -268,7 +270,7 @@ def add_texture_coordinates(scene: SceneData, hit: Hit, surface: Surface) -> Sur
 def make_add_texture_coordinates(uv2_alpha: bool, exact: bool) -> wp.Function:
     """Return `add_texture_coordinates`, extended by second coordinates and alpha if `uv2_alpha`.
 
-    With exact shapes, the weights of vertices are those that `make_surface_at` leaves in `uv`.
+    With exact shapes, `uv` has the weights of the vertices (see `make_surface_at`).
     """
     if exact:
         plain = make_add_texture_coordinates(uv2_alpha, False)
@@ -286,10 +288,10 @@ def make_add_texture_coordinates(uv2_alpha: bool, exact: bool) -> wp.Function:
     def add(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
         surface = add_texture_coordinates(scene, hit, surface)
         i = scene.corners[hit.triangle]
-        more = scene.uv2_alpha[i[0]] * (1.0 - hit.u - hit.v)
-        more = more + scene.uv2_alpha[i[1]] * hit.u + scene.uv2_alpha[i[2]] * hit.v
-        surface.second_uv = wp.vec2(more[0], more[1])
-        surface.alpha = more[2]
+        second = scene.uv2_alpha[i[0]] * (1.0 - hit.u - hit.v)
+        second = second + scene.uv2_alpha[i[1]] * hit.u + scene.uv2_alpha[i[2]] * hit.v
+        surface.second_uv = wp.vec2(second[0], second[1])
+        surface.alpha = second[2]
         return surface
 
     return add if uv2_alpha else add_texture_coordinates

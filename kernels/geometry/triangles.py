@@ -9,8 +9,8 @@ depend on the unit of length.
 
 import warp as wp
 
-from wrt.kernels.core.motion import key_at
-from wrt.kernels.core.ray_tree import make_instance_placement
+from wrt.kernels.core.motion import Placement, key_at
+from wrt.kernels.core.ray_tree import InstanceRecord, make_instance_placement
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 
@@ -71,10 +71,22 @@ def twice_area(e1: wp.vec3, e2: wp.vec3) -> float:
 
 
 @wp.func
-def clearance_of(triangle: Triangle, n: wp.vec3) -> float:
-    """Return the offset along the normal n that puts a point of a triangle on that side of it, metres."""
-    sizes = wp.abs(triangle.p0) + wp.abs(triangle.e1) + wp.abs(triangle.e2)
-    return wp.dot(wp.abs(n) + wp.vec3(_TILT), sizes) * _CLEARANCE + triangle.slack
+def clearance(n: wp.vec3, sizes: wp.vec3, slack: float) -> float:
+    """Return the offset along the normal n that puts a point of a surface on that side of it, metres.
+
+    The coordinates of the terms that make up the point are at most `sizes`; for `slack` see `slack_of`.
+    """
+    return wp.dot(wp.abs(n) + wp.vec3(_TILT), sizes) * _CLEARANCE + slack
+
+
+@wp.func
+def slack_of(record: InstanceRecord, placement: Placement, sizes: wp.vec3) -> float:
+    """Return the distance by which rays may miss points of an instance, whose coordinates are at most `sizes`."""
+    size = float(0.0)
+    if record.round_trip > 0.0:
+        for k in range(3):
+            size = wp.max(size, wp.dot(wp.abs(placement.linear[k]), sizes) + wp.abs(placement.offset[k]))
+    return size * _EPSILON * _ROUNDINGS * (1.0 + record.round_trip)
 
 
 @wp.func
@@ -113,23 +125,17 @@ def make_triangle_of(instances: str) -> wp.Function:
                 at = key_at(scene.placed.key_times, mesh.first_time, mesh.keys, time)
                 first = int(at[0]) * mesh.vertex_stride
                 second = wp.min(first + mesh.vertex_stride, (mesh.keys - 1) * mesh.vertex_stride)
-                rest = 1.0 - at[1]
-                p0 = scene.points[i0 + first] * rest + scene.points[i0 + second] * at[1]
-                p1 = scene.points[i1 + first] * rest + scene.points[i1 + second] * at[1]
-                p2 = scene.points[i2 + first] * rest + scene.points[i2 + second] * at[1]
+                first_share = 1.0 - at[1]
+                p0 = scene.points[i0 + first] * first_share + scene.points[i0 + second] * at[1]
+                p1 = scene.points[i1 + first] * first_share + scene.points[i1 + second] * at[1]
+                p2 = scene.points[i2 + first] * first_share + scene.points[i2 + second] * at[1]
         placement = instance_placement(scene.placed, record, time)
         result = Triangle()
         result.p0 = placement.linear * p0 + placement.offset
         result.e1 = placement.linear * (p1 - p0)
         result.e2 = placement.linear * (p2 - p0)
         result.side = record.side
-        # The largest coordinate that is rounded.
-        size = float(0.0)
-        for k in range(3):
-            products = wp.max(wp.abs(p0), wp.max(wp.abs(p1), wp.abs(p2)))
-            size = wp.max(size, wp.dot(wp.abs(placement.linear[k]), products) + wp.abs(placement.offset[k]))
-        if record.round_trip > 0.0:
-            result.slack = size * _EPSILON * _ROUNDINGS * (1.0 + record.round_trip)
+        result.slack = slack_of(record, placement, wp.max(wp.abs(p0), wp.max(wp.abs(p1), wp.abs(p2))))
         return result
 
     return triangle_of

@@ -36,7 +36,7 @@ def headers_of(name: str) -> tuple[str, ...]:
 
 @functools.cache
 def text_of(name: str) -> str:
-    """Return the text of a header after those that it includes, each between guards."""
+    """Return the text of a header, and before it of all headers that it includes, each between guards."""
     text = ""
     for header in headers_of(name):
         guard = f"WRT_{_identifier(header).upper()}"

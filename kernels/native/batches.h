@@ -1,6 +1,7 @@
 #pragma once
-// Arrays of rays (`kernels/accel/ray_batch.py`): coherent ones in packets, others interleaved.
+// Arrays of rays (`kernels/accel/ray_batch.py`): coherent ones in packets, others interleaved, or one by one.
 #include "in_turn.h"
+#include "instances.h"
 #include "together.h"
 
 namespace wrt {
@@ -38,13 +39,6 @@ template<class Batch> struct RaysInTurn {
     WRT_MEMBER void finish(const BatchTraveller& t) { write_hit(batch, t.number, t.nearest); }
     WRT_MEMBER const Ray& ray(const BatchTraveller& t) { return t.ray; }
 };
-template<class Bvh, class Batch> WRT_INLINE void trace_chunk(const Bvh& bvh, const int chunk, const Batch& batch) {
-    const int first = chunk * RAYS_PER_THREAD, left = (int)batch.origins.shape[0] - first;
-    RaysInTurn<Batch> rays = {batch, first, first + (left < RAYS_PER_THREAD ? left : RAYS_PER_THREAD)};
-    const Tree tree = tree_of(bvh);
-    if (batch.any_hit) follow_in_turn<true, RAYS_IN_TURN, BatchTraveller>(tree, batch.t_min, RAYS_IN_TURN, 5, rays);
-    else follow_in_turn<false, RAYS_IN_TURN, BatchTraveller>(tree, batch.t_min, RAYS_IN_TURN, 5, rays);
-}
 
 // Transpose eight vectors of three to three vectors of eight.
 WRT_INLINE void load_vectors(f8* out, const float* from) {
@@ -80,31 +74,48 @@ static bool trace_together(const Tree& tree, const int first, const Batch& batch
     return true;
 }
 #endif
-// Trace rays `first` to end - 1, one by one.
-template<class Batch> WRT_INLINE void trace_each(const Tree& tree, const int first, const int end, const Batch& batch) {
-    for (int i = first; i < end; ++i) {
-        Ray ray;
-        const bool runs = set_up(ray, batch.origins.data[i], batch.directions.data[i]);
-        Nearest nearest = {runs ? reach_of(batch, i) : -1.0f, 0.0f, 0.0f, NOTHING_HIT};
-        if (nearest.t >= batch.t_min) find_hit(tree, ray, 0, batch.t_min, batch.any_hit != 0, nearest);
-        write_hit(batch, i, nearest);
+// Trace a single ray.
+template<class Bvh, class Batch> WRT_INLINE void trace_one(const Bvh& bvh, const int i, const Batch& batch) {
+    Ray ray;
+    const bool runs = set_up(ray, batch.origins.data[i], batch.directions.data[i]);
+    Nearest nearest = {runs ? reach_of(batch, i) : -1.0f, 0.0f, 0.0f, NOTHING_HIT};
+    if (nearest.t >= batch.t_min) find_hit(tree_of(bvh), ray, 0, batch.t_min, batch.any_hit != 0, nearest);
+    write_hit(batch, i, nearest);
+}
+// The same among instances; triangles are numbered through all of them.
+template<class Placed, class Batch>
+WRT_INLINE void trace_one_in_instances(const Placed& placed, const int i, const Batch& batch) {
+    const float reach = reach_of(batch, i);
+    Nearest nearest = {reach, 0.0f, 0.0f, NOTHING_HIT};
+    if (reach >= batch.t_min) {
+        const wp::vec_t<5, float> found = closest_instance_hit<Instances::still>(
+            placed, Axes(), batch.origins.data[i], batch.directions.data[i], 0.0f, batch.t_min, reach,
+            batch.any_hit != 0);
+        if (bits_of(found[0]) >= 0) nearest = {found[2], found[3], found[4], bits_of(found[1])};
     }
+    write_hit(batch, i, nearest);
+}
+
+// The rays of one thread, of `count` each; on CUDA, where the hardware interleaves warps, one by one.
+template<class Bvh, class Batch> WRT_INLINE void trace_chunk(const Bvh& bvh, const int chunk, const Batch& batch) {
+    const int first = chunk * RAYS_PER_THREAD, end = wp::min(first + RAYS_PER_THREAD, (int)batch.origins.shape[0]);
+#if WRT_VECTORS
+    RaysInTurn<Batch> rays = {batch, first, end};
+    const Tree tree = tree_of(bvh);
+    if (batch.any_hit) follow_in_turn<true, RAYS_IN_TURN, BatchTraveller>(tree, batch.t_min, RAYS_IN_TURN, 5, rays);
+    else follow_in_turn<false, RAYS_IN_TURN, BatchTraveller>(tree, batch.t_min, RAYS_IN_TURN, 5, rays);
+#else
+    for (int i = first; i < end; ++i) trace_one(bvh, i, batch);
+#endif
 }
 template<class Bvh, class Batch> WRT_INLINE void trace_packet(const Bvh& bvh, const int packet, const Batch& batch) {
-    const int first = packet * PACKET, left = (int)batch.origins.shape[0] - first;
-    const int count = left < PACKET ? left : PACKET;
-    const Tree tree = tree_of(bvh);
+    const int first = packet * PACKET, end = wp::min(first + PACKET, (int)batch.origins.shape[0]);
 #if WRT_VECTORS
-    if (count == PACKET &&
+    const Tree tree = tree_of(bvh);
+    if (end - first == PACKET &&
         (batch.any_hit ? trace_together<true>(tree, first, batch) : trace_together<false>(tree, first, batch)))
         return;
 #endif
-    trace_each(tree, first, first + count, batch);
+    for (int i = first; i < end; ++i) trace_one(bvh, i, batch);
 }
-#if !WRT_VECTORS
-template<class Bvh, class Batch> WRT_INLINE void trace_chunk(const Bvh& bvh, const int chunk, const Batch& batch) {
-    const int first = chunk * RAYS_PER_THREAD, left = (int)batch.origins.shape[0] - first;
-    trace_each(tree_of(bvh), first, first + (left < RAYS_PER_THREAD ? left : RAYS_PER_THREAD), batch);
-}
-#endif
 } // namespace wrt

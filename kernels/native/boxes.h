@@ -26,9 +26,7 @@ struct Ray {
     int near_row[4], far_row[4], flip;
     float origin[3], shear[3];
     int kx, ky, kz;
-#if defined(WRT_QUADRICS)
-    Axes axes;
-#endif
+    [[no_unique_address]] Axes axes;
 };
 
 // Prepare a ray and return whether it can hit anything.
@@ -88,7 +86,7 @@ struct Stack {
 // Test the eight boxes of a node, and push the children that the ray meets, the nearest on top. The builder orders the
 // children of a node by octant (Ylitie et al. 2017, section 3.2): child p lies towards the corner of the node that the
 // bits of p name. So the signs of the ray's direction give an approximate order from near to far without sorting: `flip`
-// permutes the children into that order, and a compression drops those that the ray misses. Processors without that
+// permutes the children into that order, and a compression drops boxes that the ray misses. Processors without that
 // instruction sort the children by distance. (CUDA: `gpu.h`.)
 WRT_INLINE void push_children(
     const float* node, const int* children, const Ray& ray, const float t_min, const float t_max, const Stack& stack) {

@@ -3,15 +3,8 @@
 //
 // A thread's stack is in device memory, as are all arrays that are indexed at run time; arrays are in registers if the
 // loops over them are unrolled. So children are not sorted, and wait together in one entry: their node, and a mask. The
-// order from near to far is that of the ray's octant (Ylitie, Karras and Laine 2017, section 3.2), as in `boxes.h`.
+// octant of the ray gives the order from near to far (Ylitie, Karras and Laine 2017, section 3.2), as in `boxes.h`.
 #include "triangles.h"
-
-// A comment in PTX, by which the emulator of the tests knows a place.
-#if defined(__CUDA_ARCH__)
-#define WRT_MARK(name) asm volatile("// mark: " name)
-#else
-#define WRT_MARK(name) ((void)0)
-#endif
 
 namespace wrt {
 #if !WRT_VECTORS
@@ -70,14 +63,14 @@ template<class Boxes> WRT_INLINE float begin_of(const Boxes& boxes, const Ray& r
     return begin;
 }
 
-// Trace a ray from node `current` on; see `traversal.h`. A child that waited is left out if a hit found meanwhile is
-// nearer than its box, of which three numbers are read again: its distance is not kept.
+// Trace a ray from node `current` on; see `traversal.h`. A waiting child is skipped once a hit is nearer than
+// its box. The distance of the box is not kept; three of its numbers are read again.
 //
 // Each lane of a warp goes on through nodes to a leaf, then all test their leaves together (Aila and Laine 2009). There
 // is no other way out of the loops than the one at their ends: lanes that took it would meet the others behind the loops.
-template<class Tree, class Boxes, class Visit>
-WRT_INLINE void follow(
-    const Tree& tree, const Ray& ray, int current, const float t_min, const float& t_max, Boxes boxes, Visit visit) {
+template<class Nodes, class Visit>
+WRT_INLINE void
+follow(const Nodes& tree, const Ray& ray, int current, const float t_min, const float& t_max, Visit visit) {
     constexpr int NOTHING_LEFT = -2147483647 - 1;
     int2 stack[MAX_DEPTH];
     int top = 0, parent = 0;
@@ -87,7 +80,7 @@ WRT_INLINE void follow(
         if (current < 0 && visit(current)) top = 0, waiting = 0;
         do {
             if (current >= 0) {
-                const unsigned met = children_met(boxes(current), ray, t_min, t_max);
+                const unsigned met = children_met(tree.node(current), ray, t_min, t_max);
                 if (met) {
                     if (waiting) stack[top++] = make_int2(parent, (int)waiting);
                     parent = current;
@@ -103,7 +96,7 @@ WRT_INLINE void follow(
                 }
                 const int k = lowest_bit(waiting) ^ ray.flip;
                 waiting &= waiting - 1;
-                if (!(t_max < reach && begin_of(boxes(parent), ray, k) > t_max * (float)BOX_PAD))
+                if (!(t_max < reach && begin_of(tree.node(parent), ray, k) > t_max * (float)BOX_PAD))
                     current = tree.children(parent)[k];
             }
         } while (current >= 0);
@@ -125,39 +118,29 @@ test_leaf(const Leaf& leaf, const Ray& ray, const float t_min, Nearest& nearest,
             const auto corner = [&](int vertex, int axis) { return corners[vertex][axis][k]; };
             const auto keep = [&](const float t, const float u, const float v) {
                 const int id = leaf.id(9 * LEAF_SIZE + first + k);
-                if (!skipped(t, id) && (t < nearest.t || (t == nearest.t && id < nearest.id))) nearest = {t, u, v, id};
+                if (!skipped(t, id) && (t < nearest.t || (t == nearest.t && id < nearest.id)))
+                    nearest = {t + 0.0f, u, v, id};
             };
 #if defined(WRT_SPHERES)
             if (corner(0, 0) == corner(2, 0) && corner(0, 1) == corner(2, 1) && corner(0, 2) == corner(2, 2)) {
                 const int id = leaf.id(9 * LEAF_SIZE + first + k);
-#if defined(WRT_QUADRICS)
-                // The corners are in the order of the ray's axes.
-                const auto rises = [&](int axis) {
-                    const int place = axis == ray.kx ? 0 : axis == ray.ky ? 1 : 2;
-                    return corner(0, place) < corner(1, place);
-                };
-                const auto axis_of = [&](int which, int axis) {
-                    return ray.axes.of(id, which)[axis == 0 ? ray.kx : axis == 1 ? ray.ky : ray.kz];
-                };
                 Roots<float> roots;
+#if defined(WRT_QUADRICS)
+                const auto coordinate = [&](int vertex, int axis) {
+                    return leaf.one(LEAF_SIZE * (3 * vertex + axis) + first + k);
+                };
+                const auto rises = [&](int axis) { return coordinate(0, axis) < coordinate(1, axis); };
+                const auto axis_of = [&](int which, int axis) { return ray.axes.of(id, which)[axis]; };
                 if (rises(0) != rises(1)) {
-                    const auto in_order = [&](const float* of, float* out) {
-                        out[0] = element(of, ray.kx), out[1] = element(of, ray.ky), out[2] = element(of, ray.kz);
-                    };
-                    float inverse[3], near_shift[3], far_shift[3];
-                    in_order(ray.inverse, inverse), in_order(ray.near_shift, near_shift);
-                    in_order(ray.far_shift, far_shift);
-                    const Span<float> span = span_in_box<float>(corner, inverse, near_shift, far_shift, t_min);
+                    const Span<float> span =
+                        span_in_box<float>(coordinate, ray.inverse, ray.near_shift, ray.far_shift, t_min);
                     if (!span.begins_before(nearest.t)) continue;
                     roots = roots_of_quadric<float>(
-                        corner, axis_of, ray.axes.scales_of(id), span, rises(0) == rises(2), ray.origin, ray.shear, 0,
-                        1, 2);
-                } else {
-                    roots = roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
-                }
-#else
-                const Roots<float> roots = roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
+                        coordinate, axis_of, ray.axes.scales_of(id), span, rises(0) == rises(2), ray.origin,
+                        ray.shear, ray.kx, ray.ky, ray.kz);
+                } else
 #endif
+                    roots = roots_of<float>(corner, ray.origin, ray.shear, 0, 1, 2);
                 if (!((roots.far >= t_min) & (roots.near <= nearest.t))) continue;
                 const float t = first_of<float>(
                     roots, [&](float root) { return root > 0.0f && root >= t_min && !skipped(root, id); });

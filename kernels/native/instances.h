@@ -28,46 +28,47 @@ WRT_INLINE void invert(Matrix33& map, const Vector3& offset, Matrix33& linear, V
     }
 }
 
-// Find the hit of a ray in the tree of a mesh; see `find_hit`. For a deforming mesh, boxes and triangles are
-// interpolated between two keys. Rounding is monotonic, so triangles stay within their boxes.
+// The tree of a deforming mesh between two of its keys: boxes and triangles are interpolated. Rounding is monotonic, so
+// triangles stay within their boxes.
+struct MixedTree {
+    Tree from, to;
+    float share;
+#if WRT_VECTORS
+    alignas(32) mutable float mixed[LEAF_FLOATS];
+    WRT_MEMBER const float* mix(const float* one, const float* other, const int count) const {
+        WRT_NO_CONTRACTION
+        for (int k = 0; k < count; ++k) mixed[k] = (1.0f - share) * one[k] + share * other[k];
+        return mixed;
+    }
+    WRT_MEMBER const float* node(const int i) const { return mix(from.node(i), to.node(i), 6 * WIDTH); }
+    WRT_MEMBER const float* leaf(const int child) const {
+        memcpy(mixed + 9 * LEAF_SIZE, from.leaf(child) + 9 * LEAF_SIZE, 4 * LEAF_SIZE);
+        return mix(from.leaf(child), to.leaf(child), 9 * LEAF_SIZE);
+    }
+#else
+    WRT_MEMBER MixedFloats node(const int i) const { return {from.node(i), to.node(i), share}; }
+    WRT_MEMBER MixedFloats leaf(const int child) const { return {from.leaf(child), to.leaf(child), share}; }
+#endif
+    WRT_MEMBER const int* children(const int i) const { return from.children(i); }
+};
+
+// Find the hit of a ray in the tree of a mesh; see `find_hit`.
 template<Instances KIND, class Placed, class Mesh, class Skipped>
 WRT_INLINE void find_hit_in_mesh(
     const Placed& placed, const Mesh& mesh, const Ray& ray, const float time, const float t_min, const bool any_hit,
     Nearest& nearest, Skipped skipped) {
-    Tree tree = tree_of(mesh.bvh);
+    const Tree tree = tree_of(mesh.bvh);
     if constexpr (KIND == Instances::deforming) {
         if (mesh.keys > 1) {
             const KeyAt at = key_at(placed.key_times.data + mesh.first_time, mesh.keys, time);
-            const int next = at.key + 1 < mesh.keys ? at.key + 1 : at.key;
-            const float share = at.share;
-            const Tree later = {
-                tree.nodes + (size_t)next * mesh.node_stride, tree.leaves + (size_t)next * mesh.leaf_stride};
-            tree.nodes += (size_t)at.key * mesh.node_stride;
-            tree.leaves += (size_t)at.key * mesh.leaf_stride;
-#if WRT_VECTORS
-            alignas(32) float mixed[LEAF_FLOATS];
-            const auto mix = [&](const float* from, const float* to, const int count) {
-                WRT_NO_CONTRACTION
-                for (int k = 0; k < count; ++k) mixed[k] = (1.0f - share) * from[k] + share * to[k];
+            const auto tree_at = [&](const size_t key) -> Tree {
+                return {tree.nodes + key * mesh.node_stride, tree.leaves + key * mesh.leaf_stride};
             };
-            const auto boxes = [&](int node) {
-                mix(tree.node(node), later.node(node), 6 * WIDTH);
-                return (const float*)mixed;
-            };
-            follow(tree, ray, 0, t_min, nearest.t, boxes, [&](int leaf) {
-                mix(tree.leaf(leaf), later.leaf(leaf), 9 * LEAF_SIZE);
-                memcpy(mixed + 9 * LEAF_SIZE, tree.leaf(leaf) + 9 * LEAF_SIZE, 4 * LEAF_SIZE);
-                test_leaf(mixed, ray, t_min, nearest, skipped);
-                return any_hit && nearest.id != NOTHING_HIT;
-            });
-#else
-            const auto boxes = [&](int node) { return MixedFloats{tree.node(node), later.node(node), share}; };
-            follow(tree, ray, 0, t_min, nearest.t, boxes, [&](int leaf) {
-                const MixedFloats mixed = {tree.leaf(leaf), later.leaf(leaf), share};
-                test_leaf(mixed, ray, t_min, nearest, skipped);
-                return any_hit && nearest.id != NOTHING_HIT;
-            });
-#endif
+            MixedTree between;
+            between.from = tree_at(at.key);
+            between.to = tree_at(at.key + 1 < mesh.keys ? at.key + 1 : at.key);
+            between.share = at.share;
+            find_hit(between, ray, 0, t_min, any_hit, nearest, skipped);
             return;
         }
     }
@@ -78,8 +79,8 @@ WRT_INLINE void find_hit_in_mesh(
 // predicate for the hits to skip in an instance; see `test_leaf`.
 template<Instances KIND, class Placed, class Vector, class Skipped>
 WRT_INLINE wp::vec_t<5, float> trace_instances(
-    const Placed& placed, const Vector& world_origin, const Vector& world_direction, const float time,
-    const float t_min, const float t_max, const bool any_hit, Skipped skipped) {
+    const Placed& placed, const Axes& axes, const Vector& world_origin, const Vector& world_direction,
+    const float time, const float t_min, const float t_max, const bool any_hit, Skipped skipped) {
     Nearest best = {t_max, 0.0f, 0.0f, -1};
     int best_instance = -1;
     // Of equal t the lower instance number wins: triangles of a later instance do not replace a hit of an earlier one,
@@ -111,9 +112,7 @@ WRT_INLINE wp::vec_t<5, float> trace_instances(
         }
         Ray ray;
         if (!set_up(ray, origin, direction)) return any_hit && best_instance >= 0;
-#if defined(WRT_QUADRICS)
-        ray.axes = placed.axes.from(instance.first_triangle);
-#endif
+        ray.axes = axes.from(instance.first_triangle);
         const int nothing_yet = best_instance >= 0 && best_instance < number ? -1 : NOTHING_HIT;
         Nearest nearest = {best.t, 0.0f, 0.0f, nothing_yet};
         const auto& mesh = placed.meshes.data[instance.mesh];
@@ -131,33 +130,34 @@ WRT_INLINE wp::vec_t<5, float> trace_instances(
         tree.nodes = tree.at(placed.slice_nodes.data[(int)wp::max(0.0f, wp::min(slice, last))]);
     }
     Ray ray;
-    if (set_up(ray, world_origin, world_direction))
-        follow(tree, ray, 0, t_min, best.t, [&](int node) { return tree.node(node); }, visit);
+    if (set_up(ray, world_origin, world_direction)) follow(tree, ray, 0, t_min, best.t, visit);
     wp::vec_t<5, float> found;
     found[0] = float_of(best_instance);
-    found[1] = float_of(best.id);
+    found[1] = float_of(
+        best_instance >= 0 ? best.id + placed.instances.data[best_instance].first_triangle : -1);
     found[2] = best.t;
     found[3] = best.u;
     found[4] = best.v;
     return found;
 }
-// The nearest hit or any: its instance, the triangle by its number in the mesh, t, u and v.
+// The nearest hit or any: its instance, the triangle by its number through all instances, t, u and v.
 template<Instances KIND, class Placed, class Vector>
 WRT_INLINE wp::vec_t<5, float> closest_instance_hit(
-    const Placed& placed, const Vector& origin, const Vector& direction, float time, float t_min, float t_max,
-    bool any_hit) {
+    const Placed& placed, const Axes& axes, const Vector& origin, const Vector& direction, float time, float t_min,
+    float t_max, bool any_hit) {
     const auto skipped = [](int) { return NoneSkipped(); };
-    return trace_instances<KIND>(placed, origin, direction, time, t_min, t_max, any_hit, skipped);
+    return trace_instances<KIND>(placed, axes, origin, direction, time, t_min, t_max, any_hit, skipped);
 }
 // The hit that follows another one at t_min, ordered by distance, instance and triangle.
 template<Instances KIND, class Placed, class Vector>
 WRT_INLINE wp::vec_t<5, float> next_instance_hit(
-    const Placed& placed, const Vector& origin, const Vector& direction, float time, float t_min, float t_max,
-    int last_instance, int last_id) {
+    const Placed& placed, const Axes& axes, const Vector& origin, const Vector& direction, float time, float t_min,
+    float t_max, int last_instance, int last_id) {
+    const int last_of_mesh = last_id - placed.instances.data[last_instance].first_triangle;
     const auto skipped = [&](int number) {
-        const int id_min = number < last_instance ? NOTHING_HIT : number == last_instance ? last_id : -1;
+        const int id_min = number < last_instance ? NOTHING_HIT : number == last_instance ? last_of_mesh : -1;
         return [=](float t, int id) { return t == t_min && id <= id_min; };
     };
-    return trace_instances<KIND>(placed, origin, direction, time, t_min, t_max, false, skipped);
+    return trace_instances<KIND>(placed, axes, origin, direction, time, t_min, t_max, false, skipped);
 }
 } // namespace wrt

@@ -29,7 +29,7 @@ WRT_INLINE bool any_of(bool c) { return c; }
 // spread - u), `cos_received` that of max(0, angle to the normal - u). So a group has zero importance only if none of
 // its lights can reach the point. Spheres are loose around lights in a plane. A group's box therefore bounds its height
 // above the point's horizon, which lowers the cosine (to one and a half times that height over the mean distance, since
-// some lights are nearer); and if all normals agree, the box's extent along them tells whether the point is behind all
+// some lights are nearer); and if all normals agree, the box's extent along them shows whether the point is behind all
 // lights. docs/performance.md has the gain.
 template<class V> struct Importance {
     V importance, power;

@@ -1,5 +1,5 @@
 #pragma once
-// Ranges of boxes during the build (`kernels/accel/build/ranges.py`). A box is eight floats; the component-wise minimum
+// Ranges of boxes during the build (`kernels/accel/build/boxes.py`). A box is eight floats; the component-wise minimum
 // of several is the box around them.
 #include "vectors.h"
 
@@ -7,43 +7,24 @@ namespace wrt {
 constexpr float NO_BOUND = 3.0e38f;
 
 #if WRT_VECTORS
-WRT_INLINE f8 loaded(const float* box) { return *(const f8*)box; }
-WRT_INLINE void store(float* target, f8 box) { *(f8*)target = box; }
-WRT_INLINE f8 joined(f8 a, f8 b) { return __builtin_elementwise_min(a, b); }
-WRT_INLINE f8 at_least(f8 a, float b) { return __builtin_elementwise_max(a, (f8)b); }
-WRT_INLINE f8 unbounded() { return (f8)NO_BOUND; }
 typedef f8 Box;
 typedef i4 Bins;
+WRT_INLINE Box joined(Box a, Box b) { return __builtin_elementwise_min(a, b); }
+WRT_INLINE Box at_least(Box a, float b) { return __builtin_elementwise_max(a, (Box)b); }
 #else
-struct Box {
-    float of[8];
-};
-WRT_INLINE Box loaded(const float* box) {
-    Box r;
-    for (int q = 0; q < 8; ++q) r.of[q] = box[q];
-    return r;
-}
-WRT_INLINE void store(float* target, const Box& box) {
-    for (int q = 0; q < 8; ++q) target[q] = box.of[q];
-}
+typedef wp::vec_t<8, float> Box;
+typedef wp::vec_t<3, int> Bins;
 WRT_INLINE Box joined(Box a, const Box& b) {
-    for (int q = 0; q < 8; ++q) a.of[q] = fminf(a.of[q], b.of[q]);
+    for (int q = 0; q < 8; ++q) a[q] = least(a[q], b[q]);
     return a;
 }
-WRT_INLINE Box at_least(Box a, float b) {
-    for (int q = 0; q < 8; ++q) a.of[q] = fmaxf(a.of[q], b);
+WRT_INLINE Box at_least(Box a, const float b) {
+    for (int q = 0; q < 8; ++q) a[q] = most(a[q], b);
     return a;
 }
-WRT_INLINE Box unbounded() {
-    Box r;
-    for (int q = 0; q < 8; ++q) r.of[q] = NO_BOUND;
-    return r;
-}
-struct Bins {
-    int of[3];
-    WRT_MEMBER int operator[](int axis) const { return of[axis]; }
-};
 #endif
+WRT_INLINE Box loaded(const float* box) { return *(const Box*)box; }
+WRT_INLINE void store(float* target, const Box& box) { *(Box*)target = box; }
 
 // Twice the centre of a box and its negation, as a box.
 WRT_INLINE Box center_of(const float* box) {
@@ -52,7 +33,7 @@ WRT_INLINE Box center_of(const float* box) {
     return __builtin_shufflevector(twice, -twice, 0, 1, 2, 3, 4, 5, 6, 7);
 #else
     Box center;
-    for (int q = 0; q < 4; ++q) center.of[4 + q] = -(center.of[q] = box[q] - box[4 + q]);
+    for (int q = 0; q < 4; ++q) center[4 + q] = -(center[q] = box[q] - box[4 + q]);
     return center;
 #endif
 }
@@ -69,7 +50,7 @@ WRT_INLINE Bins bins_of(const float* box, const Vector& low, const Vector& scale
     Bins r;
     for (int q = 0; q < 3; ++q) {
         const int bin = (int)((box[q] - box[4 + q] - low[q]) * scale[q]);
-        r.of[q] = bin < 0 ? 0 : bin < bins - 1 ? bin : bins - 1;
+        r[q] = bin < 0 ? 0 : bin < bins - 1 ? bin : bins - 1;
     }
     return r;
 #endif
@@ -82,7 +63,7 @@ template<class Boxes> WRT_INLINE float* boxes_from(const Boxes& boxes, const int
 // The bounds of boxes, or of `of(box)` for each.
 template<class Boxes, class Of>
 WRT_INLINE wp::vec_t<8, float> bounds_of(const Boxes& boxes, const int first, const int count, Of of) {
-    Box bounds = unbounded();
+    Box bounds = (Box)NO_BOUND;
     const float* box = boxes_from(boxes, first);
     for (int i = 0; i < count; ++i, box += 8) bounds = joined(bounds, of(box));
     wp::vec_t<8, float> result;
@@ -105,7 +86,7 @@ WRT_INLINE void fill_bins(
     int* const counts = (int*)bin_counts.data + scratch;
     for (int axis = 0; axis < 3; ++axis)
         for (int k = axis * BINS; k < axis * BINS + bins; ++k) {
-            store(bounds + 8 * k, unbounded());
+            store(bounds + 8 * k, (Box)NO_BOUND);
             counts[k] = 0;
         }
     // Neighbours often share a bin, and each would wait for the last one's store; so two distant boxes alternate.
@@ -143,7 +124,7 @@ WRT_INLINE int part_range(
     float* end = start + (size_t)count * 8;  // the end of the boxes to sort
     int held = 0;
     const float low_here = low[axis], scale_here = scale[axis];
-    Box left_bounds = unbounded(), right_bounds = unbounded();
+    Box left_bounds = (Box)NO_BOUND, right_bounds = (Box)NO_BOUND;
     while (box < end) {
         for (; box < end && held < HELD; box += 8) {
             int bin = (int)((box[axis] - box[4 + axis] - low_here) * scale_here);

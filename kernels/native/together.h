@@ -45,9 +45,7 @@ template<int N> struct alignas(64) Rays {
     int near_rows[3][N], far_rows[3][N], kxs[N], kys[N], kzs[N], flips[N];
     float reach[N], us[N], vs[N];
     int ids[N];
-#if defined(WRT_QUADRICS)
-    Axes axes;
-#endif
+    [[no_unique_address]] Axes axes;
 
     WRT_MEMBER Ray one(const int n) const {
         Ray ray;
@@ -64,9 +62,7 @@ template<int N> struct alignas(64) Rays {
         ray.kx = kxs[n];
         ray.ky = kys[n];
         ray.kz = kzs[n];
-#if defined(WRT_QUADRICS)
         ray.axes = axes;
-#endif
         return ray;
     }
     WRT_MEMBER Nearest nearest(const int n) const { return {reach[n], us[n], vs[n], ids[n]}; }
@@ -218,7 +214,7 @@ WRT_INLINE void test_leaf(
             const float to[3] = {shear[0][n], shear[1][n], shear[2][n]};
             if (!is_ahead(corner, from, to)) better[n] = 0;
         }
-        best = better ? d.t : best;
+        best = better ? d.t + 0.0f : best;  // not -0, which `pop_child` would take for a negative distance
         best_u = better ? s.v * d.inverse_det : best_u;
         best_v = better ? s.w * d.inverse_det : best_v;
         best_id = better ? (Ints)ids[j] : best_id;
@@ -289,14 +285,6 @@ WRT_INLINE void follow_together(const Tree& tree, Rays<N>& a, const float t_min,
             top += mask_of(met) != 0;
         }
     }
-}
-// Select the instantiation for the properties of these rays; `part` as above.
-template<bool any_hit, int N, class Part>
-WRT_INLINE void follow_any_together(
-    const Tree& tree, Rays<N>& a, const float t_min, const bool octants, const bool axes, Part part) {
-    if (octants) follow_together<any_hit, true, true>(tree, a, t_min, part);
-    else if (axes) follow_together<any_hit, false, true>(tree, a, t_min, part);
-    else follow_together<any_hit, false, false>(tree, a, t_min, part);
 }
 } // namespace wrt
 #endif

@@ -27,58 +27,54 @@ template<class Bvh> WRT_INLINE Tree tree_of(const Bvh& bvh) {
 }
 
 #if WRT_VECTORS
-// Trace a ray from node `current` on. `boxes(node)` returns the boxes of a node; `visit(leaf)` processes a leaf, may
-// shorten `t_max`, and returns whether the ray is done.
-template<class Boxes, class Visit>
-WRT_INLINE void follow(
-    const Tree& tree, const Ray& ray, int current, const float t_min, const float& t_max, Boxes boxes, Visit visit) {
+// Trace a ray from node `current` on. `visit(leaf)` processes a leaf, may shorten `t_max`, and returns whether the ray is
+// done.
+template<class Nodes, class Visit>
+WRT_INLINE void
+follow(const Nodes& tree, const Ray& ray, int current, const float t_min, const float& t_max, Visit visit) {
     int begins[STACK_SIZE + 8], waiting[STACK_SIZE + 8], top = 0;
     const Stack stack = {begins, waiting, top};
     do {
-        if (current >= 0) push_children(boxes(current), tree.children(current), ray, t_min, t_max, stack);
+        if (current >= 0) push_children(tree.node(current), tree.children(current), ray, t_min, t_max, stack);
         else if (visit(current)) return;
     } while (pop_child(current, t_max, stack));
 }
 #endif
 
 // Find the nearest hit of a ray below node `current`, or any hit; `skipped` as in `test_leaf`.
-template<class Skipped = NoneSkipped>
+template<class Nodes, class Skipped = NoneSkipped>
 WRT_INLINE void find_hit(
-    const Tree& tree, const Ray& ray, const int current, const float t_min, const bool any_hit, Nearest& nearest,
+    const Nodes& tree, const Ray& ray, const int current, const float t_min, const bool any_hit, Nearest& nearest,
     Skipped skipped = {}) {
-    follow(
-        tree, ray, current, t_min, nearest.t, [&](int node) { return tree.node(node); },
-        [&](int leaf) {
-            test_leaf(tree.leaf(leaf), ray, t_min, nearest, skipped);
-            return any_hit && nearest.id != NOTHING_HIT;
-        });
+    follow(tree, ray, current, t_min, nearest.t, [&](int leaf) {
+        test_leaf(tree.leaf(leaf), ray, t_min, nearest, skipped);
+        return any_hit && nearest.id != NOTHING_HIT;
+    });
 }
 
+// `axes` is where the vectors of disks and cylinders are, as in all functions below.
 template<class Bvh, class Vector, class Skipped = NoneSkipped>
 WRT_INLINE wp::vec_t<4, float> trace_ray(
-    const Bvh& bvh, const Vector& origin, const Vector& direction, const float t_min, const float t_max,
+    const Bvh& bvh, const Axes& axes, const Vector& origin, const Vector& direction, const float t_min, const float t_max,
     const bool any_hit, Skipped skipped = {}) {
-    if (any_hit) WRT_MARK("any hit");
-    else WRT_MARK("nearest hit");
     Ray ray;
+    ray.axes = axes;
     Nearest nearest = {t_max, 0.0f, 0.0f, NOTHING_HIT};
-#if defined(WRT_QUADRICS)
-    ray.axes = bvh.axes;
-#endif
     if (set_up(ray, origin, direction)) find_hit(tree_of(bvh), ray, 0, t_min, any_hit, nearest, skipped);
     return wp::vec_t<4, float>(float_of(nearest.id == NOTHING_HIT ? -1 : nearest.id), nearest.t, nearest.u, nearest.v);
 }
-// The nearest hit in [t_min, t_max], of equal ones that with the lowest number, or any hit: its number, t, u and v.
+// The nearest hit up to t_max, of equal ones that with the lowest number, or any hit: its number, t, u and v.
 template<class Bvh, class Vector>
-WRT_INLINE wp::vec_t<4, float>
-closest_hit(const Bvh& bvh, const Vector& origin, const Vector& direction, float t_min, float t_max, bool any_hit) {
-    return trace_ray(bvh, origin, direction, t_min, t_max, any_hit);
+WRT_INLINE wp::vec_t<4, float> closest_hit(
+    const Bvh& bvh, const Axes& axes, const Vector& origin, const Vector& direction, float t_max, bool any_hit) {
+    return trace_ray(bvh, axes, origin, direction, 0.0f, t_max, any_hit);
 }
 // The nearest of the hits after (t_min, id_min), ordered by distance, then number.
 template<class Bvh, class Vector>
-WRT_INLINE wp::vec_t<4, float>
-next_hit(const Bvh& bvh, const Vector& origin, const Vector& direction, float t_min, float t_max, int id_min) {
+WRT_INLINE wp::vec_t<4, float> next_hit(
+    const Bvh& bvh, const Axes& axes, const Vector& origin, const Vector& direction, float t_min, float t_max,
+    int id_min) {
     const auto skipped = [&](float t, int id) { return t == t_min && id <= id_min; };
-    return trace_ray(bvh, origin, direction, t_min, t_max, false, skipped);
+    return trace_ray(bvh, axes, origin, direction, t_min, t_max, false, skipped);
 }
 } // namespace wrt

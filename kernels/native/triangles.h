@@ -75,7 +75,8 @@ WRT_INLINE V error_of_distance(const Sheared<V>& s, const Distance<V>& d, const 
 }
 
 // Whether a ray goes on to a triangle's plane, in double precision: for a hit within the error of its distance. A ray in
-// a corner begins as near to the other wall as that, and would leave a closed room. All is in the order kx, ky, kz.
+// a corner begins as near to the other wall as that, and would leave a closed room. Of a ray that begins at a vertex the
+// height is 0 apart from rounding, so the products are rounded alike on all devices. All is in the order kx, ky, kz.
 template<class Corner> WRT_INLINE bool is_ahead(Corner corner, const float* origin, const float* shear) {
     WRT_NO_CONTRACTION
     double to[3], e1[3], e2[3];
@@ -86,9 +87,10 @@ template<class Corner> WRT_INLINE bool is_ahead(Corner corner, const float* orig
         e2[k] = corner(2, k) - first;
     }
     const double n[3] = {
-        e1[1] * e2[2] - e1[2] * e2[1], e1[2] * e2[0] - e1[0] * e2[2], e1[0] * e2[1] - e1[1] * e2[0]};
-    const double height = n[0] * to[0] + n[1] * to[1] + n[2] * to[2];
-    const double rise = (n[0] * shear[0] + n[1] * shear[1] + n[2]) * shear[2];
+        product(e1[1], e2[2]) - product(e1[2], e2[1]), product(e1[2], e2[0]) - product(e1[0], e2[2]),
+        product(e1[0], e2[1]) - product(e1[1], e2[0])};
+    const double height = product(n[0], to[0]) + product(n[1], to[1]) + product(n[2], to[2]);
+    const double rise = (product(n[0], (double)shear[0]) + product(n[1], (double)shear[1]) + n[2]) * shear[2];
     return height * rise > 0.0;
 }
 
@@ -153,7 +155,7 @@ test_spheres(const float* leaf, const Ray& ray, const float t_min, Nearest& near
 template<class Skipped = NoneSkipped>
 WRT_INLINE void
 test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest, Skipped skipped = {}) {
-    static_assert(LEAF_SIZE == 8, "as many as a vector has");
+    static_assert(LEAF_SIZE == 8, "a leaf fills a vector");
 #if defined(WRT_SPHERES)
     if (test_spheres(leaf, ray, t_min, nearest, skipped)) return;
 #endif
@@ -185,7 +187,7 @@ test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest
         const int k = lowest_bit(hits);
         if (skipped(ts[k], ids[k])) continue;
         if (ts[k] < nearest.t || (ts[k] == nearest.t && ids[k] < nearest.id)) {
-            nearest.t = ts[k];
+            nearest.t = ts[k] + 0.0f;  // not -0, which `pop_child` would take for a negative distance
             nearest.u = us[k];
             nearest.v = vs[k];
             nearest.id = ids[k];

@@ -55,7 +55,7 @@ template<class V> WRT_INLINE V product(V a, V b) {
     WRT_NO_CONTRACTION
     return a * b;
 }
-// a * b - c and a - b * c, rounded once where that is one instruction.
+// a * b - c and a - b * c, rounded once if the processor has an instruction for it.
 template<class V, class B> WRT_INLINE V product_less(V a, B b, B c) {
 #if defined(__FMA__)
     return __builtin_elementwise_fma(a, (V)b, -(V)c);
@@ -93,6 +93,7 @@ WRT_INLINE float least(float a, float b) { return fminf(a, b); }
 WRT_INLINE float most(float a, float b) { return fmaxf(a, b); }
 WRT_INLINE float size(float a) { return fabsf(a); }
 WRT_INLINE float product(float a, float b) { return __fmul_rn(a, b); }
+WRT_INLINE double product(double a, double b) { return __dmul_rn(a, b); }
 WRT_INLINE float product_less(float a, float b, float c) { return fmaf(a, b, -c); }
 WRT_INLINE float less_product(float a, float b, float c) { return fmaf(-b, c, a); }
 WRT_INLINE int lowest_bit(unsigned m) { return __ffs(m) - 1; }

@@ -84,8 +84,8 @@ def blended(values: wp.array(dtype=float), first: int, size: int, place: int, bl
     found = mixed(values[at], values[at + blend.next_second * size], blend.second_weight)
     if blend.next_first > 0:
         at += blend.next_first * size
-        other = mixed(values[at], values[at + blend.next_second * size], blend.second_weight)
-        found = mixed(found, other, blend.first_weight)
+        next_value = mixed(values[at], values[at + blend.next_second * size], blend.second_weight)
+        found = mixed(found, next_value, blend.first_weight)
     return found
 
 
@@ -116,11 +116,6 @@ def bilinear(values: wp.array(dtype=float), first: int, width: int, height: int,
 def density_at(values: wp.array(dtype=float), grid: Grid, blend: Blend, point: wp.vec2) -> float:
     """Return a density at a point."""
     cell = cell_at(grid.width, grid.height, point)
-    return _density_in(values, grid, blend, cell)
-
-
-@wp.func
-def _density_in(values: wp.array(dtype=float), grid: Grid, blend: Blend, cell: Cell) -> float:
     ends = _column_ends(values, grid, blend, cell.row, cell.column, cell.y)
     return mixed(ends[0], ends[1], cell.x)
 
@@ -176,11 +171,11 @@ def sample_grid(values: wp.array(dtype=float), grid: Grid, blend: Blend, u: wp.v
             row = middle
         else:
             high = middle
-    rest = (u[1] - blended(values, grid.rows, grid.height, row, blend)) * float(grid.height - 1)
+    remainder = (u[1] - blended(values, grid.rows, grid.height, row, blend)) * float(grid.height - 1)
     last = grid.width - 1
     lower = _integral_along(values, grid, blend, row, last, 0.0)
     upper = _integral_along(values, grid, blend, row, last, 1.0)
-    y = _of_area(rest, lower, upper)
+    y = _of_area(remainder, lower, upper)
 
     along = u[0] * mixed(lower, upper, y)
     column = int(0)
@@ -191,9 +186,9 @@ def sample_grid(values: wp.array(dtype=float), grid: Grid, blend: Blend, u: wp.v
             column = middle
         else:
             high = middle
-    rest = (along - _integral_along(values, grid, blend, row, column, y)) * float(last)
+    remainder = (along - _integral_along(values, grid, blend, row, column, y)) * float(last)
     ends = _column_ends(values, grid, blend, row, column, y)
-    x = _of_area(rest, ends[0], ends[1])
+    x = _of_area(remainder, ends[0], ends[1])
     return wp.vec3(
         (float(column) + x) / float(last), (float(row) + y) / float(grid.height - 1), mixed(ends[0], ends[1], x)
     )
@@ -212,7 +207,7 @@ def invert_grid(values: wp.array(dtype=float), grid: Grid, blend: Blend, point: 
     ends = _column_ends(values, grid, blend, cell.row, cell.column, cell.y)
     x = _area(cell.x, ends[0], ends[1]) / float(last)
     x += _integral_along(values, grid, blend, cell.row, cell.column, cell.y)
-    whole = mixed(lower, upper, cell.y)
+    row_integral = mixed(lower, upper, cell.y)
     # A row without any density has no inverse: nothing is drawn there.
-    x = wp.where(whole > 0.0, x / wp.max(whole, 1.0e-30), 0.0)
+    x = wp.where(row_integral > 0.0, x / wp.max(row_integral, 1.0e-30), 0.0)
     return wp.vec3(wp.clamp(x, 0.0, 1.0), wp.clamp(y, 0.0, 1.0), mixed(ends[0], ends[1], cell.x))

@@ -207,9 +207,9 @@ def sample_disk(cone: EllipticCone, u: wp.vec2) -> Way:
     closed form (tan φ = √(1 + a²) / √(1 + b²) tan 2πu), and the direction at φ is exactly uniform. The density is
     proportional to 1 + 1/q: it varies by less than a factor of two for any view, and not at all for small disks.
     """
-    way = Way()
+    sample = Way()
     if cone.b <= 0.0:
-        return way
+        return sample
     turned = sine_cosine(TWO_PI * u[0])
     # a cos φ and b sin φ, up to a common factor
     cosine = turned[1] / wp.sqrt(1.0 + cone.a * cone.a)
@@ -223,9 +223,9 @@ def sample_disk(cone: EllipticCone, u: wp.vec2) -> Way:
     below_one = u[1] * s2 / (q * (q + 1.0))  # 1 − cos of the angle to the axis
     z = 1.0 - below_one
     r = wp.sqrt(wp.max(below_one * (2.0 - below_one), 0.0)) / wp.sqrt(wp.max(x * x + y * y, 1.0e-37))
-    way.wi = wp.normalize(to_world(cone.frame, wp.vec3(x * r, y * r, z)))
-    way.pdf = _cone_pdf(cone, q2)
-    return way
+    sample.wi = wp.normalize(to_world(cone.frame, wp.vec3(x * r, y * r, z)))
+    sample.pdf = _cone_pdf(cone, q2)
+    return sample
 
 
 # --- Sphere and round cone -------------------------------------------------------------------------
@@ -267,17 +267,17 @@ def sphere_one_minus_cos(center: wp.vec3, radius: float, p: wp.vec3) -> float:
 @wp.func
 def sample_sphere(center: wp.vec3, radius: float, p: wp.vec3, u: wp.vec2) -> Way:
     """Return a direction to a sphere, uniform in solid angle, and the distance to its surface."""
-    way = Way()
+    sample = Way()
     one_minus_cos = sphere_one_minus_cos(center, radius, p)
     if one_minus_cos > 0.0:
         to_center = center - p
         distance = wp.length(to_center)
-        way.wi = sample_cone(to_center / distance, one_minus_cos, u)
-        way.pdf = cone_pdf(one_minus_cos)
+        sample.wi = sample_cone(to_center / distance, one_minus_cos, u)
+        sample.pdf = cone_pdf(one_minus_cos)
         below_one = u[0] * one_minus_cos
         sine2 = below_one * (2.0 - below_one)
         half_chord2 = radius * radius - distance * distance * sine2
         # By the product of both distances, (d − R)(d + R), which is more precise than a difference of squares.
         far = distance * (1.0 - below_one) + wp.sqrt(wp.max(half_chord2, 0.0))
-        way.distance = (distance - radius) * (distance + radius) / far
-    return way
+        sample.distance = (distance - radius) * (distance + radius) / far
+    return sample

@@ -109,11 +109,11 @@ def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
     if image.nearest != 0:
         x = wp.floor(x + 0.5)
         y = wp.floor(y + 0.5)
-    left = wp.floor(x)
-    top = wp.floor(y)
-    columns = neighbors(int(left), image.width, image.wrap_u)
-    rows = neighbors(int(top), image.height, image.wrap_v)
-    share = wp.vec2(x - left, y - top)
+    first_column = wp.floor(x)
+    first_row = wp.floor(y)
+    columns = neighbors(int(first_column), image.width, image.wrap_u)
+    rows = neighbors(int(first_row), image.height, image.wrap_v)
+    share = wp.vec2(x - first_column, y - first_row)
     if image.palette >= 0:
         return bilinear_of_codes(scene, image, columns, rows, share)
     return bilinear(scene.texels, image.first, image.width, columns, rows, share)
@@ -126,16 +126,16 @@ def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec2
     v = image.to_v[0] * uv[0] + image.to_v[1] * uv[1] + image.to_v[2]
     x = inside_image(u, image.wrap_u) * float(image.width) - 0.5
     y = (1.0 - inside_image(v, image.wrap_v)) * float(image.height) - 0.5
-    left = wp.floor(x)
-    top = wp.floor(y)
-    columns = neighbors(int(left), image.width, image.wrap_u)
-    rows = neighbors(int(top), image.height, image.wrap_v)
+    first_column = wp.floor(x)
+    first_row = wp.floor(y)
+    columns = neighbors(int(first_column), image.width, image.wrap_u)
+    rows = neighbors(int(first_row), image.height, image.wrap_v)
     # The interpolation is linear along each axis, so differences of its ends are exact.
     change = wp.vec2(0.0)
     for k in range(2):
         end = float(k)
-        share = wp.vec2(end, y - top)
-        across = wp.vec2(x - left, end)
+        share = wp.vec2(end, y - first_row)
+        across = wp.vec2(x - first_column, end)
         if image.palette >= 0:
             along_x = bilinear_of_codes(scene, image, columns, rows, share)
             along_y = bilinear_of_codes(scene, image, columns, rows, across)
@@ -221,7 +221,7 @@ def make_slot_value(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Func
         footprint = surface.footprint
         if record.second != 0:
             uv = surface.second_uv
-            footprint = wp.vec4()  # it is that of the first
+            footprint = wp.vec4()  # the footprint belongs to the first coordinates
         color = surface.color
         if record.vertex_color == VERTEX_ALPHA:
             color = wp.vec3(surface.alpha)

@@ -12,7 +12,7 @@ import numpy as np
 
 import wrt
 from wrt.develop.picture import develop_image
-from wrt.rendering.layer_colors import layer_colors
+from wrt.rendering.picture import layer_colors
 from wrt.scene.layers import LAYERS
 
 from .bodies import checkered

@@ -172,7 +172,7 @@ VALUES = {
 
 
 CHOSEN = {"cameras", "slot_loop", "shadows_meet", "tiles"}
-"""Features from outside, and those that `make_gpu_render_kernel` chooses."""
+"""Features from outside, and features that `make_gpu_render_kernel` chooses."""
 
 FLAGS = {field.name for field in fields(Features)} - {*VALUES, *CHOSEN}
 
@@ -186,18 +186,18 @@ def values_of(features: Features) -> set[tuple[str, object]]:
 @pytest.mark.machinery
 def test_every_feature_is_compiled(render_kernels_when_launched: None) -> None:
     """Here or for a film of test_cuda_films.py; and what the loops along a path ask for, in both loops."""
-    known, made = film_cases(), list(COMPILED)
+    films, made = film_cases(), list(COMPILED)
     for name in FILMS:
-        options = OPTIONS.get(name, known[name].options)
-        renderer = wrt.Renderer(known[name].make(), **{**options, "width": 8, "height": 8, "device": "cpu"})
+        options = OPTIONS.get(name, films[name].options)
+        renderer = wrt.Renderer(films[name].make(), **{**options, "width": 8, "height": 8, "device": "cpu"})
         made.append(renderer._kernel._features)
-    asked = {(name, value) for name, values in VALUES.items() for value in values}
-    asked |= {(name, value) for name in FLAGS for value in (False, True)}
-    assert set().union(*map(values_of, made)) >= asked
+    pairs = {(name, value) for name, values in VALUES.items() for value in values}
+    pairs |= {(name, value) for name in FLAGS for value in (False, True)}
+    assert set().union(*map(values_of, made)) >= pairs
     loops = [features for features in made if features.integrator == "path"]
     for loop in ([each for each in loops if can_regenerate(each) is regenerates] for regenerates in (False, True)):
         found = set().union(*map(values_of, loop))
-        assert {pair for pair in asked if pair[0] in ("media", "grid_media", "nested", "opacity", "clamped")} <= found
+        assert {pair for pair in pairs if pair[0] in ("media", "grid_media", "nested", "opacity", "clamped")} <= found
         assert {True, False} == {features.mixed for features in loop} == {bool(each.light_shapes) for each in loop}
         assert {True, False} == {bool(models_with(features.models, "straight")) for features in loop}
 

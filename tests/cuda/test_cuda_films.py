@@ -1,7 +1,6 @@
 """What CUDA would render is what the CPU renders: kernels as NVRTC compiles them, on an emulator.
 
-`support/emulated_cuda` says what that covers. Films of the two differ by rounding alone: the same numbers of rays, and
-colours that agree.
+Films of the two differ by rounding alone: they have the same numbers of rays, and colours that agree.
 """
 
 from __future__ import annotations
@@ -71,17 +70,17 @@ def test_clamped_films_agree(gpu: EmulatedBackend, report: Report) -> None:
 def test_bits_do_not_depend_on_which_lanes_meet(gpu: EmulatedBackend) -> None:
     """Votes of whole warps or of parts of them; passes of one sample or several; threads of one warp or another."""
 
-    def sums(*targets: int, apart: bool = False, crop: tuple[int, int, int, int] = (10, 12, 31, 22)) -> NDArray:
+    def sums(*targets: int, divides: bool = False, crop: tuple[int, int, int, int] = (10, 12, 31, 22)) -> NDArray:
         renderer = wrt.Renderer(wrt.load("cornell-box"), width=40, height=40, crop=crop, device="cuda")
-        gpu.library(renderer._kernel.scalar).set_apart(apart)
+        gpu.library(renderer._kernel.scalar).divide_warps(divides)
         for target in targets:
             renderer._trace(target, 0.0)
         assert (renderer.film.counts == targets[-1]).all()
-        both = np.concatenate([renderer.film.fetch(name) for name in ("total", "total_of_squares")], axis=-1)
-        return both.reshape(crop[3] - crop[1], crop[2] - crop[0], 6)
+        films = [renderer.film.fetch(name) for name in ("total", "total_of_squares")]
+        return np.concatenate(films, axis=-1).reshape(crop[3] - crop[1], crop[2] - crop[0], 6)
 
-    whole = sums(6)
-    assert (whole[..., :3].max(axis=2) > 0.0).mean() > 0.5
-    np.testing.assert_array_equal(sums(6, apart=True), whole)
-    np.testing.assert_array_equal(sums(1, 2, 6), whole)
-    np.testing.assert_array_equal(sums(6, crop=(13, 13, 30, 20)), whole[1:8, 3:20])
+    expected = sums(6)
+    assert (expected[..., :3].max(axis=2) > 0.0).mean() > 0.5
+    np.testing.assert_array_equal(sums(6, divides=True), expected)
+    np.testing.assert_array_equal(sums(1, 2, 6), expected)
+    np.testing.assert_array_equal(sums(6, crop=(13, 13, 30, 20)), expected[1:8, 3:20])

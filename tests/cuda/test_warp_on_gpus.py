@@ -1,4 +1,4 @@
-"""Calls of Warp for a GPU, for which something stands in: which one they reach, no memory, and fetched numbers."""
+"""Calls of Warp for a GPU, for which something stands in: which one they reach, and what happens without memory."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 import warp as wp
 from support.emulated_cuda.backend import GPU, emulated_cuda
@@ -16,7 +15,6 @@ from support.kernels import upload
 from wrt.backend import current_backend
 from wrt.backend.backend import Backend, Kernel
 from wrt.backend.cuda import warp_errors
-from wrt.backend.cuda.staging import LEAST_PINNED
 from wrt.backend.cuda.warp_errors import on_device
 from wrt.backend.device import Device
 from wrt.cli import main
@@ -86,26 +84,26 @@ def second_gpu(monkeypatch: pytest.MonkeyPatch) -> StandIn:
 def test_functions_of_warp_run_on_the_gpu_of_their_arrays(
     name: str, call: Callable[[Any], Any], expected: Any, second_gpu: StandIn, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They take the thread's current GPU for that of the arrays."""
-    real, seen = getattr(wp.utils, name), []
+    """Warp runs them on the current GPU of the thread."""
+    real, calls = getattr(wp.utils, name), []
 
     def recorded(*arguments: Any, **options: Any) -> Any:
-        seen.append((second_gpu.inside, second_gpu.writes))
+        calls.append((second_gpu.inside, second_gpu.writes))
         return real(*arguments, **options)
 
     monkeypatch.setattr(wp.utils, name, recorded)
     assert call(current_backend()) == expected
-    assert seen == [(1, 0)]
+    assert calls == [(1, 0)]
     assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, 0)
 
 
 @pytest.mark.parametrize(
-    ("said", "figure"),
+    ("message", "figure"),
     [("Failed to allocate 2147483648 bytes on device 'cuda:1'", ": 2.15 GB more were needed"), (CUDA_SAYS, "")],
 )
-def test_memory_that_runs_out_is_told_once(said: str, figure: str, second_gpu: StandIn) -> None:
+def test_memory_that_runs_out_is_reported_once(message: str, figure: str, second_gpu: StandIn) -> None:
     with pytest.raises(NotEnoughMemory) as caught, on_device("cuda:1"):
-        raise RuntimeError(said)
+        raise RuntimeError(message)
     assert str(caught.value).startswith(f"memory ran out on cuda:1{figure}; ")
     assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, 1)
 
@@ -123,7 +121,7 @@ def test_other_errors_stay_what_they_are_and_a_launch_may_lack_memory_for_its_st
 
     monkeypatch.setattr(wp, "launch", fail)
     with pytest.raises(NotEnoughMemory, match="memory ran out on cuda:1; "):
-        Backend().queue(Kernel("", "", lambda: None), 0, 1, [], "cuda:1")
+        Backend().launch(Kernel("", "", lambda: None), 0, 1, [], "cuda:1")
 
 
 @pytest.mark.machinery
@@ -137,55 +135,8 @@ def test_no_tree_is_built_where_warp_finds_no_memory_of_its_own(
     with emulated_cuda(optimization=0):
         monkeypatch.setattr(wp.utils, name, lambda *_, **__: None)
         assert main(["render", "cornell-box", *options]) == 1
-    said = capfd.readouterr().err
+    printed = capfd.readouterr().err
     # Arrays of the emulated GPU say that they are on the CPU.
-    assert re.match(r"wrt: error: memory ran out on (cuda:0|cpu); ", said)
-    assert said.count("\n") == 1
+    assert re.match(r"wrt: error: memory ran out on (cuda:0|cpu); ", printed)
+    assert printed.count("\n") == 1
     assert not picture.exists()
-
-
-class FetchedWarp:
-    """Warp with a GPU, as far as fetching goes; `pinned` are the bytes of pinned arrays."""
-
-    uint8 = wp.uint8
-
-    def __init__(self) -> None:
-        self.pinned: list[int] = []
-
-    def empty(self, shape: Any, dtype: Any, device: str, pinned: bool = False) -> wp.array:
-        made = wp.empty(shape, dtype=dtype, device=device)
-        if pinned:
-            self.pinned.append(made.capacity)
-        return made
-
-    def array(self, *, pinned: bool, **options: Any) -> wp.array:
-        assert pinned
-        return wp.array(**options)
-
-    def copy(self, target: wp.array, source: OnGpu, stream: str) -> None:
-        assert target.shape == source.shape
-        target.numpy()[...] = source.numbers
-
-    def synchronize_stream(self, stream: str) -> None:
-        """Wait for nothing."""
-
-
-class OnGpu:
-    """An array of the second GPU, and its numbers."""
-
-    def __init__(self, gpu: StandIn, numbers: np.ndarray) -> None:
-        self.device, self.numbers, self.shape = gpu, numbers, numbers.shape
-        self.dtype, self.capacity = wp.float32, numbers.nbytes
-
-
-def test_what_is_fetched_again_and_again_pins_memory_once(second_gpu: StandIn, monkeypatch: pytest.MonkeyPatch) -> None:
-    second_gpu.stream = "the current stream"  # type: ignore[attr-defined]
-    backend, warp, gpu = Backend(), FetchedWarp(), second_gpu
-    monkeypatch.setattr(Backend, "_wp", warp)
-    numbers = np.random.default_rng(1).random((5, 40, 30), np.float32)
-    found = [backend.fetch(OnGpu(gpu, each)) for each in numbers]
-    np.testing.assert_array_equal(found, numbers)  # none shares the memory of the next
-    assert warp.pinned == [LEAST_PINNED]
-    assert backend.fetch(OnGpu(gpu, np.ones(LEAST_PINNED // 4 + 1, np.float32))).sum() == LEAST_PINNED // 4 + 1
-    backend.fetch(OnGpu(gpu, numbers[0]))
-    assert warp.pinned == [LEAST_PINNED, 2 * LEAST_PINNED]

@@ -15,7 +15,7 @@ import pytest
 from conftest import ROOT
 
 import wrt
-from wrt.rendering.fingerprint import scene_fingerprint
+from wrt.rendering.checkpoint import scene_fingerprint
 
 
 def triangle(**changes: object) -> wrt.Mesh:

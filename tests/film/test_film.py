@@ -9,7 +9,7 @@ from support.statistics import sidak, t_test_mean
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.render import TILE_HEIGHT, TILE_WIDTH, pixel_of_thread
-from wrt.rendering.film import STATE_ARRAYS, Film
+from wrt.rendering.film import Film
 
 EMISSION = (0.1, 1.0 / 3.0, 12345.678)
 ALPHA = 0.01
@@ -103,17 +103,8 @@ def test_films_without_light_or_samples_state_no_noise(device):
     assert renderer.film.noise() is None
 
 
-def test_a_state_is_a_copy_and_restores_the_film(device):
-    renderer = finish(wrt.Renderer(mottled(), width=6, height=5, device=device), 5)
-    image, state = renderer.image(), renderer.film.state()
-    assert set(state) == set(STATE_ARRAYS)
-    finish(renderer, 9)
-    renderer.film.restore(state)
-    np.testing.assert_array_equal(renderer.image(), image)
-
-
 def test_samples_that_overflow_are_counted_and_black(device):
-    """The radiance of a sun over the probability of choosing it overflows float32; that of the sky does not."""
+    """The radiance of a sun over the probability of choosing it overflows float32; the radiance of the sky does not."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 3.0, 3.0), (0.0, 0.0, 0.0)))
     scene.add(wrt.quad((0, 0, 99), (99, 0, 0), (0, 0, -198)), material=wrt.Diffuse(1.0))
     scene.environment = wrt.ImageEnvironment(np.full((1, 1, 3), 0.5))

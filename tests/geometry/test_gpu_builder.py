@@ -16,7 +16,7 @@ from support.ray_trees import HARD, Tree, build, check, scattered, soup
 from wrt.backend.device import Device
 from wrt.kernels.accel.build import moves
 from wrt.kernels.accel.build.split import BinaryNode
-from wrt.upload.accel.reinsertion import levels_of
+from wrt.upload.accel.binary_tree import levels_of
 
 
 class ShuffledBackend(EmulatedBackend):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from support.exact_rays import Reason, exact_distances, explain, woop
+from support.exact_rays import Reason, exact_distances, explain
 from support.ray_trees import assert_same, camera_rays, inner_rays, mesh_of, random_rays, slivers, soup_mesh
 
 import wrt
@@ -34,11 +34,11 @@ def test_every_answer_is_right_within_rounding(name: str, device: str) -> None:
     hit = hits.triangle >= 0
     assert hit.any()
     corners = mesh.vertices[mesh.faces]
-    found = explain(corners, *rays, hits.triangle, woop)
+    found = explain(corners, *rays, hits.triangle)
     assert not (found.reason == Reason.NONE).any()
     assert (found.reason == Reason.SAME).mean() > 0.99
     hit_corners = corners[hits.triangle[hit]].astype(np.float64)
-    exact, error = exact_distances(hit_corners, rays[0][hit], rays[1][hit], woop)
+    exact, error = exact_distances(hit_corners, rays[0][hit], rays[1][hit])
     assert (np.abs(hits.t[hit] - exact) <= error).all()
     u, v = hits.u[hit, None].astype(np.float64), hits.v[hit, None].astype(np.float64)
     point = (1.0 - u - v) * hit_corners[:, 0] + u * hit_corners[:, 1] + v * hit_corners[:, 2]

@@ -14,7 +14,7 @@ from support.statistics import image_z_test
 import wrt
 from wrt.backend.device import Device
 from wrt.meshes.many_triangles import terrain
-from wrt.rendering.fingerprint import scene_fingerprint
+from wrt.rendering.checkpoint import scene_fingerprint
 from wrt.upload.accel import instancing
 from wrt.upload.scene_data import build_scene
 

@@ -16,8 +16,6 @@ from conftest import ROOT
 from support.kernels import upload
 
 import wrt
-from wrt.backend import current_backend
-from wrt.backend.backend import Kernel
 from wrt.scene.normals import vertex_normals, with_normals
 
 
@@ -137,17 +135,6 @@ def test_others_share_film_and_image_without_a_copy(library: str) -> None:
         np.testing.assert_array_equal(np.asarray(shared), expected)
 
 
-def test_launches_wait_for_the_current_stream_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A simulation on another stream goes on; earlier launches on this stream come first."""
-    backend, calls = current_backend(), []
-    monkeypatch.setattr(wp, "launch", lambda kernel, dim, inputs, device: calls.append(("launch", device)))
-    monkeypatch.setattr(wp, "synchronize_stream", lambda device: calls.append(("wait for the stream of", device)))
-    for name in ("synchronize", "synchronize_device"):
-        monkeypatch.setattr(wp, name, lambda *_: calls.append("wait for the device"))
-    backend.launch(Kernel("", "", lambda: None), 0, 8, [], "cuda:0")
-    assert calls == [("launch", "cuda:0"), ("wait for the stream of", "cuda:0")]
-
-
 MESH = hilly(0.1)
 NAN = np.where(np.arange(400)[:, None] == 7, np.float32(np.nan), MESH.vertices)
 
@@ -166,7 +153,7 @@ NAN = np.where(np.arange(400)[:, None] == 7, np.float32(np.nan), MESH.vertices)
         (wrt.Shape(MESH, name="other"), MESH.vertices, "other: not one of the scene's shapes.*"),
     ],
 )
-def test_mistakes_are_told_in_one_line(shape: Any, vertices: Any, message: str) -> None:
+def test_mistakes_end_in_one_line(shape: Any, vertices: Any, message: str) -> None:
     with pytest.raises(wrt.InputError, match=f"^{message}$"):
         renderer_of(MESH, "cpu").update_vertices(shape, vertices)
 

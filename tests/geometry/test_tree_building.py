@@ -27,10 +27,9 @@ from support.ray_trees import (
 import wrt
 import wrt.upload.accel.bvh as module
 from wrt.backend.device import Device
-from wrt.upload.accel.binary_tree import CHUNK, SUBTREE, split_boxes
+from wrt.upload.accel.binary_tree import CHUNK, SUBTREE, levels_of, split_boxes
 from wrt.upload.accel.bvh import MORE_PIECES, build_bvh
 from wrt.upload.accel.gpu_tree import split_on_gpu
-from wrt.upload.accel.reinsertion import levels_of
 
 
 def slow_but(quick: set[Any], names: Any) -> list[Any]:
@@ -90,7 +89,7 @@ def test_nodes_are_moved_to_where_boxes_are_smaller(count: int, device: str) -> 
             upload(np.arange(3 * len(corners)), int, device),
         )
         boxes = module._boxes(points, indices, Device(device))
-        nodes, _ = make(boxes, Device(device), module.SAH_DEPTHS[0], reinserts=reinserts)
+        nodes, *_ = make(boxes, Device(device), module.SAH_DEPTHS[0], reinserts=reinserts)
         used = nodes.numpy()[np.concatenate(levels_of(nodes))]
         x, y, z = (used["upper"].astype(np.float64) - used["lower"])[used["right"] != 0].T
         areas.append((x * y + y * z + z * x).sum())

@@ -31,7 +31,7 @@ def sorted_text() -> str:
 HEADER = at_file_level(sorted_text(), "sorted_traversal")
 
 
-@wp.func_native("return wrt::closest_hit(bvh, origin, direction, 0.0f, 1.0e30f, any_hit);")
+@wp.func_native("return wrt::closest_hit(bvh, wrt::Axes(), origin, direction, 1.0e30f, any_hit);")
 def traverse(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, any_hit: bool) -> wp.vec4:
     HEADER()
 

@@ -15,7 +15,7 @@ from support.hits import Hit
 import wrt
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.materials import choice as device_materials
-from wrt.rendering.fingerprint import scene_fingerprint
+from wrt.rendering.checkpoint import scene_fingerprint
 from wrt.scene.materials import composite
 
 N = 2**16

@@ -13,7 +13,7 @@ from support.mitsuba_files import write_vol
 
 import wrt
 from wrt.backend.warp_start import initialize_warp
-from wrt.rendering.fingerprint import scene_fingerprint
+from wrt.rendering.checkpoint import scene_fingerprint
 
 VALUES = np.random.default_rng(3).random((3, 4, 5)).astype(np.float32)
 BOX = ((-1.0, 0.5, -2.0), (1.0, 2.5, 0.0))

@@ -8,6 +8,7 @@ import pytest
 import warp as wp
 from support.device_memory import allocations
 from support.emulated_cuda.backend import emulated_cuda
+from support.ray_trees import mesh_of, slivers
 
 import wrt
 from wrt.backend import current_backend
@@ -26,11 +27,6 @@ def scene_of(*shapes, **settings):
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 2, 6)), environment=wrt.ConstantEnvironment(1.0))
     scene.shapes += shapes
     return dataclasses.replace(scene, settings=wrt.RenderSettings(width=64, height=48, **settings))
-
-
-def triangles(corners):
-    """Return a mesh of (N, 3, 3) corners without shared vertices."""
-    return wrt.Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
 def textured():
@@ -219,12 +215,8 @@ def test_what_is_foretold_is_taken(name, place, report):
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_cut_triangles_need_a_second_tree(place):
     """Slivers askew are cut before the tree is built."""
-    start, along, aside = RNG.uniform(-1.0, 1.0, (400, 3)), *RNG.normal(size=(2, 400, 3))
-    along *= 2.5 / np.linalg.norm(along, axis=1, keepdims=True)
-    aside = np.cross(along, aside)
-    aside *= 0.02 / np.linalg.norm(aside, axis=1, keepdims=True)
-    slivers = np.stack([start, start + along, start + aside], axis=1)
-    scene = scene_of(wrt.Shape(triangles(np.concatenate([BALL.vertices[BALL.faces], slivers]))))
+    corners = np.concatenate([BALL.vertices[BALL.faces], slivers(400, 2.5, 0.02)])
+    scene = scene_of(wrt.Shape(mesh_of(corners)))
     memory = device_memory(scene, device=place)
     _, peak = measured(scene, place)
     assert 1.05 * memory.peak < peak

@@ -18,7 +18,6 @@ from wrt.cli import main
 from wrt.distributed.dask_cluster import DaskCluster, client_of
 from wrt.distributed.processes import devices_of
 from wrt.distributed.spread import Pass, windows_of_pass
-from wrt.parts import render
 
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
@@ -63,8 +62,8 @@ def after_window(monkeypatch):
     def install(react):
         keep, numbers = Pass.keep, itertools.count(1)
 
-        def keep_and_react(self, window, rendered):
-            keep(self, window, rendered)
+        def keep_and_react(self, *rendered):
+            keep(self, *rendered)
             react(next(numbers))
 
         monkeypatch.setattr(Pass, "keep", keep_and_react)
@@ -106,12 +105,11 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("adaptive", [True, "unbiased"])
-def test_a_target_of_noise(client, adaptive, tmp_path):
-    """The samples at which it ends, and the tiles that stop before, follow from the film, or from the pilot's film."""
-    limits = {"noise": 0.08, "adaptive": adaptive}
+def test_a_target_of_noise(client, tmp_path):
+    """The samples at which it ends, and the tiles that stop before, follow from the film."""
+    limits = {"noise": 0.08, "adaptive": True}
     single = finish(wrt.Renderer(block_scene(), **SIZE), **limits)
-    picture = wrt.distributed.render(block_scene(), client=client, **SIZE, **limits)
+    picture = wrt.render(block_scene(), client=client, **SIZE, **limits)
     np.testing.assert_array_equal(picture, single.image())
     # Also after a render that was ended on a cluster goes on there.
     renderer = spread(client)
@@ -120,9 +118,6 @@ def test_a_target_of_noise(client, adaptive, tmp_path):
     resumed = spread(client)
     resumed.load_checkpoint(tmp_path / "a.ckpt")
     assert_same_arrays(film_of(resumed, **limits), single.film.state())
-    if adaptive == "unbiased":
-        assert_same_arrays(resumed.pilot.film.state(), single.pilot.film.state())
-        assert resumed.pilot.film.counts.any()
 
 
 def test_workers_are_counted_while_dask_renews_what_it_knows_of_them(client, monkeypatch):
@@ -229,7 +224,7 @@ def lost_scheduler(monkeypatch, after_window):
 
 def test_a_lost_scheduler_leaves_the_film(lost_scheduler, one, tmp_path):
     with pytest.raises(wrt.distributed.ClusterError, match="the connection to the scheduler of Dask is lost") as caught:
-        wrt.distributed.render(block_scene(), client=lost_scheduler, spp=64, **SIZE)
+        wrt.render(block_scene(), client=lost_scheduler, spp=64, **SIZE)
     renderer = caught.value.renderer
     assert 0 < renderer.film.counts.max() < 64
     renderer.save_checkpoint(tmp_path / "a.ckpt")
@@ -239,7 +234,7 @@ def test_a_lost_scheduler_leaves_the_film(lost_scheduler, one, tmp_path):
 
 def test_the_command_line_saves_what_there_is_when_the_scheduler_is_lost(lost_scheduler, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("wrt.cli.load._client", lambda _: lost_scheduler)
+    monkeypatch.setattr("wrt.cli.options._client", lambda _: lost_scheduler)
     options = ("--dask", "there", "--spp", "64", "--size", "20x30", "--checkpoint", "a.ckpt", "-o", "a.png", "--quiet")
     assert main(["render", "cornell-box", *options]) == 1
     pattern = "wrt: error: the connection to the scheduler of Dask is lost; stopped at .*; a.png and a.ckpt saved\n"
@@ -270,7 +265,7 @@ def test_what_a_worker_raises_is_an_error_of_the_cluster(client, monkeypatch):
         def fail(*_, error=error, **__):
             raise error
 
-        monkeypatch.setattr(render, "render_windows", fail)
+        monkeypatch.setattr(wrt.Renderer, "sharing", fail)
         with pytest.raises(wrt.distributed.ClusterError, match=message) as caught:
             film_of(renderer, 64)
         assert caught.value.renderer is film
@@ -296,7 +291,7 @@ def test_workers_die_come_late_and_stop(monkeypatch, after_window):
     expected = film_of(wrt.Renderer(block_scene(), **size), 96)
     how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}
     with (
-        dask.config.set({"distributed.scheduler.worker-ttl": "1 h"}),  # a worker that hangs stays to the end
+        dask.config.set({"distributed.scheduler.worker-ttl": "3 s"}),  # then a worker that hangs counts as dead
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, **how) as cluster,
         distributed.Client(cluster) as client,
     ):
@@ -306,7 +301,6 @@ def test_workers_die_come_late_and_stop(monkeypatch, after_window):
         after_window(lambda number: events.pop(number, lambda: None)())
         monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.05)  # many windows
         monkeypatch.setattr("wrt.distributed.dask_cluster.ANSWER_SECONDS", 1.0)
-        monkeypatch.setattr("wrt.distributed.crew.LATE_SECONDS", 1.0)
         try:
             found = film_of(spread(client, **size), 96, pass_seconds=1.0)
         finally:

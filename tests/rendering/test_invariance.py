@@ -14,7 +14,7 @@ def make(request):
     scene.camera = wrt.PerspectiveCamera((0.0, 1.5, 5.0), (0.0, 0.5, 0.0), aperture_radius=0.05)
 
     def renderer(**options):
-        return wrt.Renderer(scene, **{"width": 40, "height": 24, "seed": 7, **options})
+        return wrt.Renderer(scene, **{"width": 40, "height": 24, "seed": 7, "filter": "tent", **options})
 
     return renderer
 
@@ -56,7 +56,7 @@ def test_stop_and_resume_do_not_matter(make, device, tmp_path):
     for spp, options in ((5, {}), (11, {"threads": 1})):
         finish(first, spp).save_checkpoint(tmp_path / "a.ckpt")
         first = wrt.Renderer.resume(tmp_path / "a.ckpt", first.scene, device=device, **options)
-        assert first.spp == spp
+        assert (first.spp, first.settings.filter) == (spp, "tent")
     np.testing.assert_array_equal(image_of(first, 16), image_of(make(device=device), 16))
 
 

@@ -41,11 +41,11 @@ def test_whoever_watches_waits_for_no_pass_longer_than_a_quarter_of_what_was_ren
 
 def test_where_nobody_watches_passes_are_as_long_as_asked_for_and_on_a_gpu_short():
     # The second pass takes the remaining samples in groups of SAMPLES_TOGETHER, the third the remainder.
-    assert passes(64, 0.05, asked=LONGEST_PASS)[0] == [1, 48, 15]
-    assert max(passes(1000, 0.05, asked=2.0)[1]) <= 2.0
-    assert LONGEST_PASS < max(passes(10**4, 0.05, asked=1e6, longest=25.0)[1]) <= 25.0
+    assert passes(64, 0.05, pass_seconds=LONGEST_PASS)[0] == [1, 48, 15]
+    assert max(passes(1000, 0.05, pass_seconds=2.0)[1]) <= 2.0
+    assert LONGEST_PASS < max(passes(10**4, 0.05, pass_seconds=1e6, longest=25.0)[1]) <= 25.0
     for longest in (None, 5.0):
-        assert max(passes(10**4, 0.01, asked=longest, short=True)[1]) <= SHORT_PASS + 1e-9
+        assert max(passes(10**4, 0.01, pass_seconds=longest, short=True)[1]) <= SHORT_PASS + 1e-9
     # A thousand samples of a GPU that takes one in a millisecond: one, a short pass, doubled, then 0.4 s each.
     assert passes(1000, 1e-3, short=True)[0] == [1, 48, 48, 96, 192, 384, 224, 7]
 
@@ -53,7 +53,7 @@ def test_where_nobody_watches_passes_are_as_long_as_asked_for_and_on_a_gpu_short
 @pytest.mark.parametrize("pass_seconds", [None, LONGEST_PASS])
 @pytest.mark.parametrize("sample", [1e-4, 3e-3, 0.07])
 def test_a_time_is_kept(pass_seconds, sample):
-    _, seconds = passes(10**9, sample, limit=20.0, asked=pass_seconds)
+    _, seconds = passes(10**9, sample, limit=20.0, pass_seconds=pass_seconds)
     assert 20.0 <= sum(seconds) < 20.0 + sample + 1e-6
     for before, duration in before_and_of_each(seconds):
         assert duration <= max(SHORT_PASS, 0.5 * (20.0 - before), sample) + 1e-9
@@ -62,7 +62,7 @@ def test_a_time_is_kept(pass_seconds, sample):
 @pytest.mark.parametrize("pass_seconds", [None, 10.0])
 def test_no_sample_is_too_many_or_too_few(pass_seconds):
     for target in range(1, 200):
-        counts, _ = passes(target, 1e-3, asked=pass_seconds)
+        counts, _ = passes(target, 1e-3, pass_seconds=pass_seconds)
         assert sum(counts) == target
         assert min(counts) >= 1
         assert all(count % SAMPLES_TOGETHER == 0 for count in counts if count > SAMPLES_TOGETHER)

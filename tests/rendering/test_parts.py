@@ -9,8 +9,8 @@ from support.small_scenes import assert_same_arrays, block_scene, finish, image_
 
 import wrt
 from wrt.cli import main
-from wrt.parts.cut import pixels_of, put, take, windows_of_part
-from wrt.parts.render import render_part
+from wrt.rendering.part import render_part
+from wrt.rendering.windows import pixels_of, put, take, windows_of_part
 
 SIZE = {"width": 24, "height": 37, "max_depth": 3}
 LAYERS = ("albedo", "depth", "object", "material")

@@ -1,6 +1,5 @@
 """A headless Chromium, driven by its DevTools protocol."""
 
-import base64
 import itertools
 import json
 import re
@@ -87,9 +86,6 @@ class Tab:
     def key(self, name):
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=name, **({"text": name} if len(name) == 1 else {}))
-
-    def screenshot(self):
-        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
     def look(self, width, height, *, dark=False):
         """Set the size of the window and whether it is dark."""

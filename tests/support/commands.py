@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import signal
@@ -53,12 +52,6 @@ def without_progress(output: str) -> str:
     """Remove progress lines, which appear when a render is slow, as on a busy machine or while kernels are compiled."""
     lines = output.splitlines(keepends=True)
     return "".join(line for line in lines if not re.match(r"wrt: .*: (getting ready;|\d+ %  \d)", line))
-
-
-def summary_of(result: subprocess.CompletedProcess[str]) -> dict[str, Any]:
-    assert result.returncode == 0, result.stderr
-    summary: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
-    return summary
 
 
 def wait_for(path: Path, process: subprocess.Popen[str]) -> None:

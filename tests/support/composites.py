@@ -10,6 +10,7 @@ from conftest import Report
 
 import wrt
 from support.covering_kernels import covering
+from support.small_scenes import finish
 from support.statistics import t_test_mean
 
 A, B, C = wrt.Diffuse((0.8, 0.1, 0.2)), wrt.Diffuse((0.1, 0.7, 0.3)), wrt.Mirror(0.6)
@@ -48,10 +49,7 @@ def chain(depth: int, weight: float = 0.4) -> wrt.Material:
 
 def render(scene: wrt.Scene, device: str, spp: int = 64, size: int = 16, **options: Any) -> wrt.Renderer:
     options = {"sampler": "independent", "layers": ("alpha",), "seed": 5, **options}
-    renderer = wrt.Renderer(scene, width=size, height=size, device=device, **options)
-    for _ in renderer.passes(spp=spp):
-        pass
-    return renderer
+    return finish(wrt.Renderer(scene, width=size, height=size, device=device, **options), spp)
 
 
 ROOM = (wrt.Diffuse((0.6, 0.5, 0.4)), wrt.Diffuse(wrt.VertexColor()), wrt.Mirror(0.9), wrt.Diffuse())

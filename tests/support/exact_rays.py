@@ -3,14 +3,13 @@
 A ray tracer in float32 may differ from the exact answer where a ray passes an edge, or where two
 triangles are equally far. The tolerance is derived, not chosen: each intersection test is a short formula,
 and the rounding errors of its steps add up to a bound (Higham, "Accuracy and Stability of Numerical
-Algorithms", 2nd edition, section 3.1). `woop` and `moeller` return the three edge functions, the distance,
-and these bounds for the tests of wrt and Embree. `explain` then decides whether an answer can be right.
+Algorithms", 2nd edition, section 3.1). `woop` returns the three edge functions, the distance, and these bounds.
+`explain` then decides whether an answer can be right.
 """
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -68,25 +67,10 @@ class Tested(NamedTuple):
         return (front | back) & clear
 
 
-Model = Callable[[Array, Array, Array], Tested]
-"""Takes corners, (1, T, 3, 3) for all rays or (R, T, 3, 3) for each, and (R, 3) origins and directions."""
-
-
-def _oriented(edges: Array, edge_error: Array, numerator: Array, numerator_error: Array) -> tuple[Array, ...]:
-    """Return edges, det, t and the error of t of t = numerator / (sum of edges), turned so that det ≥ 0."""
-    det = edges.sum(axis=2)
-    sign = np.where(det < 0.0, -1.0, 1.0)
-    det = det * sign
-    det_error = edge_error.sum(axis=2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = numerator * sign / det
-        t_error = np.where(det > det_error, numerator_error / (det - det_error), np.inf)
-    # A ray in the plane has no distance that could be compared.
-    return edges * sign[:, :, None], det, np.where(np.isfinite(t), t, 0.0), t_error
-
-
 def woop(corners: Array, origins: Array, directions: Array) -> Tested:
     """Test as `kernels/native/triangles.h` does (Woop, Benthin and Wald 2013).
+
+    `corners` are (1, T, 3, 3) for all rays or (R, T, 3, 3) for each; origins and directions are (R, 3).
 
     There each corner is sheared so that the ray becomes the z axis; S is the shear, A = X − S Z one of a
     corner's coordinates. S takes two roundings, X and Z one, S Z one, the difference one; in sum
@@ -121,7 +105,12 @@ def woop(corners: Array, origins: Array, directions: Array) -> Tested:
         # sums, shear, reciprocal of the determinant (three), and two products.
         numerator = (edges * z).sum(axis=2)
         inverse = 1.0 / d[:, None, kz]
-        edges, det, t, _ = _oriented(edges, edge_error, numerator * inverse, numerator)
+        det = edges.sum(axis=2)
+        sign = np.where(det < 0.0, -1.0, 1.0)
+        edges, det = edges * sign[:, :, None], det * sign
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = numerator * inverse * sign / det
+        t = np.where(np.isfinite(t), t, 0.0)  # a ray in the plane has no distance that could be compared
         spread = (edge_error * np.abs(z - (t * d[:, None, kz])[:, :, None])).sum(axis=2)
         spread += 10.0 * EPSILON * np.abs(edges * z).sum(axis=2)
         det_error = edge_error.sum(axis=2)
@@ -149,42 +138,6 @@ def _main_axis(directions: Array) -> NDArray[np.int64]:
     """Return the axis along which each ray runs fastest; of equal ones the last, as in kernels/native/boxes.h."""
     dx, dy, dz = np.abs(directions).T
     return np.where(dx > dy, np.where(dx > dz, 0, 2), np.where(dy > dz, 1, 2))
-
-
-def moeller(corners: Array, origins: Array, directions: Array) -> Tested:
-    """Test as Embree does unless asked to be robust (Möller and Trumbore 1997).
-
-    Its edges e1 = v0 − v1 and e2 = v2 − v0 and its normal e2 × e1 are kept rounded. With c = v0 − o and
-    r = c × d the edge functions are U = r · e2, V = r · e1 and N · d − U − V, and t = (N · c) / (N · d).
-    Every path from the input to U or V passes seven roundings, to N · d seven, to N · c eight.
-    """
-    v0, v1, v2 = (corners[:, :, k] for k in range(3))
-    c = v0 - origins[:, None]
-    d = np.broadcast_to(directions[:, None], c.shape)
-    e1, e2 = np.broadcast_to(v0 - v1, c.shape), np.broadcast_to(v2 - v0, c.shape)
-    r, r_size = _cross(c, d)
-    n, n_size = _cross(e2, e1)
-    u, v, det, top = ((a * b).sum(axis=2) for a, b in ((r, e2), (r, e1), (n, d), (n, c)))
-    u_error = 7.0 * EPSILON * (r_size * np.abs(e2)).sum(axis=2)
-    v_error = 7.0 * EPSILON * (r_size * np.abs(e1)).sum(axis=2)
-    det_error = 7.0 * EPSILON * (n_size * np.abs(d)).sum(axis=2)
-    w_error = u_error + v_error + det_error + EPSILON * (np.abs(u) + np.abs(v))
-    edges = np.stack([det - u - v, u, v], axis=2)
-    edge_error = np.stack([w_error, u_error, v_error], axis=2) * SECOND_ORDER
-    top_error = 8.0 * EPSILON * (n_size * np.abs(c)).sum(axis=2)
-    edges, det, t, _ = _oriented(edges, edge_error, top, top_error)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Its reciprocal is an estimate with one Newton step, good to two roundings or so.
-        error = (top_error + np.abs(t) * (det_error + 4.0 * EPSILON * det)) / (det - det_error)
-    return Tested(edges, edge_error, det, t, np.where(det > det_error, error, np.inf), np.zeros((*t.shape, 2)))
-
-
-def _cross(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return a × b, and the same with all its terms positive."""
-    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)
-    first = np.stack([ay * bz, az * bx, ax * by], axis=2)
-    second = np.stack([az * by, ax * bz, ay * bx], axis=2)
-    return first - second, np.abs(first) + np.abs(second)
 
 
 class Reason(enum.Enum):
@@ -216,16 +169,14 @@ def ulps(difference: ArrayLike, t: ArrayLike) -> Array:
         return np.abs(difference) / np.spacing(np.abs(t).astype(np.float32)).astype(np.float64)
 
 
-def exact_distances(corners: ArrayLike, origins: ArrayLike, directions: ArrayLike, model: Model) -> tuple[Array, Array]:
+def exact_distances(corners: ArrayLike, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
     """Return for each ray the exact distance to the plane of its own (3, 3) corners, and how wrong t may be."""
     triangles, o, d = (np.asarray(a, np.float64) for a in (corners, origins, directions))
-    tested = model(triangles[:, None], o, d)
+    tested = woop(triangles[:, None], o, d)
     return tested.t[:, 0], tested.t_error[:, 0]
 
 
-def explain(
-    corners: ArrayLike, origins: ArrayLike, directions: ArrayLike, triangle: ArrayLike, model: Model
-) -> Explained:
+def explain(corners: ArrayLike, origins: ArrayLike, directions: ArrayLike, triangle: ArrayLike) -> Explained:
     """Judge the (R,) triangles that a tracer says rays hit first, −1 for none, against all triangles in float64.
 
     An answer can be right if the ray meets that triangle for some rounding, and no triangle that it meets for any
@@ -245,7 +196,7 @@ def explain(
         near[answer[answer >= 0]] = True
         numbers = np.flatnonzero(near) if near.any() else np.array([0])
         place = np.where(answer >= 0, np.searchsorted(numbers, answer), -1)
-        one = _explain(model(corners[None, numbers], o, d), place)
+        one = _explain(woop(corners[None, numbers], o, d), place)
         found.append(one._replace(nearest=np.where(one.nearest >= 0, numbers[one.nearest], -1)))
     return Explained(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from peers.mitsuba_scene import VARIANT, load_mitsuba, to_mitsuba
 
 import wrt
+from support.small_scenes import image_of
 from support.statistics import ImageTest, image_z_test
 
 __all__ = ["VARIANT", "Reference", "load_mitsuba", "reference_of", "render_reference", "to_mitsuba"]
@@ -32,11 +33,8 @@ class Reference:
 
     def compared(self, renderer: wrt.Renderer, spp: int) -> ImageTest:
         """Render as many samples per pixel, and return how that picture compares with this one."""
-        for _ in renderer.passes(spp=spp):
-            pass
-        return image_z_test(
-            renderer.image(), renderer.variance(), self.mean, self.variance, n_a=renderer.spp, n_b=self.runs
-        )
+        image = image_of(renderer, spp)
+        return image_z_test(image, renderer.variance(), self.mean, self.variance, n_a=spp, n_b=self.runs)
 
 
 def render_reference(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wrt
+from support.albedo_quadrature import sheen_lambda
 from support.kernels import map_function
 from wrt.kernels.bsdf.lobes import albedo_fits
 
@@ -151,34 +152,11 @@ def base_value(p: wrt.Principled, wo: Array, wi: Array, front: bool, device: str
 
 def charlie(wo: Array, wi: Array, roughness: float) -> Array:
     """Return sheen after Estevez and Kulla (2017), as KHR_materials_sheen prints it."""
-
-    def l_curve(x: Array, a_g: float) -> Array:
-        k = (1.0 - a_g) * (1.0 - a_g)
-        a, b, c, d, e = (
-            (1.0 - k) * p0 + k * p1
-            for p0, p1 in [
-                (21.5473, 25.3245),
-                (3.82987, 3.32435),
-                (0.19823, 0.16801),
-                (-1.97760, -1.27393),
-                (-4.32054, -4.85967),
-            ]
-        )
-        return a / (1.0 + b * x**c) + d * x + e
-
-    def lambda_sheen(cos: Array, a_g: float) -> Array:
-        half = np.array(0.5)
-        return np.where(
-            cos < 0.5,
-            np.exp(l_curve(np.minimum(cos, 0.5), a_g)),
-            np.exp(2.0 * l_curve(half, a_g) - l_curve(np.minimum(1.0 - cos, 0.5), a_g)),
-        )
-
     alpha = roughness * roughness
     sin2 = 1.0 - unit(wo + wi)[:, 2] ** 2
     distribution = (2.0 + 1.0 / alpha) * sin2 ** (0.5 / alpha) / (2.0 * np.pi)
     o, i = wo[:, 2], wi[:, 2]
-    return distribution / ((1.0 + lambda_sheen(o, alpha) + lambda_sheen(i, alpha)) * (4.0 * o * i))
+    return distribution / ((1.0 + sheen_lambda(o, alpha) + sheen_lambda(i, alpha)) * (4.0 * o * i))
 
 
 def value(p: wrt.Principled, wo: Array, wi: Array, device: str, *, front: bool = True) -> Array:

@@ -118,10 +118,8 @@ RED = "[materials.red]\ntype = 'diffuse'\n"
 MISTAKES = {
     QUAD * 3 + 'materal = "x"': "shapes[2].materal: unknown key (did you mean 'material'?)",
     "[cammera]": "cammera: unknown key (did you mean 'camera'?)",
-    "[camera]\nfov = 40": "camera.fov: unknown key",
     "[camera]\nfov_degrees = 200": "camera: camera fov_degrees must be at most 179, not 200",
     '[camera]\ntype = "fish"': "camera: type must be one of 'perspective', 'orthographic', 'panorama', 'fisheye', not",
-    "[camera]\norigin = [0, 0, 0]": "camera: camera origin and target must differ",
     "[settings]\ncrop = [0, 0, 4]": "settings: crop must be four whole numbers (x0, y0, x1, y1), not [0, 0, 4]",
     '[environment]\ntype = "constant"\nradiance = -1': "environment: radiance must be at least 0, not -1",
     '[environment]\ntype = "image"\nfile = "none.hdr"': "environment.file: {folder}/none.hdr: no such file",
@@ -130,11 +128,9 @@ MISTAKES = {
     "[[lights]]\ntype = 'point'\nposition = [0, 0, 0]": "lights[0]: a point light takes one of intensity, power and",
     f"{RED}reflectance = 1.5": "materials.red: reflectance must be at most 1, not 1.5",
     f"{RED}reflectance = {{ texture = 'no.png' }}": "materials.red.reflectance.texture: {folder}/no.png: no such file",
-    f"{RED}opacity = {{ texture = 'wood.png', chanel = 'g' }}": "materials.red.opacity.chanel: unknown key (did you",
     f"{RED}opacity = {{ texture = 'wood.png', channel = ['r'] }}": (
         "materials.red.opacity.texture: texture wood.png: channel must be one of r, g, b, not ['r']"
     ),
-    f"{RED}opacity = {{ texture = 'wood.png', linear = 1 }}": "materials.red.opacity: linear must be true or false",
     "[materials.both]\ntype = 'mix'\nfirst = 'gold'\n[materials.old]\ntype = 'mirror'": (
         "materials.both.first: there is no [materials.gold] (did you mean 'old'?)"
     ),
@@ -150,8 +146,6 @@ MISTAKES = {
     "[[shapes]]\norigin = [0, 0, 0]": "shapes[0]: the key 'type' is missing",
     "[[shapes]]\ntype = 'polygon'\ncorners = [[0, 0, 0], [1, 0]]": "shapes[0]: corners[1] must be three numbers",
     "[[shapes]]\ntype = 'mesh'\nfile = 'sky.exr'": "shapes[0].file: {folder}/sky.exr: not a known mesh format",
-    "[[shapes]]\ntype = 'mesh'\nfile = 'meshes/roof.obj'\nsmooth = 1": "shapes[0]: smooth must be true or false, not 1",
-    QUAD + "rotate = { axis = [0, 0, 0], degrees = 1 }": "shapes[0].rotate: axis must not be zero",
     QUAD + "rotate = [{ axis = [0, 1, 0] }]": "shapes[0].rotate[0]: the key 'degrees' is missing",
     QUAD + f"scale = 1{'0' * 400}": "not TOML: scale is an integer of more than 64 bits",
     "[camera\nx = 1": "not TOML: ",

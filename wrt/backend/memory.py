@@ -41,28 +41,26 @@ def memory_left(proc: Path = Path("/proc/self"), groups: Path = Path("/sys/fs/cg
         space, resident, _, _, _, data, _ = (page * int(n) for n in (proc / "statm").read_text().split())
     except (OSError, ValueError):  # not Linux
         space = resident = data = 0
-    held = [os.sysconf("SC_PHYS_PAGES") * page, *_group_limits(proc, groups)]
-    left = min(held) - resident
+    available = min([os.sysconf("SC_PHYS_PAGES") * page, *_group_limits(proc, groups)]) - resident
     for kind, used in ((resource.RLIMIT_AS, space), (resource.RLIMIT_DATA, data)):
         limit, _ = resource.getrlimit(kind)
         if limit != resource.RLIM_INFINITY:
-            left = min(left, limit - used)
-    return max(left, 0)
+            available = min(available, limit - used)
+    return max(available, 0)
 
 
 def _group_limits(proc: Path, groups: Path) -> Iterator[int]:
     """Yield the memory limits of the process's control groups and all their parents, for versions 1 and 2.
 
-    In a container the path may be that of the host, whose upper part is not mounted; the process's group is then the
-    mounted root.
+    In a container the path may be the host's, whose upper part is not mounted; the process's group is then the mounted
+    root.
     """
     try:
         lines = (proc / "cgroup").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
     except OSError:
         return
     for line in lines:
-        number, _, rest = line.partition(":")
-        controllers, _, path = rest.partition(":")
+        number, controllers, path = (*line.split(":", 2), "", "")[:3]
         if number == "0" and not controllers:
             roots, name = (groups, groups / "unified"), "memory.max"
         elif "memory" in controllers.split(","):
@@ -103,14 +101,14 @@ def forget_code(*libraries: Path) -> None:
                 madvise(start, size, _MADV_DONTNEED)
 
 
-def zeros(shape: tuple[int, ...], dtype: Any, *, huge: int = LARGE) -> NDArray[Any]:
+def zeros(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
     """Return a NumPy array of zeros; a large one takes memory only where it is written to.
 
-    `np.zeros` clears a freed block of the C library's heap if there is one. From `huge` bytes on, the array is in huge
-    pages, if the system has them, and they are released with the array.
+    `np.zeros` clears a freed block of the C library's heap if there is one. Large arrays are in huge pages, if the
+    system has them, which are released with the array.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    if size < max(huge, 1) or not hasattr(mmap, "MADV_HUGEPAGE"):
+    if size < LARGE or not hasattr(mmap, "MADV_HUGEPAGE"):
         return np.zeros(shape, dtype)
     try:
         memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)

@@ -55,8 +55,8 @@ def _initialize() -> None:
                     os.write(2, line)
     finally:
         os.close(stderr)
-    kernels, notes = Path(wp.config.kernel_cache_dir), wrt_folder()
-    remove_leftovers(kernels, notes, *notes.glob("headers-*"))
+    kernels, folder = Path(wp.config.kernel_cache_dir), wrt_folder()
+    remove_leftovers(kernels, folder, *folder.glob("headers-*"))
     # Release 90 MB of code of Warp's libraries: the code that runs when they load is spread all over them.
     forget_code(*warp_libraries())
 

@@ -149,7 +149,7 @@ def lights() -> list[Light]:
 def exercise(device: Device) -> None:
     """Upload a scene with everything that general kernels cover, and each camera.
 
-    That uses all functions of `kernels/` that uploads of such scenes need, so that they are compiled and noted.
+    That uses all functions of `kernels/` that uploads of such scenes need, so that they are compiled and in the table.
     """
     from wrt.upload.camera import build_camera
     from wrt.upload.scene_data import build_scene

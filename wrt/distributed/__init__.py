@@ -1,7 +1,6 @@
-"""Rendering over a Dask cluster, or the GPUs of a machine: `wrt.distributed.render`."""
+"""Rendering over a Dask cluster, or the GPUs of a machine: `DistributedRenderer`."""
 
 from wrt.distributed.head import ClusterError as ClusterError
 from wrt.distributed.head import DistributedRenderer as DistributedRenderer
-from wrt.distributed.head import render as render
 from wrt.distributed.processes import Processes as Processes
 from wrt.distributed.processes import devices_of as devices_of

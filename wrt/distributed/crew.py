@@ -1,20 +1,23 @@
-"""The workers of a cluster: which have built the scene, which are busy, and which do not answer."""
+"""The workers of a cluster: what all kinds of clusters can do, and which workers have built the scene or are busy."""
 
 from __future__ import annotations
 
-import statistics
 import time
 import warnings
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 from wrt._version import __version__
-from wrt.distributed.cluster import Cluster, NoAnswer, pack
-from wrt.distributed.worker import Job, Ready, prepare
+from wrt.distributed.worker import Job, pack, prepare
 from wrt.errors import InputError, InputWarning
 from wrt.scene.scene import Scene
+
+ANSWER_SECONDS = 10.0
+"""Time to wait for a result that a worker has. If it does not come, the machine may hang."""
+
+
+DIED = "workers died {}, perhaps for lack of memory; see their logs"
 
 AHEAD = 2
 """Windows that a worker has at a time: the one that it renders, and the next."""
@@ -25,32 +28,39 @@ COUNT_SECONDS, COUNT_AGAIN_SECONDS = 1.0, 0.2
 SILENT_SECONDS = 60.0
 """Time without work for a worker that has not sent a result."""
 
-LATE_FACTOR, LATE_SECONDS = 4.0, 3.0
-"""A window is late after this many times the median time of its number of paths, and this many seconds."""
-
 MOST_DEATHS = 3
 """Workers that may die while they render the same window, and for each worker while they build the scene."""
 
 
-@dataclass(eq=False)
-class Attempt:
-    """A call that renders a window on a worker.
+class NoAnswer(Exception):
+    """A worker has a result and does not send it, or its result was lost."""
 
-    Attributes:
-        member: the worker.
-        future: the call.
-        since: when it was submitted.
-        paths: an upper bound on the camera paths in the window.
-        seed: the seed of its samples. A pilot has another than the picture, and samples few of its pixels.
-        is_obsolete: whether another worker has already rendered the window.
-    """
 
-    member: Member
-    future: Any
-    since: float
-    paths: int
-    seed: int
-    is_obsolete: bool = False
+class Cluster(Protocol):
+    """Workers that call functions. No method waits for a worker, except `result`, for ANSWER_SECONDS at most."""
+
+    devices: dict[str, str]
+    """The devices of workers by address; a worker without one has the device that the renderer names."""
+
+    def addresses(self) -> list[str]:
+        """Return the addresses of the present workers; raise OSError if there can be none any more."""
+
+    def submit(self, address: str, ended: Callable[[], object], key: str, function: Any, *arguments: Any) -> Any:
+        """Call a function of a module on one worker, and return a future.
+
+        Args:
+            address: of the worker.
+            ended: called here, in any thread, when the call has ended.
+            key: a name that no other call has.
+            function: the function.
+            arguments: its arguments.
+        """
+
+    def result(self, future: Any) -> Any:
+        """Return the result of a call that is done, or raise its exception; NoAnswer if it does not come."""
+
+    def cancel(self, futures: Sequence[Any]) -> None:
+        """Cancel calls that have not begun; running ones end by themselves."""
 
 
 @dataclass(eq=False)
@@ -61,21 +71,15 @@ class Member:
         address: its address.
         digest: the digest of the scene that it has built.
         preparing: the call that builds a scene.
-        attempts: the windows that it has, starting with the one that it renders.
-        answered: when it last sent a result.
+        calls: the calls that render its windows, the running one first.
         silent_until: when it gets work again after a result has not come.
     """
 
     address: str
     digest: str = ""
     preparing: Any = None
-    attempts: list[Attempt] = field(default_factory=list)
-    answered: float = 0.0
+    calls: list[Any] = field(default_factory=list)
     silent_until: float = 0.0
-
-    def busy_since(self) -> float:
-        """Return when it began its window; infinite if it has none."""
-        return max(self.attempts[0].since, self.answered) if self.attempts else float("inf")
 
 
 class Crew:
@@ -97,7 +101,6 @@ class Crew:
         self._cluster, self._scene, self._ended = cluster, scene, ended
         self._packed: list[Any] | None = None
         self._counted, self._calls, self._deaths = 0.0, 0, 0
-        self._seconds_of_path: dict[int, deque[float]] = {}  # in the latest windows of each seed
 
     def update(self, job: Job) -> None:
         """Count the workers, and give them the scene.
@@ -109,9 +112,6 @@ class Crew:
         if time.monotonic() - self._counted > (COUNT_SECONDS if self.members else COUNT_AGAIN_SECONDS):
             self._count()
         for member in list(self.members.values()):
-            for each in [each for each in member.attempts if each.is_obsolete and each.future.done()]:
-                member.attempts.remove(each)
-                member.answered = time.monotonic()
             if member.digest != job.digest:
                 self._prepare(member, job)
 
@@ -123,21 +123,20 @@ class Crew:
             self.members[address] = Member(address)
         self._counted = time.monotonic()
         if self._deaths > MOST_DEATHS * max(len(self.members), 1):
-            raise OSError("workers died while they built the scene, perhaps for lack of memory; see their logs")
+            raise OSError(DIED.format("while they built the scene"))
 
     def _prepare(self, member: Member, job: Job) -> None:
         """Ask a worker whether it has built the scene, handle the reply, and send the scene if it has not."""
         if member.preparing is None:
-            if member.silent_until > time.monotonic():
-                return
-            member.preparing = self.call(member, "hello", prepare, job, None)
+            if member.silent_until <= time.monotonic():
+                member.preparing = self.call(member, "hello", prepare, job, None)
+            return
         if not member.preparing.done():
             return
         future, member.preparing = member.preparing, None
         try:
-            ready: Ready = self._cluster.result(future)
+            kind, digest = self.result(member, future)
         except NoAnswer:
-            self.has_not_answered(member)
             return
         except (ImportError, AttributeError) as error:
             self._refuse(member, f"it has another wrt, or none: {error}")
@@ -145,19 +144,19 @@ class Crew:
         except TypeError as error:
             raise InputError(f"the workers cannot render this scene: {error}") from error
         differences = [
-            f"{name} ({ready.kind.get(name)} there, {value} here)"
+            f"{name} ({kind.get(name)} there, {value} here)"
             for name, value in self.kind.items()
-            if ready.kind.get(name) != value
+            if kind.get(name) != value
         ]
         if differences:
             self._refuse(member, f"these differ: {', '.join(differences)}")
             return
-        self.kind = ready.kind
-        if ready.digest:
-            member.digest, self._deaths = ready.digest, 0
+        self.kind = kind
+        if digest:
+            member.digest, self._deaths = digest, 0
             return
         if self._packed is None:
-            self._packed = pack(self._cluster, self._scene)
+            self._packed = pack(self._scene)
         member.preparing = self.call(member, "scene", prepare, job, self._packed)
 
     def _refuse(self, member: Member, reason: str) -> None:
@@ -168,46 +167,28 @@ class Crew:
             raise InputError(f"no worker can render this picture: {member.address}, {reason}")
 
     def call(self, member: Member, name: str, function: Any, job: Job, *arguments: Any) -> Any:
-        """Call a function on a worker, with a job for its device."""
+        """Call a function on a worker, with a job for its device; `name` shows what it does."""
         self._calls += 1
         key = f"wrt-{job.digest[:8]}-{name}-{self._calls}"
         if device := self._cluster.devices.get(member.address):
             job = replace(job, options={**job.options, "device": device})
         return self._cluster.submit(member.address, self._ended, key, function, job, *arguments)
 
+    def result(self, member: Member, future: Any) -> Any:
+        """Return the result of a call that is done, or raise its exception; NoAnswer if the worker does not send it."""
+        try:
+            found = self._cluster.result(future)
+        except NoAnswer:
+            member.silent_until = time.monotonic() + SILENT_SECONDS
+            raise
+        member.silent_until = 0.0
+        return found
+
     def free(self, job: Job) -> list[Member]:
         """Return the workers that can take a window, those with the fewest first."""
-        now = time.monotonic()
         usable = [
             member
             for member in self.members.values()
-            if member.digest == job.digest
-            and len(member.attempts) < AHEAD
-            and member.silent_until <= now
-            and not self.is_late(member)
+            if member.digest == job.digest and len(member.calls) < AHEAD and member.silent_until <= time.monotonic()
         ]
-        return sorted(usable, key=lambda member: len(member.attempts))
-
-    def is_late(self, member: Member) -> bool:
-        """Return whether a worker may hang, as it takes too long for a window."""
-        if not member.attempts or not (latest := self._seconds_of_path.get(member.attempts[0].seed)):
-            return False
-        expected = member.attempts[0].paths * statistics.median(latest)
-        limit = max(LATE_FACTOR * expected, LATE_SECONDS)
-        return time.monotonic() - member.busy_since() > limit
-
-    def has(self, member: Member) -> bool:
-        """Return whether the cluster still has a worker."""
-        return self.members.get(member.address) is member
-
-    def answered(self, done: Attempt, *, has_rendered: bool) -> None:
-        """Note that a worker has sent a reply, with a rendered window or without."""
-        member, now = done.member, time.monotonic()
-        if has_rendered:
-            latest = self._seconds_of_path.setdefault(done.seed, deque(maxlen=32))
-            latest.append((now - max(done.since, member.answered)) / done.paths)
-        member.answered, member.silent_until = now, 0.0
-
-    def has_not_answered(self, member: Member) -> None:
-        """Note that a worker does not send what it has rendered."""
-        member.silent_until = time.monotonic() + SILENT_SECONDS
+        return sorted(usable, key=lambda member: len(member.calls))

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from wrt.backend.slices import available_threads
-from wrt.distributed.cluster import ANSWER_SECONDS, NoAnswer
+from wrt.distributed.crew import ANSWER_SECONDS, DIED, NoAnswer
 from wrt.errors import InputError, one_line
 
 CONNECT_SECONDS = 10
@@ -138,17 +138,10 @@ class DaskCluster:
         except (TimeoutError, DaskTimeoutError, CancelledError):
             raise NoAnswer from None
         except KilledWorker:
-            raise OSError("workers died of a part of the picture, perhaps for lack of memory; see their logs") from None
+            raise OSError(DIED.format("of a part of the picture")) from None
 
     def cancel(self, futures: Sequence[Any]) -> None:
         """Cancel calls that have not begun."""
         if futures:
             with contextlib.suppress(OSError), self._connected():  # without a scheduler they end, too
                 self._client.cancel(list(futures))
-
-    def dumps(self, value: object, buffer_callback: Callable[[Any], object]) -> bytes:
-        """Pickle a value, with classes of the main program."""
-        from distributed.protocol import pickle
-
-        pickled: bytes = pickle.dumps(value, buffer_callback=buffer_callback)
-        return pickled

@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import multiprocessing
 import os
-import pickle
 import re
 import signal
 import threading
@@ -16,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from wrt import child
-from wrt.distributed.cluster import ANSWER_SECONDS, NoAnswer
+from wrt.distributed.crew import ANSWER_SECONDS, NoAnswer
 from wrt.errors import InputError
 
 _SEVERAL = re.compile(r"cuda:(all|\d{1,3}(?:,\d{1,3})+)")
@@ -103,10 +102,6 @@ class Processes:
         """Cancel calls that have not begun."""
         for future in futures:
             future.cancel()
-
-    def dumps(self, value: object, buffer_callback: Callable[[Any], object]) -> bytes:
-        """Pickle a value."""
-        return pickle.dumps(value, protocol=5, buffer_callback=buffer_callback)
 
 
 def _begin() -> None:

@@ -1,7 +1,6 @@
-"""Spread a pass over the workers of a cluster.
+"""Spread a pass over the workers of a cluster: how large windows are, and which worker renders each.
 
-What is decided here: how large windows are, which worker renders each, and when a window that takes too long is given
-to another worker. A window's result does not depend on who renders it, so whichever comes first counts.
+A window's result does not depend on its worker, so a window whose worker is lost is rendered again by another.
 """
 
 from __future__ import annotations
@@ -15,17 +14,16 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from wrt.distributed.cluster import Cluster, NoAnswer
-from wrt.distributed.crew import MOST_DEATHS, Attempt, Crew, Member
+from wrt.distributed.crew import DIED, MOST_DEATHS, Cluster, Crew, Member, NoAnswer
 from wrt.distributed.worker import Job, Rendered, render_window
 from wrt.errors import InputError, warn
-from wrt.parts.cut import grid, pixels_of, put, take
 from wrt.rendering.film import Film
+from wrt.rendering.windows import grid_cell, pixels_of, put, take
 from wrt.scene.scene import Scene
 from wrt.upload.camera import CropWindow
 
 POLL_SECONDS = 0.2
-"""Interval of the checks for late windows and new workers."""
+"""Interval of the checks for lost and new workers."""
 
 WITHOUT_WORKERS_SECONDS = 600.0
 """Time to wait when no worker is left: Dask restarts workers that died, or others come."""
@@ -57,8 +55,9 @@ def windows_of_pass(
     rows = crop[3] - crop[1]
     columns = min(-(-ROWS_PER_WORKER * max(workers(), 1) // rows), crop[2] - crop[0])
     remaining = pixels_of((crop,))
-    for x0, y0, x1, y1 in grid(crop, columns, 1):
-        y, width = y0, x1 - x0
+    for column in range(columns):
+        x0, y, x1, y1 = grid_cell(crop, columns, 1, column)
+        width = x1 - x0
         while y < y1:
             pixels = remaining / (SHARES * max(workers(), 1))
             if seconds := seconds_of_pixel():
@@ -89,17 +88,10 @@ class Pass:
     seconds_left: float
     samples: int
 
-    @property
-    def seed(self) -> int:
-        """The seed of the samples."""
-        return int(self.job.options["seed"])
-
     def state(self, window: CropWindow) -> dict[str, NDArray[Any]] | None:
         """Return the film's arrays for a window, None if it has no samples there."""
-        arrays = self.film.arrays()
-        if not take(arrays["count"], self.crop, (window,)).any():
-            return None
-        return {name: take(array, self.crop, (window,)) for name, array in arrays.items()}
+        arrays = {name: take(array, self.crop, (window,)) for name, array in self.film.arrays().items()}
+        return arrays if arrays["count"].any() else None
 
     def keep(self, window: CropWindow, rendered: Rendered) -> None:
         """Put a rendered window into the film."""
@@ -111,21 +103,19 @@ class Pass:
 
 @dataclass(eq=False)
 class _Window:
-    """A window that is being rendered.
+    """A window that a worker renders, or that must be rendered again.
 
     Attributes:
         window: the window.
-        attempts: the calls on workers that have it.
+        member: the worker.
+        future: the call.
         deaths: workers that died while they rendered it.
     """
 
     window: CropWindow
-    attempts: list[Attempt] = field(default_factory=list)
+    member: Member = field(default_factory=lambda: Member(""))
+    future: Any = None
     deaths: int = 0
-
-    def remove(self, attempt: Attempt) -> None:
-        self.attempts.remove(attempt)
-        attempt.member.attempts.remove(attempt)
 
 
 class Spread:
@@ -140,8 +130,8 @@ class Spread:
         settings = dataclasses.replace(scene.settings, denoise=False)  # the head node denoises
         self._cluster = cluster
         self._ended = threading.Event()
+        self._seconds_of_sample = 0.0
         self.crew = Crew(cluster, dataclasses.replace(scene, settings=settings), self._ended.set)
-        self._seconds_of_sample: dict[int, float] = {}  # by seed: a pilot samples few of the pixels
 
     def run(self, a_pass: Pass) -> None:
         """Render a pass into its film.
@@ -150,54 +140,48 @@ class Spread:
             InputError: if a worker cannot render the scene.
             OSError: if workers die of a window, or there is none for long.
         """
-        coming = windows_of_pass(
-            a_pass.crop,
-            lambda: len(self.crew.members),
-            lambda: self._seconds_of_sample.get(a_pass.seed, 0.0) * a_pass.samples,
+        windows = windows_of_pass(
+            a_pass.crop, lambda: len(self.crew.members), lambda: self._seconds_of_sample * a_pass.samples
         )
+        coming = map(_Window, windows)
         running: list[_Window] = []
+        unfinished: list[_Window] = []
         remaining = pixels_of((a_pass.crop,))
         try:
             while remaining:
                 self.crew.update(a_pass.job)
-                self._submit(a_pass, coming, running)
+                while free := self.crew.free(a_pass.job):
+                    each = unfinished.pop() if unfinished else next(coming, None)
+                    if each is None:
+                        break
+                    self._give(a_pass, each, free[0])
+                    running.append(each)
                 self._wait(a_pass.job)
                 for each in list(running):
-                    rendered = self._rendered(each)
-                    if rendered is not None:
+                    is_lost = self.crew.members.get(each.member.address) is not each.member
+                    if is_lost or each.future.done():
                         running.remove(each)
-                        self._abandon(each)
+                        rendered = self._rendered(each, is_lost=is_lost)
+                        if rendered is None:
+                            unfinished.append(each)
+                            continue
                         a_pass.keep(each.window, rendered)
                         remaining -= pixels_of((each.window,))
-                        self._measure(a_pass, each.window, rendered)
+                        seconds = rendered.seconds / (pixels_of((each.window,)) * a_pass.samples)
+                        average = self._seconds_of_sample
+                        self._seconds_of_sample = 0.8 * average + 0.2 * seconds if average else seconds
         finally:
-            self._cluster.cancel([attempt.future for each in running for attempt in each.attempts])
+            self._cluster.cancel([each.future for each in running])
             for each in running:
-                for attempt in list(each.attempts):
-                    each.remove(attempt)
-
-    def _submit(self, a_pass: Pass, coming: Iterator[CropWindow], running: list[_Window]) -> None:
-        """Give windows to workers that can take them, late ones first."""
-        for each in running:
-            if all(self.crew.is_late(attempt.member) for attempt in each.attempts):
-                busy = {attempt.member for attempt in each.attempts}
-                member = next((member for member in self.crew.free(a_pass.job) if member not in busy), None)
-                if member is not None:
-                    self._give(a_pass, each, member)
-        while free := self.crew.free(a_pass.job):
-            window = next(coming, None)
-            if window is None:
-                return
-            running.append(_Window(window))
-            self._give(a_pass, running[-1], free[0])
+                each.member.calls.remove(each.future)
 
     def _give(self, a_pass: Pass, each: _Window, member: Member) -> None:
-        name, state = f"{','.join(map(str, each.window))}-to-{a_pass.spp}", a_pass.state(each.window)
+        """Have a worker render a window."""
+        each.member, state = member, a_pass.state(each.window)
         arguments = each.window, state, a_pass.spp, a_pass.seconds_left
-        future = self.crew.call(member, name, render_window, a_pass.job, *arguments)
-        paths = pixels_of((each.window,)) * a_pass.samples
-        each.attempts.append(Attempt(member, future, time.monotonic(), paths, a_pass.seed))
-        member.attempts.append(each.attempts[-1])
+        name = f"{','.join(map(str, each.window))}-to-{a_pass.spp}"
+        each.future = self.crew.call(member, name, render_window, a_pass.job, *arguments)
+        member.calls.append(each.future)
 
     def _wait(self, job: Job) -> None:
         """Wait until a worker has ended something, or for POLL_SECONDS; and for a worker, if there is none."""
@@ -213,40 +197,22 @@ class Spread:
             time.sleep(POLL_SECONDS)
             self.crew.update(job)
 
-    def _rendered(self, each: _Window) -> Rendered | None:
-        """Return the result of a window, None while there is none."""
-        for attempt in list(each.attempts):
-            if not self.crew.has(attempt.member):
-                each.deaths += attempt is attempt.member.attempts[0]
-                each.remove(attempt)
-                self._cluster.cancel([attempt.future])
-                if each.deaths > MOST_DEATHS:
-                    raise OSError("workers died of a part of the picture, perhaps for lack of memory; see their logs")
-            elif attempt.future.done():
-                each.remove(attempt)
-                try:
-                    rendered: Rendered | None = self._cluster.result(attempt.future)
-                except NoAnswer:
-                    self.crew.has_not_answered(attempt.member)
-                    continue
-                except (ImportError, AttributeError, TypeError) as error:
-                    raise InputError(f"the workers cannot render this scene: {error}") from error
-                self.crew.answered(attempt, has_rendered=rendered is not None)
-                if rendered is not None:
-                    return rendered
-                attempt.member.digest = ""  # it has restarted, or rendered another scene
-        return None
-
-    def _abandon(self, each: _Window) -> None:
-        """Cancel a rendered window on the other workers that have it; one that has begun it renders it to the end."""
-        waiting = [attempt for attempt in each.attempts if attempt is not attempt.member.attempts[0]]
-        self._cluster.cancel([attempt.future for attempt in waiting])
-        for attempt in waiting:
-            each.remove(attempt)
-        for attempt in each.attempts:
-            attempt.is_obsolete = True
-
-    def _measure(self, a_pass: Pass, window: CropWindow, rendered: Rendered) -> None:
-        seconds = rendered.seconds / (pixels_of((window,)) * a_pass.samples)
-        average = self._seconds_of_sample.get(a_pass.seed)
-        self._seconds_of_sample[a_pass.seed] = seconds if not average else 0.8 * average + 0.2 * seconds
+    def _rendered(self, each: _Window, *, is_lost: bool) -> Rendered | None:
+        """Return the result of a window whose call has ended or whose worker is lost; None if it has none."""
+        was_first = each.member.calls[0] is each.future
+        each.member.calls.remove(each.future)
+        if is_lost:
+            each.deaths += was_first
+            self._cluster.cancel([each.future])
+            if each.deaths > MOST_DEATHS:
+                raise OSError(DIED.format("of a part of the picture"))
+            return None
+        try:
+            rendered: Rendered | None = self.crew.result(each.member, each.future)
+        except NoAnswer:
+            return None
+        except (ImportError, AttributeError, TypeError) as error:
+            raise InputError(f"the workers cannot render this scene: {error}") from error
+        if rendered is None:
+            each.member.digest = ""  # it has restarted, or rendered another scene
+        return rendered

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 import threading
 import time
@@ -10,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
-
-from wrt.distributed.cluster import unpack
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
@@ -33,49 +33,45 @@ class Job:
 
     Attributes:
         digest: a digest of the scene without its camera, and of the picture's options.
-        options: keyword arguments of `wrt.Renderer`. Another seed does not need another build of the scene.
-        camera: the camera; another one does not either.
-        threads: CPU threads of a worker, by default as many as Dask gives it.
+        options: keyword arguments of `wrt.Renderer`.
+        camera: the camera; another one does not need another build of the scene.
     """
 
     digest: str
     options: dict[str, Any]
     camera: Camera
-    threads: int | None
-
-
-class Ready(NamedTuple):
-    """The reply of a worker to `prepare`.
-
-    Attributes:
-        kind: what its digits depend on, by name: versions, device, processor and libraries.
-        digest: the job's digest if the worker has built the scene, else "".
-    """
-
-    kind: dict[str, str]
-    digest: str
 
 
 class Rendered(NamedTuple):
-    """A window that a worker has rendered.
-
-    Attributes:
-        arrays: the arrays of a film for its pixels.
-        rays: the number of traced rays.
-        seconds: the time of rendering; on a CPU, without the share of other work on the machine.
-    """
+    """The arrays of a film for the pixels of a window, the rays that were traced for them, and the seconds it took."""
 
     arrays: dict[str, NDArray[Any]]
     rays: int
     seconds: float
 
 
-def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
+def pack(value: object) -> list[Any]:
+    """Return a value as bytes and arrays of bytes, which a scheduler passes on without copying or reading them."""
+    dumps: Any = pickle.dumps
+    if "distributed" in sys.modules:  # its pickles have the classes of the main program
+        from distributed.protocol import pickle as of_dask
+
+        dumps = of_dask.dumps
+    buffers: list[pickle.PickleBuffer] = []
+    head = dumps(value, protocol=5, buffer_callback=buffers.append)
+    return [head, *(np.frombuffer(buffer.raw(), np.uint8) for buffer in buffers)]
+
+
+def prepare(job: Job, packed: Sequence[Any] | None) -> tuple[dict[str, str], str]:
     """Build a scene, unless it is built already; called on a worker.
 
     Args:
         job: the values that all windows share.
-        packed: the scene by `wrt.distributed.cluster.pack`; None to ask whether it is built.
+        packed: the scene by `pack`; None to ask whether it is built.
+
+    Returns:
+        What the digits of the worker's pixels depend on, by name: versions, device, processor and libraries; and the
+        job's digest if the worker has built the scene, else "".
     """
     from wrt._version import __version__
     from wrt.backend.device import Device
@@ -86,8 +82,9 @@ def prepare(job: Job, packed: Sequence[Any] | None) -> Ready:
     if packed is not None:
         with _rendering:
             if job.digest not in _renderers:
-                _build(job, unpack(packed))
-    return Ready(kind, job.digest if job.digest in _renderers else "")
+                head, *buffers = packed
+                _build(job, pickle.loads(head, buffers=buffers))  # from the head node, which workers trust
+    return kind, job.digest if job.digest in _renderers else ""
 
 
 def render_window(
@@ -105,21 +102,21 @@ def render_window(
     Returns:
         The window, or None if the worker has not built the scene.
     """
-    from wrt.parts.render import render_windows
-
     with _rendering:
-        renderer = _renderers.get(job.digest)
-        if renderer is None:
+        built = _renderers.get(job.digest)
+        if built is None:
             return None
         _renderers.move_to_end(job.digest)
-        renderer.seed = job.options["seed"]
-        if renderer.scene.camera != job.camera:
-            renderer.set_camera(job.camera)
+        if built.scene.camera != job.camera:
+            built.set_camera(job.camera)
+        renderer = built.sharing(crop=window)
+        if state is not None:
+            renderer.film.restore(state)
         began = time.process_time()
-        arrays, seconds, rays = render_windows(renderer, (window,), spp, state=state, seconds_left=seconds_left)
-        if renderer.device.is_cpu:
+        seconds, _ = renderer._trace(spp, seconds_left)
+        if renderer.device.is_cpu:  # by the clock it would count other work on the machine
             seconds = (time.process_time() - began) / renderer.threads
-    return Rendered(arrays, rays, seconds)
+        return Rendered(renderer.film.arrays(), renderer.rays, seconds)
 
 
 def _build(job: Job, scene: Scene) -> None:
@@ -127,8 +124,9 @@ def _build(job: Job, scene: Scene) -> None:
 
     while len(_renderers) >= KEPT:
         _renderers.popitem(last=False)
-    threads = job.threads or _threads()  # its own film is not used, and has one pixel
-    _renderers[job.digest] = Renderer(scene, **{**job.options, "crop": (0, 0, 1, 1)}, threads=threads)
+    options = {**job.options, "threads": job.options["threads"] or _threads()}
+    options["crop"] = (0, 0, 1, 1)  # its own film is not used
+    _renderers[job.digest] = Renderer(scene, **options)
 
 
 def _threads() -> int | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -11,14 +12,22 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from wrt.errors import one_line
-from wrt.progress.lines import GETTING_READY, ProgressLines
 from wrt.progress.terminal import bar_stream, fitted, fitted_bar, literal, terminal_columns
+from wrt.threads import start_if_possible
 
 if TYPE_CHECKING:
     from wrt.rendering.passes import Progress
 
 REDRAW_SECONDS = 0.1
 """Interval between updates of the bar: smooth to the eye, at negligible cost."""
+
+GETTING_READY = "getting ready; kernels are compiled the first time"
+
+FIRST_SECONDS = 2.0
+"""Time before the first line; shorter renders print no line."""
+
+MOST_SECONDS = 15.0
+"""Longest interval between lines, which come after 2, 4, 8, 16, 31, 46 ... seconds if the status has changed."""
 
 
 def once(show: Callable[[str], None]) -> Callable[[str], None]:
@@ -118,7 +127,7 @@ class ProgressBar:
         self._label = one_line(label)
         self._time_limit = time_limit
         self._bar: Any = None
-        self._lines: ProgressLines | None = None
+        self._lines: _ProgressLines | None = None
         self._drawn = 0.0
         self._messages: set[str] = set()
         if is_shown and (stream := bar_stream()) is not None:
@@ -128,7 +137,7 @@ class ProgressBar:
             waiting = literal(fitted(self._label, [(1, GETTING_READY)], columns := terminal_columns()))
             self._bar = tqdm(total=1.0, file=stream, leave=False, ncols=columns, bar_format=waiting)
         elif is_shown:
-            self._lines = ProgressLines(self._label)
+            self._lines = _ProgressLines(self._label)
 
     def __enter__(self) -> ProgressBar:
         if self._lines is not None:
@@ -173,3 +182,36 @@ class ProgressBar:
             print(text, file=sys.stderr, flush=True)
         else:
             self._bar.write(text, file=sys.stderr)
+
+
+class _ProgressLines:
+    """A thread that prints the status of a render from time to time, if it has changed.
+
+    Attributes:
+        text: the status to print next.
+    """
+
+    def __init__(self, label: str) -> None:
+        """Prepare lines that begin with `label`, the name of the picture."""
+        self.text = GETTING_READY
+        self._label = label
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="wrt-progress", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread and its clock."""
+        start_if_possible(self._thread)
+
+    def stop(self) -> None:
+        """Stop the thread; nothing is printed after this."""
+        self._ended.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=1.0)  # it may be blocked on a pipe without a reader
+
+    def _run(self) -> None:
+        started, due, printed = time.monotonic(), FIRST_SECONDS, ""
+        while not self._ended.wait(max(0.0, started + due - time.monotonic())):
+            if self.text != printed:
+                printed = self.text
+                print(f"wrt: {self._label}: {printed}", file=sys.stderr, flush=True)
+            due += min(due, MOST_SECONDS)

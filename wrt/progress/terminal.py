@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-import unicodedata
 from collections.abc import Sequence
 from typing import TextIO
 
@@ -41,34 +40,26 @@ def terminal_columns() -> int:
 
 
 def columns_of(text: str) -> int:
-    """Return the width of text in columns: wide East Asian characters take two, combining marks none."""
-    if text.isascii():
-        return len(text)
-    return sum(0 if unicodedata.combining(c) else 2 if unicodedata.east_asian_width(c) in "WF" else 1 for c in text)
+    """Return the width of text in columns: wide East Asian characters take two."""
+    from tqdm.utils import disp_len
+
+    return int(disp_len(text))
 
 
 def shortened(text: str, columns: int) -> str:
     """Return text cut to a number of columns, with dots for its middle if it is longer."""
+    from tqdm.utils import disp_trim
+
     if columns_of(text) <= columns:
         return text
     dots = "..."[: max(columns, 0)]
     room = columns - len(dots)
-    end = _beginning(text[::-1], room // 2)[::-1]
-    return _beginning(text, room - columns_of(end)) + dots + end
-
-
-def _beginning(text: str, columns: int) -> str:
-    """Return the longest prefix of text that fits into a number of columns."""
-    width = 0
-    for number, character in enumerate(text):
-        width += columns_of(character)
-        if width > columns:
-            return text[:number]
-    return text
+    end = str(disp_trim(text[::-1], room // 2))[::-1] if room > 1 else ""
+    return f"{disp_trim(text, room - columns_of(end))}{dots}{end}"
 
 
 Piece = tuple[int, str]
-"""A part of a status: its rank, of which 1 is the most important, and its text."""
+"""A part of a status: its rank, 1 for the most important, and its text."""
 
 
 def fitted(label: str, pieces: Sequence[Piece], columns: int) -> str:

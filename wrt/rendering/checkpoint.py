@@ -19,9 +19,7 @@ from wrt.errors import InputError
 from wrt.io.npy import read_archive
 from wrt.io.safe_read import PathLike, first_line, forget_input, read_file
 from wrt.io.safe_write import Kind, write_atomically
-from wrt.rendering.fingerprint import scene_fingerprint
-from wrt.rendering.noise.pilot import Pilot, has_pilot
-from wrt.scene.scene import RenderSettings
+from wrt.scene.scene import RenderSettings, Scene
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
@@ -66,9 +64,7 @@ def write_checkpoint(path: PathLike, header: dict[str, Any], arrays: dict[str, N
     write_state(path, {"format": FORMAT, **header}, arrays, CHECKPOINT)
 
 
-def write_state(
-    path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]], kind: Kind, *, force: bool = False
-) -> None:
+def write_state(path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]], kind: Kind) -> None:
     """Write the state of a film atomically, with a header of a kind.
 
     Raises:
@@ -80,7 +76,7 @@ def write_state(
         with temporary.open("wb") as handle:
             np.savez(handle, **{_HEADER: text}, **arrays)  # type: ignore[arg-type]
 
-    write_atomically(Path(path), write, kind, force=force)
+    write_atomically(Path(path), write, kind)
 
 
 def read_checkpoint(path: PathLike) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -120,22 +116,22 @@ def _refuse(constant: str) -> None:
 def require_same(
     path: PathLike,
     stored: dict[str, Any],
-    wanted: dict[str, Any],
+    expected: dict[str, Any],
     *,
     what: str = "cannot resume, these differ",
     pair: str = "{} there, {} here",
 ) -> None:
-    """Raise InputError that lists all differences between a stored header and the wanted one.
+    """Raise InputError that lists all differences between a stored header and the expected one.
 
     Args:
         path: the file of the stored header.
         stored: the stored header.
-        wanted: the wanted one.
+        expected: the expected one.
         what: the beginning of the message.
-        pair: how the message shows a stored value and the wanted one.
+        pair: how the message shows a stored value and the expected one.
     """
     differences = []
-    for key, value in wanted.items():
+    for key, value in expected.items():
         found = stored.get(key)
         if found == value:
             continue
@@ -163,30 +159,49 @@ def identity_of(renderer: Renderer) -> dict[str, Any]:
     }
 
 
-def save(renderer: Renderer, path: PathLike) -> None:
-    """Write the checkpoint of a renderer; see `Renderer.save_checkpoint`."""
-    if renderer.has_updated_vertices:
-        raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")
-    pilot = {} if renderer.pilot is None else renderer.pilot.state()
-    arrays = {**renderer.film.state(), **renderer.noise_estimate.state(), **pilot}
-    write_checkpoint(path, identity_of(renderer), arrays)
+def scene_fingerprint(scene: Scene) -> dict[str, str]:
+    """Return a hexadecimal digest of each part of the scene that a picture depends on; names do not count."""
+    # Read a mesh that many shapes share only once.
+    parts = {id(part): part for shape in scene.shapes for part in (shape.mesh, shape.deformation, shape.transform)}
+    digests = {key: _digest(part) for key, part in parts.items()}
+    return {
+        "geometry": _digest(
+            [
+                tuple(digests[id(part)] for part in (shape.mesh, shape.transform, shape.deformation))
+                for shape in scene.shapes
+            ]
+        ),
+        "materials": _digest([shape.material for shape in scene.shapes]),
+        "emission": _digest([(shape.emission, shape.two_sided_emission) for shape in scene.shapes]),
+        "lights": _digest(scene.lights),
+        "environment": _digest(scene.environment),
+        "camera": _digest(scene.camera),
+        "medium": _digest(scene.medium),
+    }
 
 
-def restore(renderer: Renderer, path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-    """Have a renderer continue from the content of a checkpoint that was read from `path`.
+def _digest(value: Any) -> str:
+    import hashlib
 
-    Raises:
-        InputError: when it is damaged, or of another scene, size, seed or settings; listing the differences.
-    """
-    require_same(path, header, identity_of(renderer))
-    shapes = len(renderer.scene.shapes)
-    try:
-        renderer.film.check(arrays, shapes)
-        renderer.estimate_noise(Pilot(renderer) if has_pilot(arrays) else None)
-        if renderer.pilot is None:
-            renderer.noise_estimate.restore(arrays)
-        else:
-            renderer.pilot.restore(arrays, shapes)
-    except InputError as error:
-        raise InputError(f"{path}: damaged, {error}") from None
-    renderer.film.restore(arrays)
+    digest = hashlib.blake2b(digest_size=16)
+    _feed(digest, value)
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, value: Any) -> None:
+    """Add a value to a digest, encoded so that different values have different bytes."""
+    if dataclasses.is_dataclass(value):
+        digest.update(f"<{type(value).__name__}>".encode())
+        for field in dataclasses.fields(value):
+            if field.name != "name":
+                digest.update(f".{field.name}=".encode())
+                _feed(digest, getattr(value, field.name))
+    elif isinstance(value, np.ndarray):
+        digest.update(f"array{value.dtype.str}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).data)
+    elif isinstance(value, (list, tuple)):
+        digest.update(f"[{len(value)}]".encode())
+        for item in value:
+            _feed(digest, item)
+    else:
+        digest.update(f"{type(value).__name__}:{value!r};".encode())

@@ -6,7 +6,7 @@ import contextlib
 import threading
 import weakref
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,55 +28,32 @@ NOISE_PIXELS = 1 << 14
 """Fewest pixels in a slice of the noise kernel: their work is several times that of starting the slice."""
 
 
-class Tally(NamedTuple):
-    """Samples in some of a film's pixels.
+class Tally:
+    """Counts in some of a film's pixels, each taken when it is read."""
 
-    Attributes:
-        samples: all of them.
-        rays: rays that were traced for them.
-        least: the fewest in one pixel.
-        most: the most in one pixel.
-    """
-
-    samples: int
-    rays: int
-    least: int
-    most: int
-
-
-class HostTally(NamedTuple):
-    """The numbers of `Tally` from arrays in host memory, each counted when it is asked for.
-
-    Attributes:
-        counts: samples of each pixel that counts.
-        rays_of_pixels: rays of every pixel of the film.
-        pixels: which pixels count, None for all.
-    """
-
-    counts: NDArray[np.int32]
-    rays_of_pixels: NDArray[np.int64]
-    pixels: NDArray[np.bool_] | None
+    def __init__(self, samples: NDArray[Any], rays: NDArray[Any], least: NDArray[Any], most: NDArray[Any]) -> None:
+        """Keep the counts of pixels, or of groups of pixels."""
+        self._samples, self._rays, self._least, self._most = samples, rays, least, most
 
     @property
     def samples(self) -> int:
         """All samples."""
-        return int(self.counts.sum(dtype=np.int64))
+        return int(self._samples.sum(dtype=np.int64))
 
     @property
     def rays(self) -> int:
-        """Rays that were traced for them."""
-        rays = self.rays_of_pixels
-        return int((rays if self.pixels is None else rays[self.pixels]).sum())
+        """The rays that were traced for them."""
+        return int(self._rays.sum())
 
     @property
     def least(self) -> int:
         """The fewest samples in one pixel."""
-        return int(self.counts.min())
+        return int(self._least.min())
 
     @property
     def most(self) -> int:
         """The most samples in one pixel."""
-        return int(self.counts.max())
+        return int(self._most.max())
 
 
 class Film:
@@ -86,14 +63,10 @@ class Film:
         """Start an empty film of width x height pixels on a device, with `layers` besides radiance."""
         self.width, self.height = width, height
         self.pixels = width * height
-        self._layers, self._per_pixel = layers, bytes_per_pixel(layers)
-        self._start(device)
-
-    def _start(self, device: Device) -> None:
-        """Start empty on a device."""
+        self._per_pixel = bytes_per_pixel(layers)
         self.device, backend = device, device.backend
         self.require_memory(BYTES_PER_PIXEL + self._per_pixel)
-        self.aovs = FilmAovs(self._layers, self.width, self.height, device)
+        self.aovs = FilmAovs(layers, width, height, device)
         self._count_before: Any = None
         self._chosen: tuple[NDArray[np.bool_], Any] | None = None
         self._kept: dict[str, Any] = {}
@@ -106,13 +79,6 @@ class Film:
         self.data.rejected = backend.zeros(self.pixels, "int32", device.name)
         self.data.rays = backend.zeros(self.pixels, "int64", device.name)
 
-    def move(self, device: Device) -> None:
-        """Move to another device, with all samples."""
-        state, rays = self.arrays(), self.fetch("rays")
-        self._start(device)
-        self.restore(state)
-        device.backend.copy(self.data.rays, device.backend.array(rays, "int64", device.name))
-
     def require_memory(self, new: int = 0) -> None:
         """Raise InputError unless memory suffices for `new` bytes a pixel and for the copies that saving makes."""
         what = f"a picture of {self.width}x{self.height}"
@@ -121,7 +87,7 @@ class Film:
 
     @contextlib.contextmanager
     def leaving_out(self, pixels: NDArray[np.bool_] | None, spp: int) -> Iterator[None]:
-        """Within the context, let some pixels seem to have `spp` samples already, so that kernels add none."""
+        """Within the context, set the count of some pixels to `spp`, so that kernels add no samples to them."""
         if pixels is None:
             yield
             return
@@ -135,23 +101,23 @@ class Film:
         finally:
             self.device.launch(film.show_pixels, self.pixels, [hidden, before, self.data])
 
-    def tally(self, pixels: NDArray[np.bool_] | None = None) -> Tally | HostTally:
-        """Count samples and rays, in all pixels or in those that are true in (pixels,), without fetching the film.
+    def tally(self, pixels: NDArray[np.bool_] | None = None) -> Tally:
+        """Count samples and rays, in all pixels or where (pixels,) is true, without fetching the film.
 
         Read the result before the film changes: on the CPU it counts the film's own arrays.
         """
         if self.device.is_cpu:
-            counts = self.data.count.numpy()
-            return HostTally(counts if pixels is None else counts[pixels], self.data.rays.numpy(), pixels)
+            counts, rays = self.data.count.numpy(), self.data.rays.numpy()
+            if pixels is not None:
+                counts, rays = counts[pixels], rays[pixels]
+            return Tally(counts, rays, counts, counts)
         film = self._kernels()
         threads = -(-self.pixels // film.PIXELS_OF_TALLY)
         with self._using_kept:
             counted = self._keep("no pixels", 0, "uint8") if pixels is None else self._on_device(pixels)
             found = self._keep("tally", (threads, 4), "int64")
             self.device.launch(film.film_tally, threads, [self.pixels, self.data, counted, found])
-            rows = self.device.backend.fetch(found)
-        samples, rays = rows[:, :2].sum(axis=0).tolist()
-        return Tally(samples, rays, int(rows[:, 2].min()), int(rows[:, 3].max()))
+            return Tally(*self.device.backend.fetch(found).T)
 
     def _kernels(self) -> Any:
         return self.device.backend.kernels("wrt.kernels.film.film")
@@ -183,8 +149,10 @@ class Film:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that `state` copies; on the CPU these are the film's own arrays."""
-        own = {name: self.fetch(name) for name in STATE_ARRAYS}
-        return {**own, **self.aovs.state()}
+        return {name: self.device.backend.fetch(array) for name, array in self._state().items()}
+
+    def _state(self) -> dict[str, Any]:
+        return {**{name: getattr(self.data, name) for name in STATE_ARRAYS}, **self.aovs.state()}
 
     def clear(self) -> None:
         """Remove all samples."""
@@ -192,45 +160,38 @@ class Film:
             getattr(self.data, name).zero_()
         self.aovs.clear()
 
-    def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
+    def check(self, state: dict[str, NDArray[Any]], shapes: int, *, pixels: int | None = None) -> None:
         """Raise InputError if no render can have produced a state.
 
         Args:
             state: arrays by name, as `state` returns them.
             shapes: number of shapes in the scene.
+            pixels: how many pixels it has, if only some of the film's.
         """
         for name, array in self.arrays().items():
-            found = state.get(name)
-            if found is None or found.shape != array.shape or found.dtype != array.dtype:
+            found, shape = state.get(name), (self.pixels if pixels is None else pixels, *array.shape[1:])
+            if found is None or found.shape != shape or found.dtype != array.dtype:
                 raise InputError(f"its array {name!r} is missing or of another shape")
-        self.check_values(state, shapes)
-
-    def check_values(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
-        """Raise InputError if no render can have produced these values of some of the pixels; see `check`."""
         total, squares, count, rejected = (state[name] for name in STATE_ARRAYS)
-        if (count < 0).any():
-            raise InputError(f"'count' is {count.min()} samples in a pixel")
-        if ((rejected < 0) | (rejected > count)).any():
-            raise InputError("'rejected' is below 0 or above 'count'")
-        if not (np.isfinite(total).all() and np.isfinite(squares).all()):
-            raise InputError("sums of samples are not finite")
-        if (squares < 0.0).any():
-            raise InputError("a sum of squares is negative")
-        # The Cauchy-Schwarz inequality, with a margin for rounding; without samples the sums must be 0.
-        with np.errstate(over="ignore"):
-            possible = np.abs(total) <= np.sqrt(squares * count[:, None]) * (1.0 + 1e-6)
-        if not possible.all():
-            raise InputError("sums of samples do not match their squares and count")
+        with np.errstate(over="ignore", invalid="ignore"):
+            # The Cauchy-Schwarz inequality, with a margin for rounding; without samples the sums must be 0.
+            most = np.sqrt(squares * count[:, None]) * (1.0 + 1e-6)
+        for fault, is_faulty in (
+            (f"'count' is {count.min()} samples in a pixel", count < 0),
+            ("'rejected' is below 0 or above 'count'", (rejected < 0) | (rejected > count)),
+            ("sums of samples are not finite", ~(np.isfinite(total) & np.isfinite(squares))),
+            ("a sum of squares is negative", squares < 0.0),
+            ("sums of samples do not match their squares and count", ~(np.abs(total) <= most)),
+        ):
+            if is_faulty.any():
+                raise InputError(fault)
         self.aovs.check(state, shapes)
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Continue from a state, whose arrays must have the shapes and types of `state`."""
         backend = self.device.backend
-
-        for name in STATE_ARRAYS:
-            target = getattr(self.data, name)
+        for name, target in self._state().items():
             backend.copy(target, backend.array(state[name], target.dtype, self.device.name))
-        self.aovs.restore(state)
 
     @property
     def counts(self) -> NDArray[np.int32]:
@@ -264,15 +225,15 @@ class Film:
         if self.device.is_cpu:
             image = self.mean()
             return lambda: image
-        kept = images.pop() if images else backend.empty(self.pixels, "vec3", self.device.name)
-        self._write_mean(kept)
+        copy = images.pop() if images else backend.empty(self.pixels, "vec3", self.device.name)
+        self._write_mean(copy)
         shape = (self.height, self.width, 3)
 
         def fetch() -> NDArray[np.float32]:
-            mean: NDArray[np.float32] = backend.fetch(kept, beside=True)
+            mean: NDArray[np.float32] = backend.fetch(copy, beside=True)
             return mean.reshape(shape)
 
-        weakref.finalize(fetch, images.append, kept).atexit = False
+        weakref.finalize(fetch, images.append, copy).atexit = False
         return fetch
 
     def on_device(self) -> dict[str, Any]:

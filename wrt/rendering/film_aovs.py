@@ -19,9 +19,8 @@ _PREFIX = "layer_"
 
 def bytes_per_pixel(names: tuple[str, ...]) -> int:
     """Return the bytes of layers per pixel."""
-    own = [LAYERS[name] for name in names if name not in NUMBERS]
-    channels = [(8 if layer.averaged else 4) * len(layer.channels) for layer in own]
-    return sum(channels) + 8 if names else 0
+    layers = [LAYERS[name] for name in names if name not in NUMBERS]
+    return sum((8 if layer.averaged else 4) * len(layer.channels) for layer in layers) + 8 if names else 0
 
 
 def material_numbers(materials: Sequence[Material]) -> list[int]:
@@ -58,11 +57,9 @@ class FilmAovs:
         self.data.off_middle = backend.empty(pixels, "float32", device.name)
         self.data.off_middle.fill_(float("inf"))
 
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays to save for resuming, by name; on the CPU these are the layers' own arrays."""
-        if not self.names:
-            return {}
-        return {_PREFIX + name: self.device.backend.fetch(getattr(self.data, name)) for name in _ARRAYS}
+    def state(self) -> dict[str, Any]:
+        """Return the arrays on the device that are saved for resuming, by name."""
+        return {_PREFIX + name: getattr(self.data, name) for name in _ARRAYS} if self.names else {}
 
     def clear(self) -> None:
         """Remove all samples."""
@@ -94,14 +91,6 @@ class FilmAovs:
         if not (off_middle >= 0.0).all():
             raise InputError("'off_middle' is below 0, or not a number")
 
-    def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Continue from a state, whose arrays must have the shapes and types of `state`."""
-        backend = self.device.backend
-
-        for name in _ARRAYS if self.names else ():
-            target = getattr(self.data, name)
-            backend.copy(target, backend.array(state[_PREFIX + name], target.dtype, self.device.name))
-
     def arrays(self, counts: NDArray[np.int32], materials: Sequence[int]) -> dict[str, NDArray[Any]]:
         """Return each layer, (H, W, channels), or (H, W) if it has one channel.
 
@@ -119,8 +108,8 @@ class FilmAovs:
         result: dict[str, NDArray[Any]] = {}
         for name in self.names:
             if name in NUMBERS:
-                whole = objects if name == "object" else np.array(numbers)[objects]
-                result[name] = whole.astype(np.uint32).reshape(self.height, self.width)
+                values = objects if name == "object" else np.array(numbers)[objects]
+                result[name] = values.astype(np.uint32).reshape(self.height, self.width)
                 continue
             layer = LAYERS[name]
             first, count = self._first[name], len(layer.channels)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 LAYERS = ("albedo", "normal")
 
 MOST_SAMPLES = 64
-"""Samples per pixel of the guides: they have little noise of their own, and are filtered before use."""
+"""Samples per pixel of the guides: they have little noise, and are filtered before use."""
 
 
 def guide_features(features: Any, settings: RenderSettings) -> Any:
@@ -37,21 +37,21 @@ class Guides:
 
     def __init__(self, renderer: Renderer) -> None:
         """Prepare the guides of a renderer's picture, and compile their kernel."""
-        settings = renderer.settings
-        own = {"sampler": settings.sampler, "cameras": outside_cameras(renderer.scene.camera)}
-        features = guide_features(dataclasses.replace(renderer.built_features, **own), settings)
-        width, height = renderer.film.width, renderer.film.height
+        settings, device, built = renderer.settings, renderer.device, renderer._built
+        of_picture = {"sampler": settings.sampler, "cameras": outside_cameras(renderer.camera)}
+        features = guide_features(dataclasses.replace(built.features, **of_picture), settings)
         self._renderer = renderer
-        self._film = Film(width, height, renderer.device, LAYERS)
-        self._kernel = RenderKernel(renderer.device, features, width, height, read=renderer.uploaded_features)
-        with renderer.device.compiling() as compile:
+        self._film = Film(renderer.film.width, renderer.film.height, device, LAYERS)
+        self._kernel = RenderKernel(device, features, self._film.width, self._film.height, read=built.read)
+        with device.compiling() as compile:
             self._kernel.compile(compile)
+        self._kernel.start((built.data, self._film.data, self._film.aovs.data))
 
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return albedo and normals by name, (H, W, 3) float32, after as many samples as the picture has by now."""
         target = min(max(self._renderer.spp, 1), MOST_SAMPLES)
         if self._film.tally().least < target:
-            self._kernel.launch([target, *self._renderer.arguments_for(self._film, self._kernel)], 0.0)
+            self._kernel.launch([target, *self._renderer.arguments_for(self._film)], 0.0)
         arrays = self._film.aovs.arrays(self._film.counts, [])
         return {name: np.ascontiguousarray(arrays[name]) for name in LAYERS}
 

@@ -281,8 +281,9 @@ def _meshes(source: Any) -> list[Any]:
         time = source.camera.shutter_open if source.camera else 0.0
         return [_triangles(shape.mesh_at(time)) for shape in source.shapes]
     if isinstance(source, (str, os.PathLike)):
-        needed = "a wrt.Mesh, a wrt.Scene or a trimesh object"
-        raise InputError(f"an intersector needs {needed}, not a path; wrt.load_mesh reads files")
+        raise InputError(
+            "an intersector needs a wrt.Mesh, a wrt.Scene or a trimesh object, not a path; wrt.load_mesh reads files"
+        )
     from wrt.io.load_mesh import from_trimesh
 
     return [shape.mesh_at(0.0) for shape in from_trimesh(source)]

@@ -9,25 +9,25 @@ as fast.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from wrt.errors import InputError
-from wrt.rendering.noise.noise_target import MOST as MOST_FOR_NOISE
-from wrt.rendering.noise.noise_target import NoiseEstimate
-from wrt.scene.scene import MAX_SPP, adaptive_choice
-from wrt.values import integer, number
+from wrt.rendering.noise import MOST as MOST_FOR_NOISE
+from wrt.rendering.noise import NoiseEstimate
+from wrt.scene.scene import MAX_SPP
+from wrt.values import boolean, integer, number
 
 if TYPE_CHECKING:
     from wrt.rendering.film import Film
-    from wrt.scene.scene import RenderSettings
+    from wrt.rendering.renderer import Renderer
 
 SHORT_PASS = 0.4
 """Least seconds of a pass: long enough for its overhead not to matter, short enough to watch."""
 
 BRIEF_PASS = 0.05
-"""Seconds of a short pass that nobody waits for. A GPU takes hundreds of samples in that time, which by doubling alone
+"""Seconds of a pass that is too short to notice. A GPU takes hundreds of samples in that time, which by doubling alone
 would be ten passes, each with a launch, a wait and a count of its own."""
 
 SHARE = 0.25
@@ -71,8 +71,7 @@ class Progress:
     target_noise: float | None = None
 
 
-@dataclass(frozen=True)
-class _Goal:
+class _Goal(NamedTuple):
     """The samples per pixel at which rendering ends, or the most there can be; and those at which a pass must end."""
 
     spp: int
@@ -87,37 +86,32 @@ class Limits:
     spp: int | None
     time: float | None
     noise: float | None
-    adaptive: bool | str
+    adaptive: bool
     pass_seconds: float | None
-    longest_pass: float = LONGEST_PASS
-    first_pass: int = 1
 
     @classmethod
     def of(
         cls,
-        settings: RenderSettings,
+        renderer: Renderer,
         spp: int | None,
         time: float | None,
         noise: float | None,
-        adaptive: bool | str | None,
+        adaptive: bool | None,
         pass_seconds: float | None,
-        *,
-        longest_pass: float = LONGEST_PASS,
-        first_pass: int = 1,
-        renders_light: bool,
     ) -> Limits:
         """Return the limits that these arguments of `Renderer.passes` and the scene's settings give.
 
         Raises:
             InputError: on impossible values.
         """
+        settings = renderer.settings
         if spp is None and time is None and noise is None:
             noise = settings.noise
             spp = settings.spp if noise is None else None
-        adaptive = settings.adaptive if adaptive is None else adaptive_choice(adaptive)
+        adaptive = settings.adaptive if adaptive is None else boolean(adaptive, "adaptive")
         if noise is not None:
             noise = number(noise, "noise", above=0.0, maximum=1.0)
-            if not renders_light:
+            if not renderer.renders_light:
                 raise InputError("integrator aov renders only layers, which have no target of noise")
         elif adaptive:
             raise InputError("adaptive sampling needs a target of noise, such as 0.01")
@@ -127,17 +121,15 @@ class Limits:
             noise=noise,
             adaptive=adaptive,
             pass_seconds=None if pass_seconds is None else number(pass_seconds, "pass_seconds", above=0.0),
-            longest_pass=longest_pass,
-            first_pass=first_pass,
         )
 
     def least_seconds(self, film: Film) -> float:
         """Return seconds that rendering will take at least, before anything is known about the scene."""
-        limited = math.inf if self.time is None else self.time
         if self.noise is not None:
             return 0.0
-        left = math.inf if self.spp is None else self.spp - film.tally().least
-        return min(left * film.pixels / (FASTEST * film.device.threads), limited)
+        samples = math.inf if self.spp is None else self.spp - film.tally().least
+        seconds = samples * film.pixels / (FASTEST * film.device.threads)
+        return seconds if self.time is None else min(seconds, self.time)
 
     def goal(self, estimate: NoiseEstimate, done: int, is_even: bool) -> _Goal:
         """Return the goal after `done` samples per pixel, which all pixels that go on have if `is_even`."""
@@ -147,10 +139,10 @@ class Limits:
         most = min(most, MOST_FOR_NOISE)
         if is_even:
             estimate.observe(done)
-        needed = estimate.samples_for(self.noise)
-        spp = most if needed is None else min(most, needed)
+        estimated = estimate.samples_for(self.noise)
+        spp = most if estimated is None else min(most, estimated)
         stop = min(spp, estimate.next_stop(done, self.noise))
-        return _Goal(spp, stop, self.spp is not None or needed is not None)
+        return _Goal(spp, stop, self.spp is not None or estimated is not None)
 
 
 def samples_of_next_pass(
@@ -160,7 +152,7 @@ def samples_of_next_pass(
     seconds_left: float,
     seconds_of_sample: float,
     *,
-    asked: float | None = None,
+    pass_seconds: float | None = None,
     longest: float = LONGEST_PASS,
     short: bool = False,
 ) -> int:
@@ -172,50 +164,37 @@ def samples_of_next_pass(
         seconds: rendering time so far.
         seconds_left: time until rendering must end; infinite without a limit.
         seconds_of_sample: estimated time of one sample of every pixel.
-        asked: seconds that a pass should take; None if somebody watches.
+        pass_seconds: seconds that a pass should take; None if a person watches the picture.
         longest: most seconds of a pass.
         short: whether the pass should be as short as SHORT_PASS.
     """
-    wanted = max(SHORT_PASS, SHARE * seconds) if asked is None else asked
-    wanted = min(wanted, SHORT_PASS if short else longest)
-    # At most half of the time left, since the time of a sample is only estimated.
-    wanted = min(wanted, max(SHORT_PASS, 0.5 * seconds_left), seconds_left)
-    in_time = math.floor(wanted / max(seconds_of_sample, 1e-9))
+    is_watched = pass_seconds is None
+    duration = max(SHORT_PASS, SHARE * seconds) if pass_seconds is None else pass_seconds
+    duration = min(duration, SHORT_PASS if short else longest)
+    # At most half of the remaining time, since the time of a sample is only estimated.
+    duration = min(duration, max(SHORT_PASS, 0.5 * seconds_left), seconds_left)
+    in_time = math.floor(duration / max(seconds_of_sample, 1e-9))
     most = target - done
-    if asked is None:  # at most double the samples for a viewer, so that the first pictures follow each other quickly
+    if is_watched:  # at most double the samples, so that the first pictures follow each other quickly
         brief = math.floor(BRIEF_PASS / max(seconds_of_sample, 1e-9)) if short else 0
         most = min(most, max(done, brief))
     count = max(1, min(most, in_time))
     return count - count % SAMPLES_TOGETHER if count > SAMPLES_TOGETHER else count
 
 
-def run_passes(
-    film: Film,
-    estimate: NoiseEstimate,
-    trace: Callable[[int, float], tuple[float, int]],
-    must_be_short: Callable[[], bool],
-    limits: Limits,
-) -> Iterator[Progress]:
-    """Trace passes until the first of the limits is reached; yield after each.
-
-    Args:
-        film: what the passes add to.
-        estimate: its noise; updated only if there is a target.
-        trace: brings every pixel to a number of samples, given also the seconds left for rendering; returns the
-            seconds and camera paths of the pass.
-        must_be_short: whether the next pass should be as short as SHORT_PASS.
-        limits: what ends the render.
-    """
+def run_passes(renderer: Renderer, limits: Limits) -> Iterator[Progress]:
+    """Trace passes until the first of the limits is reached; yield after each."""
+    film, estimate = renderer.film, renderer.noise_estimate
     estimate.begin(limits.noise if limits.adaptive and limits.noise is not None else 0.0)
     done, is_even = estimate.samples_of_tiles_that_go_on()
     goal = limits.goal(estimate, done, is_even)
     rays_before = film.rays
-    seconds, left = 0.0, 0.0
-    paths, index, step = 0, 0, min(limits.first_pass, goal.next_stop - done)
+    seconds, seconds_left = 0.0, 0.0
+    paths, index, step = 0, 0, min(renderer.first_pass, goal.next_stop - done)
     while done < goal.spp:
         index += 1
         done += step
-        elapsed, traced = trace(done, left)
+        elapsed, traced = renderer._trace(done, seconds_left)
         seconds += elapsed
         paths += traced
         goal = limits.goal(estimate, done, estimate.samples_of_tiles_that_go_on()[1])
@@ -236,14 +215,14 @@ def run_passes(
         if limited <= 0.0:
             return
         per_sample = elapsed * film.pixels * estimate.share_going_on / max(traced, 1)
-        left = min((goal.spp - done) * per_sample, limited)
+        seconds_left = min((goal.spp - done) * per_sample, limited)
         step = samples_of_next_pass(
             done,
             goal.next_stop,
             seconds,
             limited,
             per_sample,
-            asked=limits.pass_seconds,
-            longest=limits.longest_pass,
-            short=must_be_short(),
+            pass_seconds=limits.pass_seconds,
+            longest=renderer.longest_pass,
+            short=not renderer.device.is_cpu or renderer._kernel.wide.is_being_compiled,
         )

@@ -18,9 +18,9 @@ from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
 from wrt.rendering.film import Film
-from wrt.rendering.layer_colors import layer_colors
 from wrt.scene.layers import NOISY
 from wrt.scene.scene import RenderSettings
+from wrt.scene.srgb import linear_from_srgb
 
 
 class Picture(ABC):
@@ -84,13 +84,37 @@ class Picture(ABC):
     ) -> Developed | None:
         """Write the picture as `wrt render` does, with its layers, and the settings as metadata.
 
-        A PNG or JPEG is developed with `tone` and `exposure` (see `wrt.develop_image`), by default those of the
-        settings; the result says how.
+        Develops a PNG or JPEG with `tone` and `exposure` (see `wrt.develop_image`), by default those of the
+        settings, and returns how.
 
         Raises:
             InputError: see `wrt.save_image`, also for `force`; and when the file cannot hold the layers.
         """
-        return _write_picture(self, picture_path(path), tone, exposure, force=force)
+        path, settings, layers, alpha = picture_path(path), self.settings, self.layers(), self.alpha()
+        check_contents(path, self)
+        metadata = {
+            "Software": f"wrt {__version__}",
+            "Integrator": self.integrator,
+            "Samples per pixel": self.spp,
+            "Seed": self.seed,
+            "Render seconds": f"{self.seconds_render:.1f}",
+        }
+        save = functools.partial(save_image, path, metadata=metadata, force=force)
+        suffix = path.suffix.lower()
+        if not self.renders_light:
+            if suffix == ".exr":
+                return save(None, layers=layers)
+            ((name, values),) = layers.items()
+            return save(layer_colors(name, values), tone="none", exposure=0.0)
+        image = self.denoised() if settings.denoise else self.image()
+        if suffix not in DEVELOPED_SUFFIXES:
+            if settings.denoise and suffix == ".exr":
+                layers[NOISY] = self.image()
+            return save(image, alpha=alpha, layers=layers)
+        # Only pixels that are covered decide the exposure.
+        covered = image if alpha is None or not alpha.any() else image[alpha > 0.0][None] / alpha[alpha > 0.0, None]
+        chosen = stops(covered, settings.exposure if exposure is None else exposure)
+        return save(image, alpha=alpha, tone=settings.tone if tone is None else tone, exposure=chosen)
 
 
 def check_contents(path: Path, picture: Picture) -> None:
@@ -107,42 +131,47 @@ def check_contents(path: Path, picture: Picture) -> None:
     require_room(path, picture.film.width, picture.film.height, alpha=picture.settings.transparent and has_light)
 
 
-def _write_picture(
-    picture: Picture, path: Path, tone: str | None, exposure: Exposure, *, force: bool
-) -> Developed | None:
-    """Write a render with its layers and metadata; see `Picture.save`.
+def layer_colors(name: str, values: NDArray[Any]) -> NDArray[np.float32]:
+    """Return a layer as (H, W, 3) float32 linear colours, for an 8-bit picture.
 
-    Returns:
-        How radiance was developed to 8 bits, or None if it was not.
-
-    Raises:
-        InputError: see `check_contents` and `wrt.save_image`.
+    Albedo and coverage are unchanged. Normals map -1 to 1 to 0 to 255. Depth is white at the nearest point and black at
+    the farthest. Each coordinate of positions runs from black at its lowest to full at its highest value. Texture
+    coordinates repeat every 1, in red and green. Zero motion is grey, and the longest reaches the limits. Each object
+    and material has its own colour.
     """
-    settings, layers, alpha = picture.settings, picture.layers(), picture.alpha()
-    save = functools.partial(save_image, path, metadata=_metadata(picture), force=force)
-    check_contents(path, picture)
-    suffix = path.suffix.lower()
-    if not picture.renders_light:
-        if suffix == ".exr":
-            return save(None, layers=layers)
-        ((name, values),) = layers.items()
-        return save(layer_colors(name, values), tone="none", exposure=0.0)
-    image = picture.denoised() if settings.denoise else picture.image()
-    if suffix not in DEVELOPED_SUFFIXES:
-        if settings.denoise and suffix == ".exr":
-            layers[NOISY] = picture.image()
-        return save(image, alpha=alpha, layers=layers)
-    # What is not covered has no say in the exposure.
-    seen = image if alpha is None or not alpha.any() else image[alpha > 0.0] / alpha[alpha > 0.0, None]
-    chosen = stops(seen if seen.ndim == 3 else seen[None], settings.exposure if exposure is None else exposure)
-    return save(image, alpha=alpha, tone=settings.tone if tone is None else tone, exposure=chosen)
+    if name == "albedo":
+        shown = np.asarray(values, np.float64)
+    elif name == "alpha":
+        shown = np.repeat(np.asarray(values, np.float64)[..., None], 3, axis=2)
+    elif name in ("object", "material"):
+        shown = _colors(values)
+    else:
+        shown = linear_from_srgb(np.clip(_codes(name, np.asarray(values, np.float64)), 0.0, 1.0))
+    return shown.astype(np.float32)
 
 
-def _metadata(picture: Picture) -> dict[str, object]:
-    return {
-        "Software": f"wrt {__version__}",
-        "Integrator": picture.integrator,
-        "Samples per pixel": picture.spp,
-        "Seed": picture.seed,
-        "Render seconds": f"{picture.seconds_render:.1f}",
-    }
+def _codes(name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return sRGB values 0 to 1, so that equal differences of a layer are equal differences of 8-bit codes."""
+    if name in ("normal", "geometric_normal"):
+        return 0.5 + 0.5 * values
+    if name == "depth":
+        finite = np.isfinite(values)
+        low, high = (values[finite].min(), values[finite].max()) if finite.any() else (0.0, 0.0)
+        near = np.where(finite, (high - np.where(finite, values, high)) / max(high - low, 1e-30), 0.0)
+        # Keep the farthest point distinct from the background.
+        return np.repeat((near * 0.95 + 0.05 * finite)[..., None], 3, axis=2)
+    if name == "position":
+        low, high = values.min(axis=(0, 1)), values.max(axis=(0, 1))
+        scaled: NDArray[np.float64] = (values - low) / np.maximum(high - low, 1e-30)
+        return scaled
+    red_green = values % 1.0 if name == "uv" else 0.5 + 0.5 * values / max(float(np.abs(values).max()), 1e-30)
+    blue = np.full(values.shape[:2], 0.0 if name == "uv" else 0.5)
+    return np.concatenate([red_green, blue[..., None]], axis=2)
+
+
+def _colors(numbers: NDArray[Any]) -> NDArray[np.float64]:
+    """Return colours that differ strongly between low numbers; 0 is black."""
+    hue = (np.asarray(numbers, np.float64) * 0.6180339887498949) % 1.0
+    wave = np.abs((hue[..., None] + np.array([0.0, 2.0 / 3.0, 1.0 / 3.0])) % 1.0 * 6.0 - 3.0) - 1.0
+    colors: NDArray[np.float64] = (0.08 + 0.8 * np.clip(wave, 0.0, 1.0)) * (np.asarray(numbers) > 0)[..., None]
+    return colors

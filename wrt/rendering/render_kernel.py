@@ -30,7 +30,8 @@ class RenderKernel:
     Attributes:
         scalar: the kernel that runs a thread for each pixel; None while another stands in for it.
         read: the features that the kernels read of the scene, which may have fewer.
-        records: its arguments that hold arrays, to be set before the first pass.
+        records: its arguments that hold arrays, from `start` on.
+        wide: the scene's own wide kernel, from `start` on.
         seconds_after: time that other pictures of the same kernel take after this one.
     """
 
@@ -48,7 +49,6 @@ class RenderKernel:
         self.seconds_after = 0.0
         self._device, self._features = device, features
         self._width, self._height = width, height
-        self._wide: WideKernel | None = None
         self._stand_in: WideKernel | None = None
         self._is_general_requested = False
         can_launch = device.is_cpu and device.backend.artefacts.can_launch
@@ -68,42 +68,39 @@ class RenderKernel:
     def compile(self, compile: Callable[[Any], None]) -> None:
         """Compile all kernels that are still needed, with the function of `Device.compiling`."""
         film = self._device.backend.kernels("wrt.kernels.film.film")
-        # The largest first, then those needed last: building the tree meanwhile compiles from the other end.
+        # The largest first, then from the last on: building the tree compiles its kernels from the first on.
         for kernel in (self.scalar, film.film_noise, *reversed(kernels_of_building(self._device))):
             if kernel is not None:
                 compile(kernel)
 
-    def start(self) -> None:
+    def start(self, records: tuple[Any, ...]) -> None:
         """Load the kernel that stands in for the scalar one, if it must, now that the arguments are known.
 
         If that is impossible, for instance because an array is too large for it, use the scalar one.
         """
-        if self.scalar is None and self._stand_in is None:
-            stand_in = WideKernel(self._device, self.read, self.records)
-            stand_in.expect(math.inf)
-            if stand_in.kernel is None:
+        self.records, self.wide = records, WideKernel(self._device, self._features, records)
+        if self.scalar is None:
+            is_own = self.read == self._features
+            self._stand_in = self.wide if is_own else WideKernel(self._device, self.read, records)
+            self._stand_in.expect(math.inf)
+            if self._stand_in.kernel is None:
+                self._stand_in = None
                 self._use_scalar()
-                return
-            self._stand_in = stand_in
-            if self.read == self._features:
-                self._wide = stand_in
 
     def expect(self, seconds: float) -> None:
         """Load the wide kernel before the first pass, if that is quick, for a render that takes so long at least."""
-        self._wide_kernel().expect(seconds + self.seconds_after)
+        self.wide.expect(seconds + self.seconds_after)
 
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Render a pass with the kernel's arguments; `seconds_left` decides whether to load the wide kernel."""
-        wide, seconds_left = self._wide_kernel(), seconds_left + self.seconds_after
-        wide.prepare(seconds_left, SPEEDUP if self._stand_in is None else SPEEDUP_OF_OWN)
+        seconds_left += self.seconds_after
+        self.wide.prepare(seconds_left, SPEEDUP if self._stand_in is None else SPEEDUP_OF_OWN)
         self._request_general(seconds_left)
-        spared = int(wide.is_being_compiled)
-        best = self._best()
-        if best.kernel is None:
-            self._device.launch(self.scalar, self._width * self._height, inputs, spared=spared, cancellable=True)
-            return
-        threads = threads_of(self._width, self._height, best.tile)
-        self._device.launch(best.kernel, threads, inputs, spared=spared, cancellable=True)
+        threads, best = self._width * self._height, self._best()
+        if best.kernel is not None:
+            threads = threads_of(self._width, self._height, best.tile)
+        spared = int(self.wide.is_being_compiled)
+        self._device.launch(best.kernel or self.scalar, threads, inputs, spared=spared, cancellable=True)
 
     def _request_general(self, seconds_left: float) -> None:
         """Have the general kernel compiled that covers this scene, for other scenes."""
@@ -118,24 +115,10 @@ class RenderKernel:
                 if not is_compiled(features, lanes):
                     later.request(features, lanes)
 
-    def share_wide(self, other: RenderKernel) -> None:
-        """Use the wide kernel of `other` if it is for the same features, instead of loading another."""
-        if other._features == self._features:
-            self._wide = other._wide_kernel()
-
-    def wait_for_wide(self) -> None:
-        """Return once the wide kernel is loaded, if there is one."""
-        self._wide_kernel().wait()
-
-    @property
-    def is_being_compiled(self) -> bool:
-        """True while another process compiles the wide kernel."""
-        return self._wide_kernel().is_being_compiled
-
-    @property
-    def seconds_beside(self) -> float:
-        """Seconds that another process has spent compiling the wide kernel so far."""
-        return self._wide_kernel().seconds
+    def share_wide(self, source: RenderKernel) -> None:
+        """Use the wide kernel of `source` if it is for the same features, instead of loading another."""
+        if source._features == self._features:
+            self.wide = source.wide
 
     @property
     def lanes(self) -> int:
@@ -149,10 +132,4 @@ class RenderKernel:
 
     def _best(self) -> WideKernel:
         """Return the fastest of the wide kernels; its `kernel` is None if only the scalar one can run."""
-        wide = self._wide_kernel()
-        return wide if wide.kernel is not None or self._stand_in is None else self._stand_in
-
-    def _wide_kernel(self) -> WideKernel:
-        if self._wide is None:
-            self._wide = WideKernel(self._device, self._features, self.records)
-        return self._wide
+        return self.wide if self.wide.kernel is not None or self._stand_in is None else self._stand_in

@@ -6,7 +6,6 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,19 +14,18 @@ from numpy.typing import NDArray
 from wrt import _notebook
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
-from wrt.errors import InputError, did_you_mean, warn
+from wrt.errors import InputError, warn
 from wrt.io.safe_read import PathLike
 from wrt.rendering import checkpoint
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
-from wrt.rendering.noise.noise_target import NoiseEstimate
-from wrt.rendering.noise.pilot import Pilot
+from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, run_passes
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
-from wrt.scene.scene import UNBIASED, RenderSettings, Scene, Shape, require_scene
+from wrt.scene.scene import RenderSettings, Scene, Shape, require_scene
 from wrt.studio.framing import with_camera
 from wrt.upload.camera import CropWindow, build_camera, filter_table, outside_cameras
 from wrt.upload.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
@@ -40,24 +38,10 @@ from wrt.values import integer, one_of
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-    from wrt.parts.part import Part
+    from wrt.rendering.part import Part
 
 STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
-
-
-def changed_settings(settings: RenderSettings, changes: dict[str, Any]) -> RenderSettings:
-    """Return settings with changes, of which None are left out.
-
-    Raises:
-        InputError: on unusable values.
-        TypeError: on a setting that does not exist.
-    """
-    names = [field.name for field in dataclasses.fields(RenderSettings)]
-    for name in changes:
-        if name not in names:
-            raise TypeError(f"there is no render setting {name!r}{did_you_mean(name, names)}")
-    return dataclasses.replace(settings, **{name: value for name, value in changes.items() if value is not None})
 
 
 class Renderer(Picture):
@@ -93,15 +77,15 @@ class Renderer(Picture):
             threads: CPU threads; by default all cores.
             strategy: "mis", or "light" or "bsdf" to sample surface and image lights with only one technique.
             light_choice: how next-event estimation selects a light: "auto", or "power" or "tree" to compare the two.
-            settings: fields of `wrt.RenderSettings`, such as `width`, `max_depth` or `layers`; None and those that are
-                left out are the scene's own.
+            settings: fields of `wrt.RenderSettings`, such as `width`, `max_depth` or `layers`; without a field, or
+                with None, the scene's own value holds.
 
         Raises:
             InputError: on unusable values, an empty scene, or a device that does not exist.
             TypeError: on a setting that does not exist.
         """
         require_scene(scene, "a renderer")
-        self._use(scene, changed_settings(scene.settings, settings))
+        self._use(scene, scene.settings.changed(**settings))
         self.seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
         self.strategy = one_of(strategy, STRATEGIES, "strategy")
         self.light_choice = one_of(light_choice, LIGHT_CHOICES, "light_choice")
@@ -125,7 +109,7 @@ class Renderer(Picture):
                 on_features=partial(self._choose_kernel, compile=compile),
             )
         self.film.require_memory()  # check again, now that the scene has taken its memory
-        self._inputs = self._kernel_inputs()
+        self._start_kernel()
         self._guides = Guides(self) if self.settings.denoise and self.renders_light else None
 
     def sharing(self, **settings: Any) -> Renderer:
@@ -141,17 +125,17 @@ class Renderer(Picture):
         Raises:
             InputError: on unusable settings, or when memory does not suffice for the film.
         """
-        other = Renderer.__new__(Renderer)
+        renderer = Renderer.__new__(Renderer)
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
-            setattr(other, name, getattr(self, name))
-        other._use(self.scene, dataclasses.replace(self.settings, **settings))
-        other._start_film()
-        other._guides = None
+            setattr(renderer, name, getattr(self, name))
+        renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
+        renderer._start_film()
+        renderer._guides = None
         with self.device.compiling() as compile:
-            other._choose_kernel(self._built.features, compile, self._built.read)
-        other._inputs = other._kernel_inputs()
-        other._kernel.share_wide(self._kernel)
-        return other
+            renderer._choose_kernel(self._built.features, compile, self._built.read)
+        renderer._start_kernel()
+        renderer._kernel.share_wide(self._kernel)
+        return renderer
 
     def _use(self, scene: Scene, settings: RenderSettings) -> None:
         self.settings = settings
@@ -163,7 +147,7 @@ class Renderer(Picture):
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
         self.seconds_render, self.paths = 0.0, 0
-        self.estimate_noise(None)
+        self.noise_estimate = NoiseEstimate(self.film)
 
     def _choose_kernel(self, features: Any, compile: Callable[[Any], None], read: Any = None) -> Any:
         """Choose the kernel for a scene with these features, compile all kernels needed, and return what it reads.
@@ -176,33 +160,24 @@ class Renderer(Picture):
         self._kernel.compile(compile)
         return self._kernel.read
 
-    def _kernel_inputs(self) -> list[Any]:
-        """Return the arguments of the kernel after the number of samples."""
+    def _start_kernel(self) -> None:
         path = path_settings(self.scene, self.settings, self.integrator)
         path.strategy = STRATEGIES.index(self.strategy)
         table = self.device.backend.array(filter_table(self.settings.filter), float, self.device.name)
-        self._shared_inputs = [self.seed, self._device_camera(), table, self._built.data, path]
-        arguments = self.arguments_for(self.film, self._kernel)
-        self._kernel.start()
-        return arguments
+        self._shared_inputs = [self._device_camera(), table, self._built.data, path]
+        self._kernel.start((self._built.data, self.film.data, self.film.aovs.data))
 
     def _device_camera(self) -> Any:
         return build_camera(self.camera, self.width, self.height, self.crop, device=self.device.name)
 
-    def arguments_for(self, film: Film, kernel: RenderKernel) -> list[Any]:
+    @property
+    def _inputs(self) -> list[Any]:
+        """The arguments of the kernel after the number of samples."""
+        return self.arguments_for(self.film)
+
+    def arguments_for(self, film: Film) -> list[Any]:
         """Return the arguments of a kernel after the number of samples, for a film of this picture's size."""
-        kernel.records = (self._built.data, film.data, film.aovs.data)
-        return [*self._shared_inputs, film.data, film.aovs.data]
-
-    @property
-    def built_features(self) -> Any:
-        """The features of the scene."""
-        return self._built.features
-
-    @property
-    def uploaded_features(self) -> Any:
-        """The features for which the scene was uploaded: those of its kernel, which may have more."""
-        return self._built.read
+        return [self.seed, *self._shared_inputs, film.data, film.aovs.data]
 
     @property
     def camera(self) -> Camera:
@@ -238,7 +213,7 @@ class Renderer(Picture):
     @property
     def seconds_compile_beside(self) -> float:
         """Seconds that another process has spent compiling the wide kernel during rendering."""
-        return self._kernel.seconds_beside
+        return self._kernel.wide.seconds
 
     @property
     def rays(self) -> int:
@@ -251,7 +226,7 @@ class Renderer(Picture):
         spp: int | None = None,
         time: float | None = None,
         noise: float | None = None,
-        adaptive: bool | str | None = None,
+        adaptive: bool | None = None,
         pass_seconds: float | None = None,
     ) -> Iterator[Progress]:
         """Render until `spp` samples, `time` or `noise` is reached, whichever is first.
@@ -266,42 +241,25 @@ class Renderer(Picture):
             time: seconds of rendering; the pass that runs then is finished.
             noise: relative noise of the whole picture, such as 0.01; see `noise`. The number of samples at which
                 rendering ends does not depend on passes, threads or interruptions.
-            adaptive: whether tiles of the picture that are good enough for this noise stop before the others: slightly
-                biased, or "unbiased" for a quarter more work; see docs/noise.md.
+            adaptive: whether tiles of the picture that are good enough for this noise stop before the others, which is
+                slightly biased; see docs/noise.md.
             pass_seconds: approximate duration of a pass after the first, at most 10 s; by default a quarter of the
                 time of all earlier passes, but at least 0.4 s. On CUDA at most 0.4 s, because nothing can interrupt a
                 pass there.
         """
-        limits = Limits.of(
-            self.settings,
-            spp,
-            time,
-            noise,
-            adaptive,
-            pass_seconds,
-            longest_pass=self.longest_pass,
-            first_pass=self.first_pass,
-            renders_light=self.renders_light,
-        )
-        if (limits.adaptive == UNBIASED) != (self.pilot is not None):
-            self.estimate_noise(Pilot(self) if self.pilot is None else None)
+        limits = Limits.of(self, spp, time, noise, adaptive, pass_seconds)
         self._kernel.expect(limits.least_seconds(self.film))
-        return run_passes(self.film, self.noise_estimate, self._trace, self._needs_short_passes, limits)
-
-    def estimate_noise(self, pilot: Pilot | None) -> None:
-        """Estimate the noise anew, by a pilot or by the picture itself."""
-        self.pilot = pilot
-        self.noise_estimate = NoiseEstimate(self.film) if pilot is None else pilot.estimate
+        return run_passes(self, limits)
 
     def noise(self) -> float | None:
         """Return the relative noise: the mean standard error of the pixels over their mean radiance, or None.
 
         While rendering towards a target of noise it is estimated from how the picture converges, see
-        `wrt.rendering.noise.noise_target`. Otherwise it follows from the variance of the samples and is an upper bound,
+        `wrt.rendering.noise`. Otherwise it follows from the variance of the samples and is an upper bound,
         except with the sampler "independent"; see `variance`. None while pixels have too few samples.
         """
-        known = self.noise_estimate.noise_now()
-        return self.film.noise() if known is None else known
+        estimated = self.noise_estimate.noise_now()
+        return self.film.noise() if estimated is None else estimated
 
     def _trace(self, target: int, seconds_left: float) -> tuple[float, int]:
         """Bring every pixel to `target` samples; return the seconds and camera paths that it took."""
@@ -309,9 +267,7 @@ class Renderer(Picture):
         started = time.perf_counter()
         try:
             with self.film.leaving_out(self.noise_estimate.stopped_pixels(), target):
-                self._kernel.launch([target, *self._inputs], seconds_left)
-            if self.pilot is not None:
-                self.pilot.trace(self, target)
+                self._launch(target, seconds_left)
         finally:  # an interrupted pass counts, too
             seconds = time.perf_counter() - started
             paths = self.film.tally().samples - before
@@ -319,13 +275,8 @@ class Renderer(Picture):
             self.paths += paths
         return seconds, paths
 
-    def trace_film(self, film: Film, target: int, seed: int) -> None:
-        """Bring every pixel of another film of this picture's size to `target` samples, with another seed."""
-        _, *inputs = self.arguments_for(film, self._kernel)
-        self._kernel.launch([target, seed, *inputs], 0.0)
-
-    def _needs_short_passes(self) -> bool:
-        return not self.device.is_cpu or self._kernel.is_being_compiled
+    def _launch(self, target: int, seconds_left: float) -> None:
+        self._kernel.launch([target, *self._inputs], seconds_left)
 
     @property
     def lanes(self) -> int:
@@ -339,7 +290,7 @@ class Renderer(Picture):
         ready. The picture is the same, bit for bit.
         """
         started = time.perf_counter()
-        self._kernel.wait_for_wide()
+        self._kernel.wide.wait()
         return time.perf_counter() - started
 
     def denoised(self) -> NDArray[np.float32]:
@@ -385,9 +336,7 @@ class Renderer(Picture):
             raise InputError("the camera must have the same shutter times as before; make a new Renderer")
         self.scene.camera = camera
         self._built.look_from(camera)
-        seed, _, *others = self._shared_inputs
-        self._shared_inputs = [seed, self._device_camera(), *others]
-        self._inputs = self.arguments_for(self.film, self._kernel)
+        self._shared_inputs[0] = self._device_camera()
         self._clear()
 
     def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
@@ -414,7 +363,7 @@ class Renderer(Picture):
 
     def _clear(self) -> None:
         self.film.clear()
-        self.estimate_noise(None)
+        self.noise_estimate = NoiseEstimate(self.film)
         if self._guides is not None:
             self._guides.clear()
 
@@ -446,7 +395,10 @@ class Renderer(Picture):
             InputError: when it cannot be written or would replace another file, or when vertices were updated, which
                 a checkpoint does not store.
         """
-        checkpoint.save(self, path)
+        if self.has_updated_vertices:
+            raise InputError(f"{path}: no checkpoint of a picture whose vertices were updated; make a new Renderer")
+        arrays = {**self.film.state(), **self.noise_estimate.state()}
+        checkpoint.write_checkpoint(path, checkpoint.identity_of(self), arrays)
 
     def load_checkpoint(self, path: PathLike) -> None:
         """Continue from a checkpoint of the same scene, size, seed and settings.
@@ -454,7 +406,16 @@ class Renderer(Picture):
         Raises:
             InputError: listing the differences.
         """
-        checkpoint.restore(self, path, *checkpoint.read_checkpoint(path))
+        self._restore(path, *checkpoint.read_checkpoint(path))
+
+    def _restore(self, path: PathLike, header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
+        checkpoint.require_same(path, header, checkpoint.identity_of(self))
+        try:
+            self.film.check(arrays, len(self.scene.shapes))
+            self.noise_estimate.restore(arrays)
+        except InputError as error:
+            raise InputError(f"{path}: damaged, {error}") from None
+        self.film.restore(arrays)
 
     @classmethod
     def resume(cls, path: PathLike, scene: Scene, *, device: str = "cpu", threads: int | None = None) -> Self:
@@ -470,7 +431,7 @@ class Renderer(Picture):
             renderer = cls(scene, device=device, threads=threads, **options)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        checkpoint.restore(renderer, path, header, arrays)
+        renderer._restore(path, header, arrays)
         return renderer
 
     def __reduce_ex__(self, protocol: Any) -> Any:
@@ -513,5 +474,6 @@ class Renderer(Picture):
         Raises:
             InputError: if there is no such part, or vertices were updated.
         """
-        result: Part = import_module("wrt.parts.render").render_part(self, number, of, spp=spp)
-        return result
+        from wrt.rendering.part import render_part
+
+        return render_part(self, number, of, spp=spp)

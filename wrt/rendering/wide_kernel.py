@@ -30,7 +30,7 @@ WORTH_SECONDS = 0.3
 """Compile nothing for the next render if fewer than this many seconds remain of this one: it has nothing to gain."""
 
 COMPILING_SECONDS = 8.0
-"""What the compiler takes of one core, roughly (6 to 20 s): see `compiling_pays`."""
+"""Seconds of one core that the compiler takes, roughly (6 to 20): see `compiling_pays`."""
 
 SPEEDUP, SPEEDUP_OF_OWN = 2.0, 4.0 / 3.0
 """How much faster the kernel is than the scalar one, and than a general wide kernel."""
@@ -68,48 +68,44 @@ class WideKernel:
         self._is_requested = False
         self._request: Path | None = None
 
-    def prepare(self, seconds_left: float, speedup: float = SPEEDUP) -> None:
+    def prepare(
+        self, seconds_left: float, speedup: float = SPEEDUP, *, may_compile: bool = True, waits: bool = False
+    ) -> None:
         """Load the kernel if enough seconds remain to render; if it is not compiled, have it compiled.
 
-        Where that pays, it is compiled for this render, else for the next one. While another thread does so, this one
-        goes on without.
+        It is compiled for this render if that pays, otherwise for the next one.
 
         Args:
             seconds_left: seconds that the render still takes without this kernel.
             speedup: how much faster this kernel is than the one in use.
+            may_compile: False to load it only if it is compiled.
+            waits: whether to wait while another thread loads a wide kernel, or else to do nothing.
         """
-        if self._possible is False or self.kernel is not None or not _LOADING.acquire(blocking=False):
+        if self._possible is False or self.kernel is not None or not _LOADING.acquire(blocking=waits):
             return
         try:
-            self._prepare(seconds_left, speedup)
-        finally:
-            _LOADING.release()
-
-    def _prepare(self, seconds_left: float, speedup: float) -> None:
-        if self._possible is False or self.kernel is not None:
-            return
-        if self._compiler is not None:
-            if self._compiler.poll() is None:
+            if self._compiler is not None:
+                if self._compiler.poll() is None:
+                    return
+                self._note_compiled()
+            if self.kernel is not None or seconds_left <= LOADING_SECONDS or not self._is_usable():
                 return
-            self._compiled()
-        if seconds_left > LOADING_SECONDS and self._is_usable():
             if self._request is not None and later.is_done(self._request):
                 self._request = None
                 self._device.backend.artefacts.refresh()
             if self._is_compiled():
                 self._load()
-            elif compiling_pays(seconds_left, self._device.threads, speedup):
+            elif may_compile and compiling_pays(seconds_left, self._device.threads, speedup):
                 self._compile()
-            elif seconds_left > WORTH_SECONDS and not self._is_requested:
+            elif may_compile and seconds_left > WORTH_SECONDS and not self._is_requested:
                 self._is_requested = True
                 self._request = later.request(self._features, self._lanes)
+        finally:
+            _LOADING.release()
 
     def expect(self, seconds: float) -> None:
-        """Load the kernel if it is compiled, and at least so many seconds are to be rendered."""
-        if seconds > LOADING_SECONDS:
-            with _LOADING:
-                if self.kernel is None and self._is_usable() and self._is_compiled():
-                    self._load()
+        """Load the kernel if it is compiled and the render, of at least `seconds`, is long enough."""
+        self.prepare(seconds, may_compile=False, waits=True)
 
     @property
     def lanes(self) -> int:
@@ -134,8 +130,7 @@ class WideKernel:
                 self._compile()
             if self._compiler is not None:
                 self._compiler.wait()
-            with _LOADING:
-                self._prepare(math.inf, SPEEDUP)
+            self.prepare(math.inf, waits=True)
 
     def _is_usable(self) -> bool:
         if self._possible is None:
@@ -162,7 +157,7 @@ class WideKernel:
             environment = {**os.environ, "TMPDIR": str(cache_folders.work_folder())}  # which this process removes
             arguments = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
             self._compiler = compiler.start(compiler.__name__, *arguments, env=environment)
-        except OSError:  # no folder has room, for instance
+        except OSError:  # no folder has room, or there is no Python
             self._possible = False
             return
         self._compiling_since = time.perf_counter()
@@ -180,8 +175,7 @@ class WideKernel:
         self._device.backend.artefacts.folders.append(table)
         return [str(kernels), str(table)]
 
-    def _compiled(self) -> None:
-        """Record the result of compiling."""
+    def _note_compiled(self) -> None:
         self._seconds, self._compiling_since = self.seconds, None
         self._compiler = None
         self._device.backend.artefacts.refresh()
@@ -210,10 +204,6 @@ def compiling_pays(seconds_left: float, threads: int, speedup: float) -> bool:
 
 def largest_array(record: Struct) -> int:
     """Return the bytes of the largest array in a record, except for the ray tree, which has 64-bit offsets."""
-    most = 0
-    for name, value in record.fields().items():
-        if isinstance(value, Array):
-            most = max(most, value.rows.nbytes)
-        elif isinstance(value, Struct) and name != "bvh":
-            most = max(most, largest_array(value))
-    return most
+    fields = [value for name, value in record.fields().items() if name != "bvh"]
+    arrays = [value.rows.nbytes for value in fields if isinstance(value, Array)]
+    return max([0, *arrays, *(largest_array(value) for value in fields if isinstance(value, Struct))])

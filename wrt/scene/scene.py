@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from typing import Annotated, Any
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt import _notebook
 from wrt.develop.settings import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
-from wrt.errors import InputError
+from wrt.errors import InputError, did_you_mean
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.deformation import Deformation
@@ -41,9 +41,6 @@ INTEGRATORS = ("path", "volpath", "direct", "whitted", "ao", "aov")
 
 MAX_SPP = 2**30
 """Most samples per pixel: a wide kernel takes several at once, and must not count beyond 32 bits."""
-
-UNBIASED = "unbiased"
-"""The choice of adaptive sampling besides true and false."""
 
 MOST_JITTERED_RAYS = 16
 """More would not find a place among the 32 rays of a tree that may wait."""
@@ -153,13 +150,6 @@ def bake_transforms(shapes: list[Shape]) -> list[Shape]:
     return [s if s.transform is None else replace(s, mesh=s.mesh_at(0.0), transform=None) for s in shapes]
 
 
-def adaptive_choice(value: object) -> bool | str:
-    """Return `value` if it is a choice of adaptive sampling, or raise InputError."""
-    if isinstance(value, bool) or value == UNBIASED:
-        return value
-    raise InputError(f'adaptive must be true or false, or "{UNBIASED}", not {value!r}')
-
-
 def _nameless(check: Callable[[Any], Any]) -> Check:
     """Return a check of a field whose messages name the field themselves."""
     return lambda value, _: check(value)
@@ -168,7 +158,6 @@ def _nameless(check: Callable[[Any], Any]) -> Check:
 _Length = Annotated[int, partial(integer, minimum=1, maximum=65536)]
 _Share = Annotated[float, partial(number, minimum=0.0, maximum=1.0)]
 _Noise = Annotated[float | None, optional(partial(number, above=0.0, maximum=1.0))]
-_Adaptive = Annotated[bool | str, {"enum": [False, True, UNBIASED]}, _nameless(adaptive_choice)]
 
 
 @dataclass(slots=True)
@@ -179,8 +168,8 @@ class RenderSettings(Description):
         width, height: pixels.
         spp: samples per pixel.
         noise: relative noise at which a render ends instead, such as 0.01; see `wrt.Renderer.noise`.
-        adaptive: whether tiles of the picture that are good enough for `noise` stop before the others; true is slightly
-            biased, "unbiased" takes a quarter more work.
+        adaptive: whether tiles of the picture that are good enough for `noise` stop before the others, which is
+            slightly biased.
         max_depth: maximum number of path segments; 1 shows emission only, 2 adds direct light.
         filter: reconstruction filter, one of FILTERS.
         sampler: sampler, one of SAMPLERS.
@@ -209,7 +198,7 @@ class RenderSettings(Description):
     height: _Length = 576
     spp: Annotated[int, partial(integer, minimum=1, maximum=MAX_SPP)] = 64
     noise: _Noise = field(default=None, kw_only=True)
-    adaptive: _Adaptive = field(default=False, kw_only=True)
+    adaptive: Flag = field(default=False, kw_only=True)
     denoise: Flag = field(default=False, kw_only=True)
     max_depth: _Length = 64
     filter: Annotated[str, word_of(FILTERS)] = "blackman-harris"
@@ -231,6 +220,19 @@ class RenderSettings(Description):
         Description.__post_init__(self)  # super() knows the class without slots only
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
+
+    def changed(self, **changes: Any) -> RenderSettings:
+        """Return the settings with the changes that are not None.
+
+        Raises:
+            InputError: on unusable values.
+            TypeError: on a setting that does not exist.
+        """
+        names = [each.name for each in fields(self)]
+        for name in changes:
+            if name not in names:
+                raise TypeError(f"there is no render setting {name!r}{did_you_mean(name, names)}")
+        return replace(self, **{name: value for name, value in changes.items() if value is not None})
 
     @property
     def film_layers(self) -> tuple[str, ...]:

@@ -1,8 +1,6 @@
-"""The C++ that wide kernels call, templates of what they contain, and native functions for lanes."""
+"""The C++ that wide kernels call, and native functions for lanes."""
 
 from collections.abc import Iterable
-from pathlib import Path
-from string import Template
 from typing import Any
 
 from wrt.kernels.native import headers_of, included_by, text_of
@@ -19,14 +17,8 @@ def library(lanes: int, *, exact: str = "") -> str:
     return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"
 
 
-def fill(template: str, **values: str) -> str:
-    """Return the C++ of a file in `templates` with generated text in its placeholders, such as `${STEPS}`."""
-    text = (Path(__file__).parent / "templates" / template).read_text(encoding="utf-8")
-    return Template(text).substitute(values)
-
-
 _WIDE = {
-    "_make_in_one_tree__locals__traverse": "closest_hit",
+    "_in_one_tree__locals__traverse": "closest_hit",
     "_sample_tree": "sample_light_tree",
     "reverse_bits": "reverse_bits",
     "further_dimension": "further_dimension",

@@ -37,7 +37,7 @@ class Stage:
     """The options of `wrt.load` for showing the source.
 
     Attributes:
-        view: a view, see `wrt.studio.views`; None for the view of the source's camera, or else three-quarter.
+        view: the angles of a view, see `wrt.studio.views`; None for the source's camera, or else three-quarter.
         frame: whether to ignore the camera of the source and frame what it shows; None to decide by whether that
             camera shows a mesh well.
         material: replaces the materials of a mesh.
@@ -48,14 +48,38 @@ class Stage:
         reach: what that animation shows at all times, if there is a time; the studio and its camera are made for it.
     """
 
-    view: tuple[float, float] | None = None
+    view: Any = None
     frame: bool | None = None
-    material: Material | None = None
-    environment: Environment | None = None
+    material: Any = None
+    environment: Any = None
     transparent: bool = False
     aspect: float | None = None
     time: float | None = None
     reach: Reach | None = None
+
+    def __post_init__(self) -> None:
+        """Check the options, as a person gives them, and keep the things that they stand for.
+
+        Raises:
+            InputError: if one of them cannot be used, or the image of an environment cannot be read.
+        """
+        view, material, environment = self.view, self.material, self.environment
+        if view is not None:
+            view = view_angles(view)
+            if self.frame is False:
+                raise InputError("a view replaces the source's camera; it cannot be kept as well")
+        if isinstance(material, str):
+            from wrt.scene.materials.named import named_material
+
+            material = named_material(material)
+        if material is not None and not isinstance(material, Material):
+            raise InputError(f"material must be a material or the name of one, not {type(material).__name__}")
+        if environment is not None:
+            environment = _environment(environment, (view or VIEWS["three-quarter"])[0])
+        time = None if self.time is None else number(self.time, "time")
+        values = {"view": view, "material": material, "environment": environment, "time": time}
+        for name, value in (values | {"transparent": bool(self.transparent)}).items():
+            object.__setattr__(self, name, value)
 
     def shown(self, scene: Scene) -> Scene:
         """Return a scene with these options.
@@ -148,36 +172,6 @@ class Stage:
         remedy = "frame=False, or --no-frame, keeps its camera"
         warn(f"{source}: its camera shows the mesh {size}, so it is framed anew; {remedy}", UserWarning)
         return None
-
-
-def make_stage(
-    *,
-    view: object = None,
-    frame: bool | None = None,
-    material: object = None,
-    environment: object = None,
-    transparent: bool = False,
-    aspect: float | None = None,
-    time: float | None = None,
-) -> Stage:
-    """Return the Stage of the options of `wrt.load`.
-
-    Raises:
-        InputError: if one of them cannot be used, or the image of an environment cannot be read.
-    """
-    angles = None if view is None else view_angles(view)
-    if angles is not None and frame is False:
-        raise InputError("a view replaces the source's camera; it cannot be kept as well")
-    if isinstance(material, str):
-        from wrt.scene.materials.named import named_material
-
-        material = named_material(material)
-    if material is not None and not isinstance(material, Material):
-        raise InputError(f"material must be a material or the name of one, not {type(material).__name__}")
-    azimuth = VIEWS["three-quarter"][0] if angles is None else angles[0]
-    light = None if environment is None else _environment(environment, azimuth)
-    seconds = None if time is None else number(time, "time")
-    return Stage(angles, frame, material, light, bool(transparent), aspect, seconds)
 
 
 def _environment(value: Any, azimuth: float) -> Environment:

@@ -11,11 +11,10 @@ import numpy as np
 from wrt.backend import current_backend
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
 from wrt.scene.medium import Medium
-from wrt.upload.accel.binary_tree import CHUNK, SUBTREE
+from wrt.upload.accel.binary_tree import CHUNK, LARGEST, SUBTREE
 from wrt.upload.accel.bvh import MORE_PIECES
 from wrt.upload.accel.gpu_tree import MOST_BUILDERS
 from wrt.upload.accel.instancing import Layout
-from wrt.upload.accel.reinsertion import LARGEST
 from wrt.upload.grids import CELLS_PER_MAJORANT
 from wrt.upload.lights.choice import FEW_LIGHTS
 from wrt.upload.lights.environment import environment_kind

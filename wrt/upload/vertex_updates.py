@@ -103,5 +103,5 @@ class WorldMeshes:
             # Corners are numbered 3 * face + corner.
             upload = [starts[groups], starts[groups + 1], order, mesh.faces.ravel() + np.int32(first)]
             self._corners[number] = tuple(self._device.backend.array(a, int, self._device.name) for a in upload)
-        kernel = self._device.backend.kernels("wrt.kernels.geometry.vertex_normals").smooth_normals
+        kernel = self._device.backend.kernels("wrt.kernels.accel.build.refit").smooth_normals
         self._device.launch(kernel, count, [first, *self._corners[number], self._data.points, self._data.normals])

@@ -115,7 +115,7 @@ def sort_children(nodes: wp.array(dtype=BinaryNode), index: int, i: int, childre
     for k in range(8):
         children_out[8 * i + k] = -1
     # Ylitie et al., section 3.2: a child goes to the place towards whose corner of the node it lies. Assign the best
-    # pair of a free place and an unassigned child, until none is left.
+    # pair of a free place and an unassigned child, until all are assigned.
     free = int(255)
     waiting = (1 << count) - 1
     while waiting != 0:
@@ -144,39 +144,86 @@ def sort_children(nodes: wp.array(dtype=BinaryNode), index: int, i: int, childre
     return wp.vec2i(inner, count - inner)
 
 
-@wp.kernel(enable_backward=False)
-def find_children(
-    first: int,
-    level: wp.array(dtype=int),
-    nodes: wp.array(dtype=BinaryNode),
-    children_out: wp.array(dtype=int),
-    inner_out: wp.array(dtype=int),
-    leaves_out: wp.array(dtype=int),
-):
-    """Write the children of each wide node of a level, −1 for unused places, and count inner nodes and leaves."""
-    i = first + wp.tid()
-    found = sort_children(nodes, level[i], i, children_out)
-    inner_out[i] = found[0]
-    leaves_out[i] = found[1]
+@wp.struct
+class WideNodes:
+    """The wide nodes of a tree, level by level.
+
+    `root` is the binary node of each; `children` its eight binary nodes, −1 for none; `inner` and `leaves` count those
+    that are inner nodes and leaves; `inner_before` and `leaves_before` those of all nodes before. So the number of a
+    node's first inner child is one more than its `inner_before`. `start` is the first node of each level, then twice
+    the number of nodes.
+    """
+
+    root: wp.array(dtype=int)
+    children: wp.array(dtype=int)
+    inner: wp.array(dtype=int)
+    inner_before: wp.array(dtype=int)
+    leaves: wp.array(dtype=int)
+    leaves_before: wp.array(dtype=int)
+    start: wp.array(dtype=int)
 
 
 @wp.kernel(enable_backward=False)
-def list_inner(
-    first: int,
-    children: wp.array(dtype=int),
-    nodes: wp.array(dtype=BinaryNode),
-    inner_start: wp.array(dtype=int),
-    next_level_out: wp.array(dtype=int),
-):
-    """Write the wide nodes of the next level."""
-    i = first + wp.tid()
-    k_out = inner_start[i]
+def begin_wide_nodes(first: int, wide: WideNodes):
+    """Make the root the only node of the first level, in one thread."""
+    wide.root[0] = 0
+    wide.start[0] = 0
+    wide.start[1] = 1
+
+
+@wp.kernel(enable_backward=False)
+def find_children(first: int, level: int, wide: WideNodes, nodes: wp.array(dtype=BinaryNode)):
+    """Find the children of each wide node of a level; threads beyond its nodes end."""
+    i = wide.start[level] + first + wp.tid()
+    if i >= wide.start[level + 1]:
+        return
+    found = sort_children(nodes, wide.root[i], i, wide.children)
+    wide.inner[i] = found[0]
+    wide.leaves[i] = found[1]
+
+
+@wp.kernel(enable_backward=False)
+def list_inner(first: int, level: int, wide: WideNodes, nodes: wp.array(dtype=BinaryNode)):
+    """Write the wide nodes of the next level; threads beyond the nodes of this one end."""
+    thread = first + wp.tid()
+    begin = wide.start[level]
+    end = wide.start[level + 1]
+    if thread == 0 and begin == end:
+        wide.start[level + 2] = end
+    i = begin + thread
+    if i >= end:
+        return
+    out = 1 + wide.inner_before[i]
+    if i == end - 1:
+        wide.start[level + 2] = out + wide.inner[i]
     for k in range(8):
-        child = children[8 * i + k]
+        child = wide.children[8 * i + k]
         if child >= 0:
             if nodes[child].right != 0:
-                next_level_out[k_out] = child
-                k_out += 1
+                wide.root[out] = child
+                out += 1
+
+
+@wp.kernel(enable_backward=False)
+def summarize(
+    first: int,
+    last: int,
+    wide: WideNodes,
+    nodes: wp.array(dtype=BinaryNode),
+    costs: wp.array(dtype=float),
+    numbers_out: wp.array(dtype=int),
+):
+    """Write a summary for the host, in one thread: number of leaves, cost, box, and the starts of the levels.
+
+    Numbers other than integers are written as their bits. No node comes after `last`.
+    """
+    numbers_out[0] = wide.leaves_before[last] + wide.leaves[last]
+    numbers_out[1] = wp.cast(costs[1], wp.int32)
+    for axis in range(3):
+        numbers_out[2 + axis] = wp.cast(nodes[0].lower[axis], wp.int32)
+        numbers_out[5 + axis] = wp.cast(nodes[0].upper[axis], wp.int32)
+    for k in range(wide.start.shape[0]):
+        numbers_out[8 + k] = wide.start[k]
 
 
 @wp.func
@@ -198,28 +245,23 @@ def write_child(
 @wp.kernel(enable_backward=False)
 def write_nodes(
     first: int,
-    children: wp.array(dtype=int),
+    wide: WideNodes,
     nodes: wp.array(dtype=BinaryNode),
-    inner_start: wp.array(dtype=int),
-    leaf_start: wp.array(dtype=int),
-    first_node: int,
-    first_child: int,
-    first_leaf: int,
     leaf_nodes: int,
     nodes_out: wp.array(dtype=float),
     children_out: wp.array(dtype=int),
     leaf_ranges_out: wp.array(dtype=wp.vec2i),
 ):
-    """Write the wide nodes of a level in the layout of `kernels/core/ray_tree.py`, and list the boxes of their leaves.
+    """Write the wide nodes in the layout of `kernels/core/ray_tree.py`, and list the boxes of their leaves.
 
     Where leaves are nodes as well, `leaf_nodes` is the number of the first one; otherwise −1.
     """
     i = first + wp.tid()
-    base = (first_node + i) * wp.static(NODE_FLOATS)
-    inner = first_child + inner_start[i]
-    leaf = first_leaf + leaf_start[i]
+    base = i * wp.static(NODE_FLOATS)
+    inner = 1 + wide.inner_before[i]
+    leaf = wide.leaves_before[i]
     for k in range(8):
-        child = children[8 * i + k]
+        child = wide.children[8 * i + k]
         if child < 0:
             write_child(nodes_out, children_out, base + k, wp.vec3(LARGE), wp.vec3(-LARGE), -1)
         else:

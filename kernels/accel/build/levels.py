@@ -1,23 +1,23 @@
-"""The top of the binary tree on a GPU: splits level by level, with all counters on the device.
+"""The top of the binary tree on a GPU: what `top.py` does on the CPU, with all counters on the device.
 
-The splits are those of `kernels/accel/build/top.py`, in the same bins. But the host does not wait to learn how many
-nodes a level has: it launches as many threads as there may be, and those without work end. Bins and bounds of chunks
-are joined by atomic minima and sums, which give the same result in any order, so a tree is the same each time.
+The host does not wait to learn how many nodes a level has: it launches threads for the most that it can have, and
+threads without work end. Bins and bounds of chunks are joined by atomic minima and sums, which give the same result in
+any order, so a tree is the same each time.
 """
 
 import warp as wp
 
-from wrt.kernels.accel.build.boxes import low_of, vec8
-from wrt.kernels.accel.build.ranges import centers_of_range, fill_bins
-from wrt.kernels.accel.build.split import (
-    LARGE,
-    BinaryNode,
-    Split,
-    add_children,
-    bin_scale,
-    build_subtree,
-    choose_split,
-    set_box,
+from wrt.kernels.accel.build.boxes import centers_of_range, low_of, vec8
+from wrt.kernels.accel.build.split import LARGE, BinaryNode, bin_scale, build_subtree
+from wrt.kernels.accel.build.top import (
+    AXIS_BINS,
+    Chunks,
+    Level,
+    chunks_in,
+    chunks_of,
+    nodes_in,
+    nodes_of,
+    range_of_chunk,
 )
 from wrt.kernels.native.constants import BINS
 
@@ -30,51 +30,7 @@ SUBTREE = 128
 CHUNK = 256
 """Boxes of a larger node that one thread sorts into bins; not measured on a GPU."""
 
-AXIS_BINS = 3 * BINS
-"""Bins of a node."""
-
 _NODE = wp.constant(wp.int64(1 << 32))
-_CHUNKS = wp.constant(wp.int64((1 << 32) - 1))
-
-
-@wp.struct
-class Level:
-    """The nodes of a level that are split, and their chunks.
-
-    `counts` has for each level the number of its nodes times 2^32, plus the number of its chunks: one sum hands out
-    both, so that `start`, the first chunk of each node, ascends.
-    """
-
-    depth: int
-    counts: wp.array(dtype=wp.int64)
-    node: wp.array(dtype=int)
-    start: wp.array(dtype=int)
-    splits: wp.array(dtype=Split)
-    bin_boxes: wp.array(dtype=vec8)
-    bin_counts: wp.array(dtype=int)
-
-
-@wp.struct
-class LevelChunks:
-    """The chunks of a level: the place of their node in it, their bins, and how many of their boxes go left."""
-
-    place: wp.array(dtype=int)
-    bin_boxes: wp.array(dtype=vec8)
-    bin_counts: wp.array(dtype=int)
-    left: wp.array(dtype=int)
-    left_before: wp.array(dtype=int)
-
-
-@wp.func
-def nodes_of(level: Level) -> int:
-    """Return the number of a level's nodes."""
-    return int(level.counts[level.depth] >> wp.int64(32))
-
-
-@wp.func
-def chunks_of(level: Level) -> int:
-    """Return the number of a level's chunks."""
-    return int(level.counts[level.depth] & _CHUNKS)
 
 
 @wp.func
@@ -88,11 +44,11 @@ def enlist(
 ):
     """Add a node to a level, or to the roots of subtrees that one thread builds."""
     if count > wp.static(SUBTREE):
-        pieces = wp.int64((count + wp.static(CHUNK - 1)) // wp.static(CHUNK))
+        pieces = wp.int64((count + level.chunk - 1) // level.chunk)
         before = wp.atomic_add(level.counts, depth, _NODE + pieces)
-        place = int(before >> wp.int64(32))
+        place = nodes_in(before)
         level.node[place] = index
-        level.start[place] = int(before & _CHUNKS)
+        level.start[place] = chunks_in(before)
     else:
         roots[wp.atomic_add(root_count, 0, 1)] = index
 
@@ -114,10 +70,10 @@ def begin_tree(
 
 
 @wp.kernel(enable_backward=False)
-def bound_centers(first: int, boxes: wp.array(dtype=vec8), centers: wp.array(dtype=vec8)):
+def bound_centers(first: int, chunk: int, boxes: wp.array(dtype=vec8), centers: wp.array(dtype=vec8)):
     """Bound the centres of all boxes, a chunk a thread."""
-    begin = (first + wp.tid()) * wp.static(CHUNK)
-    bounds = centers_of_range(boxes, begin, wp.min(wp.static(CHUNK), boxes.shape[0] - begin))
+    begin = (first + wp.tid()) * chunk
+    bounds = centers_of_range(boxes, begin, wp.min(chunk, boxes.shape[0] - begin))
     wp.atomic_min(centers, 0, bounds)
 
 
@@ -130,53 +86,8 @@ def clear_bins(first: int, level: Level):
         level.bin_counts[k] = 0
 
 
-@wp.func
-def place_of_chunk(level: Level, chunk: int) -> int:
-    """Return the place in the level of a chunk's node."""
-    low = int(0)
-    high = nodes_of(level)
-    while high - low > 1:
-        middle = (low + high) // 2
-        if level.start[middle] <= chunk:
-            low = middle
-        else:
-            high = middle
-    return low
-
-
-@wp.func
-def range_of_chunk(level: Level, nodes: wp.array(dtype=BinaryNode), place: int, chunk: int) -> wp.vec2i:
-    """Return the first box of a chunk, and the number of its boxes."""
-    index = level.node[place]
-    before = (chunk - level.start[place]) * wp.static(CHUNK)
-    return wp.vec2i(nodes[index].first + before, wp.min(wp.static(CHUNK), nodes[index].count - before))
-
-
 @wp.kernel(enable_backward=False)
-def fill_level_bins(
-    first: int,
-    level: Level,
-    chunks: LevelChunks,
-    nodes: wp.array(dtype=BinaryNode),
-    boxes: wp.array(dtype=vec8),
-    centers: wp.array(dtype=vec8),
-):
-    """Sort the boxes of each chunk into bins of its own."""
-    c = first + wp.tid()
-    if c >= chunks_of(level):
-        return
-    place = place_of_chunk(level, c)
-    chunks.place[c] = place
-    bounds = centers[level.node[place]]
-    low = low_of(bounds)
-    scale = bin_scale(bounds, wp.static(BINS))
-    part = range_of_chunk(level, nodes, place, c)
-    scratch = c * wp.static(AXIS_BINS)
-    fill_bins(boxes, part[0], part[1], low, scale, wp.static(BINS), chunks.bin_boxes, chunks.bin_counts, scratch)
-
-
-@wp.kernel(enable_backward=False)
-def join_bins(first: int, level: Level, chunks: LevelChunks):
+def join_bins(first: int, level: Level, chunks: Chunks):
     """Add the bins of chunks to those of their nodes, a bin a thread."""
     k = first + wp.tid()
     c = k // wp.static(AXIS_BINS)
@@ -190,66 +101,16 @@ def join_bins(first: int, level: Level, chunks: LevelChunks):
 
 
 @wp.kernel(enable_backward=False)
-def split_nodes(
-    first: int,
-    level: Level,
-    nodes: wp.array(dtype=BinaryNode),
-    centers: wp.array(dtype=vec8),
-    max_sah_depth: int,
-):
-    """Split each node of a level."""
-    i = first + wp.tid()
-    if i >= nodes_of(level):
-        return
-    index = level.node[i]
-    count = nodes[index].count
-    bounds = centers[index]
-    bins = i * wp.static(AXIS_BINS)
-    scale = bin_scale(bounds, wp.static(BINS))
-    split = choose_split(level.bin_boxes, level.bin_counts, bins, wp.static(BINS), count, scale)
-    set_box(nodes, index, split.bounds)
-    if nodes[index].depth >= max_sah_depth:
-        split.axis = -1
-    # Chunks join the bounds of those that go left and right; halves have those of all.
-    start = vec8(LARGE)
-    if split.axis < 0:
-        split.left = count // 2
-        start = bounds
-    add_children(nodes, index, index + 1, index + 2 * split.left, split.left)
-    centers[nodes[index].left] = start
-    centers[nodes[index].right] = start
-    level.splits[i] = split
-
-
-@wp.kernel(enable_backward=False)
-def count_left(first: int, level: Level, chunks: LevelChunks, nodes: wp.array(dtype=BinaryNode)):
-    """Count the boxes of each chunk that go left; none for chunks that there are not."""
-    c = first + wp.tid()
-    n = int(0)
-    if c < chunks_of(level):
-        place = chunks.place[c]
-        split = level.splits[place]
-        if split.axis >= 0:
-            base = c * wp.static(AXIS_BINS) + split.axis * wp.static(BINS)
-            for k in range(split.last_left_bin + 1):
-                n += chunks.bin_counts[base + k]
-        else:
-            part = range_of_chunk(level, nodes, place, c)
-            n = wp.clamp(nodes[level.node[place]].first + split.left - part[0], 0, part[1])
-    chunks.left[c] = n
-
-
-@wp.kernel(enable_backward=False)
 def part_boxes(
     first: int,
     level: Level,
-    chunks: LevelChunks,
+    chunks: Chunks,
     nodes: wp.array(dtype=BinaryNode),
     boxes: wp.array(dtype=vec8),
     centers: wp.array(dtype=vec8),
     boxes_out: wp.array(dtype=vec8),
 ):
-    """Write the boxes of each chunk to the side of their node that they go to, in their order."""
+    """Move the boxes of each chunk to the left or the right side of their node, in the same order."""
     c = first + wp.tid()
     if c >= chunks_of(level):
         return
@@ -293,7 +154,7 @@ def part_boxes(
 def copy_boxes(
     first: int,
     level: Level,
-    chunks: LevelChunks,
+    chunks: Chunks,
     nodes: wp.array(dtype=BinaryNode),
     boxes: wp.array(dtype=vec8),
     boxes_out: wp.array(dtype=vec8),

@@ -1,9 +1,9 @@
-"""Reinsertion on a GPU: moves that exclude one another are sorted out by locks, the others happen at once.
+"""Reinsertion on a GPU: locks decide between moves that exclude one another; the others happen at once.
 
 Meister and Bittner, "Parallel Reinsertion for Bounding Volume Hierarchy Optimization" (2018), section 3.3. The rules
-are those of `kernels/accel/build/reinsert.py`, where one thread takes the moves by their gain: a move locks five nodes,
-and of two that need the same the one with more gain wins. Repeated for the moves that are neither chosen nor excluded,
-this chooses what one thread would choose.
+are those of `kernels/accel/build/reinsert.py`, where one thread takes the moves by their gain. A move locks five nodes;
+where two need the same node, the one with more gain wins. Repeated for the moves that are neither chosen nor excluded,
+this makes the choice of one thread.
 """
 
 import warp as wp
@@ -19,10 +19,12 @@ UNDECIDED, CHOSEN, EXCLUDED = 0, 1, 2
 """States of a move."""
 
 LONGEST_WAY = 64
-"""Moves on the way up from a node's new place that are followed at most."""
+"""Moves that are followed from a node's new place up to the root, at most."""
 
 NOT_RATED = 3.0e38
 """Key of places without a node, behind all areas."""
+
+_five_nodes = wp.types.vector(length=5, dtype=int)
 
 
 @wp.struct
@@ -31,8 +33,8 @@ class Moves:
 
     `node` and `place` are the node that moves and its new sibling, −1 for none; `gain` is the area saved and `state`
     one of the above. For each node of the tree `locks` has the best key of a move that needs it, `touched` the last
-    round in which a chosen move did, and `mover` the key of its own move. Keys of later turns are larger. `found` has
-    the number of nodes that have a better place, and of those that are out of order after sorting.
+    round in which a chosen move did, and `mover` the key of its own move. Keys of later turns are larger. `found`
+    counts the nodes that have a better place, and the keys that are out of order after sorting.
     """
 
     node: wp.array(dtype=int)
@@ -70,7 +72,7 @@ def rate_nodes(
 
 @wp.kernel(enable_backward=False)
 def pick_largest(first: int, keys: wp.array(dtype=float), numbers: wp.array(dtype=int), least: int, moves: Moves):
-    """Write the nodes with the largest area; the root, which never moves, in place of those that there are not.
+    """Write the nodes with the largest area, and the root, which never moves, where there are fewer.
 
     A tree of fewer than `least` nodes is left alone. Counts what is out of order: a sort that found no memory.
     """
@@ -94,12 +96,12 @@ def key_of(moves: Moves, i: int, turn: int) -> wp.int64:
 
 
 @wp.func
-def neighbours(moves: Moves, nodes: wp.array(dtype=BinaryNode), parents: wp.array(dtype=int), i: int):
+def locked_nodes(moves: Moves, nodes: wp.array(dtype=BinaryNode), parents: wp.array(dtype=int), i: int) -> _five_nodes:
     """Return the nodes that a move changes or relies on: itself, its place, the parents of both, and its sibling."""
     node = moves.node[i]
     place = moves.place[i]
     parent = parents[node]
-    return node, place, parent, parents[place], sibling_of(nodes, parent, node)
+    return _five_nodes(node, place, parent, parents[place], sibling_of(nodes, parent, node))
 
 
 @wp.kernel(enable_backward=False)
@@ -112,7 +114,7 @@ def lock_nodes(
     turn: int,
     is_first: int,
 ):
-    """Exclude moves whose neighbours a chosen move needs; let each of the rest lock its own."""
+    """Exclude moves that need a node which a chosen move needs; let each of the rest lock its own."""
     i = first + wp.tid()
     if is_first != 0:
         moves.state[i] = wp.where(moves.place[i] >= 0, UNDECIDED, EXCLUDED)
@@ -120,17 +122,13 @@ def lock_nodes(
             wp.atomic_add(moves.found, 0, 1)
     if moves.state[i] != UNDECIDED:
         return
-    node, place, parent, above, sibling = neighbours(moves, nodes, parents, i)
-    last = wp.max(wp.max(moves.touched[node], moves.touched[place]), moves.touched[parent])
-    if wp.max(last, wp.max(moves.touched[above], moves.touched[sibling])) == round:
-        moves.state[i] = EXCLUDED
-        return
-    key = key_of(moves, i, turn)
-    wp.atomic_max(moves.locks, node, key)
-    wp.atomic_max(moves.locks, place, key)
-    wp.atomic_max(moves.locks, parent, key)
-    wp.atomic_max(moves.locks, above, key)
-    wp.atomic_max(moves.locks, sibling, key)
+    lock_set = locked_nodes(moves, nodes, parents, i)
+    for k in range(5):
+        if moves.touched[lock_set[k]] == round:
+            moves.state[i] = EXCLUDED
+            return
+    for k in range(5):
+        wp.atomic_max(moves.locks, lock_set[k], key_of(moves, i, turn))
 
 
 @wp.kernel(enable_backward=False)
@@ -146,19 +144,14 @@ def choose_moves(
     i = first + wp.tid()
     if moves.state[i] != UNDECIDED:
         return
-    node, place, parent, above, sibling = neighbours(moves, nodes, parents, i)
-    key = key_of(moves, i, turn)
-    if moves.locks[node] != key or moves.locks[place] != key or moves.locks[parent] != key:
-        return
-    if moves.locks[above] != key or moves.locks[sibling] != key:
-        return
+    lock_set = locked_nodes(moves, nodes, parents, i)
+    for k in range(5):
+        if moves.locks[lock_set[k]] != key_of(moves, i, turn):
+            return
     moves.state[i] = CHOSEN
-    moves.mover[node] = key_of(moves, i, round)
-    moves.touched[node] = round
-    moves.touched[place] = round
-    moves.touched[parent] = round
-    moves.touched[above] = round
-    moves.touched[sibling] = round
+    moves.mover[lock_set[0]] = key_of(moves, i, round)
+    for k in range(5):
+        moves.touched[lock_set[k]] = round
 
 
 @wp.kernel(enable_backward=False)
@@ -194,11 +187,13 @@ def make_moves(first: int, moves: Moves, nodes: wp.array(dtype=BinaryNode), pare
     i = first + wp.tid()
     if moves.state[i] != CHOSEN:
         return
-    node, place, parent, above, sibling = neighbours(moves, nodes, parents, i)
+    lock_set = locked_nodes(moves, nodes, parents, i)
+    place = lock_set[1]
+    parent = lock_set[2]
     # The parent moves along and joins both.
-    replace_child(nodes, parents, parents[parent], parent, sibling)
+    replace_child(nodes, parents, parents[parent], parent, lock_set[4])
     # The place may be above: its parent is then what it was.
-    replace_child(nodes, parents, above, place, parent)
+    replace_child(nodes, parents, lock_set[3], place, parent)
     nodes[parent].left = place
-    nodes[parent].right = node
+    nodes[parent].right = lock_set[0]
     parents[place] = parent

@@ -1,7 +1,7 @@
 """Large triangles split into several boxes, which the builder sorts like triangles.
 
 Karras and Aila, "Fast Parallel Construction of High-Quality Bounding Volume Hierarchies" (2013), section 4. A long,
-slanted triangle fills little of its box, so many rays hit the box but miss the triangle. Before the tree is built,
+slanted triangle fills little of its box, so rays often hit the box and miss the triangle. Before the tree is built,
 triangles that waste most are cut by planes that halve the scene's box recursively; a piece is the box of the part on
 one side. Leaves hold whole triangles, some of them in several leaves.
 """
@@ -71,9 +71,9 @@ def find_importance(
     """Rate triangles by the wasted area of their boxes and the plane that cuts them (Karras and Aila, section 4.2)."""
     i = first + wp.tid()
     corners = corners_of(points, indices, i)
-    whole = box_around(corners, i)
-    low = low_of(whole)
-    high = high_of(whole)
+    triangle_box = box_around(corners, i)
+    low = low_of(triangle_box)
+    high = high_of(triangle_box)
     # Work relative to the scene, or the areas of large ones overflow.
     unit = 1.0 / wp.max(wp.max(scene_size[0], scene_size[1]), scene_size[2])
     n = wp.cross((corners.b - corners.a) * unit, (corners.c - corners.a) * unit)
@@ -194,9 +194,9 @@ def write_pieces(
     """
     i = first + wp.tid()
     corners = corners_of(points, indices, i)
-    whole = box_around(corners, i)
-    whole[7] = wp.cast(count[i] - 1, wp.float32)
-    boxes[start[i]] = whole
+    triangle_box = box_around(corners, i)
+    triangle_box[7] = wp.cast(count[i] - 1, wp.float32)
+    boxes[start[i]] = triangle_box
     for place in range(start[i], start[i] + count[i]):
         cuts = wp.cast(boxes[place][7], wp.int32)
         while cuts > 0:

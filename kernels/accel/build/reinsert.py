@@ -63,7 +63,7 @@ def find_places(
     node = moving[i]
     lower = nodes[node].lower
     upper = nodes[node].upper
-    own = half_area(upper - lower)
+    node_area = half_area(upper - lower)
     parent = parents[node]
     places_out[i] = -1
     gains_out[i] = 0.0
@@ -80,19 +80,19 @@ def find_places(
     waiting = _waiting_nodes()
     sums = _waiting_sums()
     below = parent
-    other = sibling
-    left = int(most_visits)
-    while other >= 0:
-        # Search below the sibling of the way up: `sums` is the area saved after nodes on the way down have grown.
+    subtree = sibling
+    visits_left = int(most_visits)
+    while subtree >= 0:
+        # Search a subtree beside the path to the root; `sums` is the area saved once the nodes above have grown.
         top = int(1)
-        waiting[0] = other
+        waiting[0] = subtree
         sums[0] = saved
-        while top > 0 and left > 0:
+        while top > 0 and visits_left > 0:
             top -= 1
-            left -= 1
+            visits_left -= 1
             at = waiting[top]
             most = sums[top]
-            if most - own > best:
+            if most - node_area > best:
                 gain = most - area_around(nodes, at, lower, upper)
                 if gain > best and at != sibling:
                     best = gain
@@ -104,14 +104,14 @@ def find_places(
                     sums[top] = gain
                     sums[top + 1] = gain
                     top += 2
-        other = int(-1)
+        subtree = int(-1)
         above = parents[below]
-        if above >= 0 and left > 0:
+        if above >= 0 and visits_left > 0:
             if below != parent:
                 saved += half_area(nodes[below].upper - nodes[below].lower) - half_area(left_upper - left_lower)
-            other = sibling_of(nodes, above, below)
-            left_lower = wp.min(left_lower, nodes[other].lower)
-            left_upper = wp.max(left_upper, nodes[other].upper)
+            subtree = sibling_of(nodes, above, below)
+            left_lower = wp.min(left_lower, nodes[subtree].lower)
+            left_upper = wp.max(left_upper, nodes[subtree].upper)
             below = above
     places_out[i] = place
     gains_out[i] = best

@@ -8,8 +8,17 @@ number of threads does not change the tree. On a GPU `levels.py` splits the larg
 
 import warp as wp
 
-from wrt.kernels.accel.build.boxes import box_around, corners_of, half_area, high_of, low_of, vec8
-from wrt.kernels.accel.build.ranges import bounds_of_range, fill_bins, part_range
+from wrt.kernels.accel.build.boxes import (
+    bounds_of_range,
+    box_around,
+    corners_of,
+    fill_bins,
+    half_area,
+    high_of,
+    low_of,
+    part_range,
+    vec8,
+)
 from wrt.kernels.native.constants import BINS, LEAF_SIZE
 
 # Unrolled loops take Warp many times as long to compile and run no faster.

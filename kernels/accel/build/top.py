@@ -1,150 +1,246 @@
-"""The top of the binary tree: nodes over so many triangles that several threads share each.
+"""The top of the binary tree: nodes over many triangles, each split by several threads.
 
-Each thread sorts a chunk of a node's triangles into its own bins, then partitions the chunk by the plane chosen from
-the bins of all chunks. Then triangles on the wrong side of the node are swapped.
+Level by level, each thread sorts a chunk of a node's triangles into bins of its own, and nodes are split by the bins of
+all their chunks. The same kernels do this on the CPU and on a GPU. On the CPU each chunk is then partitioned in its
+place, and triangles on the wrong side of their node are swapped; what a GPU does is in `levels.py`.
 """
 
 import warp as wp
 
-from wrt.kernels.accel.build.boxes import low_of, vec8
-from wrt.kernels.accel.build.ranges import centers_of_range, fill_bins, part_range, swap_ranges
+from wrt.kernels.accel.build.boxes import centers_of_range, fill_bins, low_of, part_range, swap_ranges, vec8
 from wrt.kernels.accel.build.split import LARGE, BinaryNode, Split, add_children, bin_scale, choose_split, set_box
 from wrt.kernels.native.constants import BINS
 
 # Unrolled loops take Warp many times as long to compile and run no faster.
 wp.set_module_options({"max_unroll": 1})
 
+AXIS_BINS = 3 * BINS
+"""Bins of a node."""
+
+_CHUNKS = wp.constant(wp.int64((1 << 32) - 1))
+
+
+@wp.struct
+class Level:
+    """The nodes of a level that are split, and their chunks of up to `chunk` boxes, node after node.
+
+    `counts` has for each level the number of its nodes times 2^32, plus the number of its chunks: on a GPU one sum
+    hands out both, so that `start`, the first chunk of each node, ascends.
+    """
+
+    depth: int
+    chunk: int
+    counts: wp.array(dtype=wp.int64)
+    node: wp.array(dtype=int)
+    start: wp.array(dtype=int)
+    splits: wp.array(dtype=Split)
+    bin_boxes: wp.array(dtype=vec8)
+    bin_counts: wp.array(dtype=int)
+
 
 @wp.struct
 class Chunks:
-    """Chunks of the boxes of a level's nodes, node after node.
+    """The chunks of a level: the place of their node in it, their bins, and how many of their boxes go left.
 
-    `node` is a place in the level; `start` (one entry more than nodes) has each node's first chunk; `centers` bounds
-    the centres on the left and on the right; `left` counts the boxes on the left.
+    On the CPU `centers` bounds the centres on the left and on the right; on a GPU `left_before` sums `left`.
     """
 
-    node: wp.array(dtype=int)
-    first: wp.array(dtype=int)
-    count: wp.array(dtype=int)
-    start: wp.array(dtype=int)
+    place: wp.array(dtype=int)
     bin_boxes: wp.array(dtype=vec8)
     bin_counts: wp.array(dtype=int)
-    centers: wp.array(dtype=vec8)
     left: wp.array(dtype=int)
+    left_before: wp.array(dtype=int)
+    centers: wp.array(dtype=vec8)
 
 
-@wp.kernel(enable_backward=False)
-def find_centers(first: int, chunks: Chunks, boxes: wp.array(dtype=vec8)):
-    """Bound the centres of each chunk."""
-    c = first + wp.tid()
-    chunks.centers[2 * c] = centers_of_range(boxes, chunks.first[c], chunks.count[c])
-    chunks.centers[2 * c + 1] = vec8(LARGE)
+@wp.func
+def nodes_in(counts: wp.int64) -> int:
+    """Return the number of nodes in an entry of `Level.counts`."""
+    return int(counts >> wp.int64(32))
+
+
+@wp.func
+def chunks_in(counts: wp.int64) -> int:
+    """Return the number of chunks in an entry of `Level.counts`."""
+    return int(counts & _CHUNKS)
+
+
+@wp.func
+def nodes_of(level: Level) -> int:
+    """Return the number of a level's nodes."""
+    return nodes_in(level.counts[level.depth])
+
+
+@wp.func
+def chunks_of(level: Level) -> int:
+    """Return the number of a level's chunks."""
+    return chunks_in(level.counts[level.depth])
+
+
+@wp.func
+def place_of_chunk(level: Level, chunk: int) -> int:
+    """Return the place in the level of a chunk's node."""
+    low = int(0)
+    high = nodes_of(level)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if level.start[middle] <= chunk:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@wp.func
+def range_of_chunk(level: Level, nodes: wp.array(dtype=BinaryNode), place: int, chunk: int) -> wp.vec2i:
+    """Return the first box of a chunk, and the number of its boxes."""
+    index = level.node[place]
+    before = (chunk - level.start[place]) * level.chunk
+    return wp.vec2i(nodes[index].first + before, wp.min(level.chunk, nodes[index].count - before))
 
 
 @wp.kernel(enable_backward=False)
 def fill_chunk_bins(
     first: int,
-    level: wp.array(dtype=int),
+    level: Level,
     chunks: Chunks,
+    nodes: wp.array(dtype=BinaryNode),
     boxes: wp.array(dtype=vec8),
     centers: wp.array(dtype=vec8),
 ):
-    """Sort the boxes of each chunk into the bins of its node."""
+    """Sort the boxes of each chunk into bins of its own."""
     c = first + wp.tid()
-    bounds = centers[level[chunks.node[c]]]
+    if c >= chunks_of(level):
+        return
+    place = place_of_chunk(level, c)
+    chunks.place[c] = place
+    bounds = centers[level.node[place]]
     low = low_of(bounds)
     scale = bin_scale(bounds, wp.static(BINS))
-    scratch = c * wp.static(3 * BINS)
-    fill_bins(
-        boxes,
-        chunks.first[c],
-        chunks.count[c],
-        low,
-        scale,
-        wp.static(BINS),
-        chunks.bin_boxes,
-        chunks.bin_counts,
-        scratch,
-    )
+    part = range_of_chunk(level, nodes, place, c)
+    scratch = c * wp.static(AXIS_BINS)
+    fill_bins(boxes, part[0], part[1], low, scale, wp.static(BINS), chunks.bin_boxes, chunks.bin_counts, scratch)
 
 
 @wp.kernel(enable_backward=False)
-def split_level(
+def split_nodes(
     first: int,
-    level: wp.array(dtype=int),
-    chunks: Chunks,
+    level: Level,
     nodes: wp.array(dtype=BinaryNode),
     centers: wp.array(dtype=vec8),
     max_sah_depth: int,
-    splits_out: wp.array(dtype=Split),
 ):
-    """Split each node of a level, and count the boxes of its chunks that go left."""
+    """Split each node of a level by its bins."""
     i = first + wp.tid()
-    index = level[i]
+    if i >= nodes_of(level):
+        return
+    index = level.node[i]
     count = nodes[index].count
-    start = chunks.start[i]
-    end = chunks.start[i + 1]
-    scale = bin_scale(centers[index], wp.static(BINS))
-    # The first chunk's bins collect the sums of all.
-    bins = start * wp.static(3 * BINS)
-    for c in range(start + 1, end):
-        for k in range(wp.static(3 * BINS)):
-            of = c * wp.static(3 * BINS) + k
-            chunks.bin_boxes[bins + k] = wp.min(chunks.bin_boxes[bins + k], chunks.bin_boxes[of])
-            chunks.bin_counts[bins + k] = chunks.bin_counts[bins + k] + chunks.bin_counts[of]
-    split = choose_split(chunks.bin_boxes, chunks.bin_counts, bins, wp.static(BINS), count, scale)
+    bounds = centers[index]
+    bins = i * wp.static(AXIS_BINS)
+    scale = bin_scale(bounds, wp.static(BINS))
+    split = choose_split(level.bin_boxes, level.bin_counts, bins, wp.static(BINS), count, scale)
     set_box(nodes, index, split.bounds)
     if nodes[index].depth >= max_sah_depth:
         split.axis = -1
+    # Chunks bound the centres on both sides of a plane; halves keep the bounds of the whole node.
+    start = vec8(LARGE)
     if split.axis < 0:
         split.left = count // 2
+        start = bounds
     add_children(nodes, index, index + 1, index + 2 * split.left, split.left)
-    splits_out[i] = split
-    # The first chunk gets what the others leave, since its bins hold the sums.
-    rest = split.left
-    for c in range(start + 1, end):
-        n = int(0)
+    centers[nodes[index].left] = start
+    centers[nodes[index].right] = start
+    level.splits[i] = split
+
+
+@wp.kernel(enable_backward=False)
+def count_left(first: int, level: Level, chunks: Chunks, nodes: wp.array(dtype=BinaryNode)):
+    """Count the boxes of each chunk that go left; 0 for threads beyond the last chunk."""
+    c = first + wp.tid()
+    n = int(0)
+    if c < chunks_of(level):
+        place = chunks.place[c]
+        split = level.splits[place]
         if split.axis >= 0:
-            base = c * wp.static(3 * BINS) + split.axis * wp.static(BINS)
+            base = c * wp.static(AXIS_BINS) + split.axis * wp.static(BINS)
             for k in range(split.last_left_bin + 1):
                 n += chunks.bin_counts[base + k]
         else:
-            n = wp.clamp(nodes[index].first + split.left - chunks.first[c], 0, chunks.count[c])
-        chunks.left[c] = n
-        rest -= n
-    chunks.left[start] = rest
+            part = range_of_chunk(level, nodes, place, c)
+            n = wp.clamp(nodes[level.node[place]].first + split.left - part[0], 0, part[1])
+    chunks.left[c] = n
+
+
+# --- On the CPU --------------------------------------------------------------------------------------
+
+
+@wp.kernel(enable_backward=False)
+def find_centers(first: int, chunk: int, boxes: wp.array(dtype=vec8), centers_out: wp.array(dtype=vec8)):
+    """Bound the centres of all boxes, a chunk a thread."""
+    c = first + wp.tid()
+    centers_out[c] = centers_of_range(boxes, c * chunk, wp.min(chunk, boxes.shape[0] - c * chunk))
+
+
+@wp.func
+def end_of_chunks(level: Level, place: int) -> int:
+    """Return the chunk after those of a node."""
+    if place + 1 < nodes_of(level):
+        return level.start[place + 1]
+    return chunks_of(level)
+
+
+@wp.kernel(enable_backward=False)
+def join_chunk_bins(first: int, level: Level, chunks: Chunks):
+    """Sum up the bins of each node's chunks, a bin a thread."""
+    k = first + wp.tid()
+    place = k // wp.static(AXIS_BINS)
+    box = vec8(LARGE)
+    count = int(0)
+    for c in range(level.start[place], end_of_chunks(level, place)):
+        of = c * wp.static(AXIS_BINS) + k - place * wp.static(AXIS_BINS)
+        box = wp.min(box, chunks.bin_boxes[of])
+        count += chunks.bin_counts[of]
+    level.bin_boxes[k] = box
+    level.bin_counts[k] = count
 
 
 @wp.kernel(enable_backward=False)
 def part_chunks(
     first: int,
-    level: wp.array(dtype=int),
+    level: Level,
     chunks: Chunks,
-    splits: wp.array(dtype=Split),
-    centers: wp.array(dtype=vec8),
+    nodes: wp.array(dtype=BinaryNode),
     boxes: wp.array(dtype=vec8),
+    centers: wp.array(dtype=vec8),
 ):
-    """Partition each chunk: boxes that go left come first."""
+    """Partition each chunk of a node that is split by a plane: boxes that go left come first."""
     c = first + wp.tid()
-    split = splits[chunks.node[c]]
-    bounds = centers[level[chunks.node[c]]]
+    place = chunks.place[c]
+    split = level.splits[place]
     if split.axis >= 0:
+        part = range_of_chunk(level, nodes, place, c)
+        bounds = centers[level.node[place]]
+        scale = bin_scale(bounds, wp.static(BINS))
         low = low_of(bounds)
-        part_range(
-            boxes,
-            chunks.first[c],
-            chunks.count[c],
-            low,
-            bin_scale(bounds, wp.static(BINS)),
-            wp.static(BINS),
-            split.axis,
-            split.last_left_bin,
-            chunks.centers,
-            2 * c,
-        )
-    else:
-        chunks.centers[2 * c] = bounds
-        chunks.centers[2 * c + 1] = bounds
+        bins = wp.static(BINS)
+        part_range(boxes, part[0], part[1], low, scale, bins, split.axis, split.last_left_bin, chunks.centers, 2 * c)
+
+
+@wp.kernel(enable_backward=False)
+def join_centers(
+    first: int, level: Level, chunks: Chunks, nodes: wp.array(dtype=BinaryNode), centers_out: wp.array(dtype=vec8)
+):
+    """Bound the centres of both children of each node that is split by a plane."""
+    i = first + wp.tid()
+    if level.splits[i].axis >= 0:
+        left = vec8(LARGE)
+        right = vec8(LARGE)
+        for c in range(level.start[i], end_of_chunks(level, i)):
+            left = wp.min(left, chunks.centers[2 * c])
+            right = wp.min(right, chunks.centers[2 * c + 1])
+        centers_out[nodes[level.node[i]].left] = left
+        centers_out[nodes[level.node[i]].right] = right
 
 
 @wp.kernel(enable_backward=False)
@@ -158,22 +254,3 @@ def swap_boxes(
     """Swap ranges of boxes, `count` from `one` and from `two`."""
     i = first + wp.tid()
     swap_ranges(boxes, one[i], two[i], count[i])
-
-
-@wp.kernel(enable_backward=False)
-def join_centers(
-    first: int,
-    level: wp.array(dtype=int),
-    chunks: Chunks,
-    nodes: wp.array(dtype=BinaryNode),
-    centers_out: wp.array(dtype=vec8),
-):
-    """Bound the centres of both children of each node of a level."""
-    i = first + wp.tid()
-    left = vec8(LARGE)
-    right = vec8(LARGE)
-    for c in range(chunks.start[i], chunks.start[i + 1]):
-        left = wp.min(left, chunks.centers[2 * c])
-        right = wp.min(right, chunks.centers[2 * c + 1])
-    centers_out[nodes[level[i]].left] = left
-    centers_out[nodes[level[i]].right] = right

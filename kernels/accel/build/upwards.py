@@ -52,13 +52,20 @@ def write_all_parents(first: int, nodes: wp.array(dtype=BinaryNode), parents_out
 
 
 @wp.kernel(enable_backward=False)
-def refit_from_leaves(
-    first: int, nodes: wp.array(dtype=BinaryNode), parents: wp.array(dtype=int), visits: wp.array(dtype=int)
+def sweep_upwards(
+    first: int,
+    nodes: wp.array(dtype=BinaryNode),
+    parents: wp.array(dtype=int),
+    visits: wp.array(dtype=int),
+    costs: wp.array(dtype=float),
 ):
-    """Set the boxes of all inner nodes to those around their children."""
+    """Set the boxes of all inner nodes to those around their children; unless `costs` is empty, price all nodes too."""
     i = first + wp.tid()
     if not is_leaf(nodes, i):
         return
+    prices = costs.shape[0] > 0
+    if prices:
+        collapse_costs(nodes, i, costs)
     at = parents[i]
     while at >= 0:
         if not arrives_second(visits, at):
@@ -67,25 +74,6 @@ def refit_from_leaves(
         right = nodes[at].right
         nodes[at].lower = wp.min(nodes[left].lower, nodes[right].lower)
         nodes[at].upper = wp.max(nodes[left].upper, nodes[right].upper)
-        at = parents[at]
-
-
-@wp.kernel(enable_backward=False)
-def price_upwards(
-    first: int,
-    nodes: wp.array(dtype=BinaryNode),
-    parents: wp.array(dtype=int),
-    visits: wp.array(dtype=int),
-    costs: wp.array(dtype=float),
-):
-    """Compute the collapse costs of all nodes."""
-    i = first + wp.tid()
-    if not is_leaf(nodes, i):
-        return
-    collapse_costs(nodes, i, costs)
-    at = parents[i]
-    while at >= 0:
-        if not arrives_second(visits, at):
-            return
-        collapse_costs(nodes, at, costs)
+        if prices:
+            collapse_costs(nodes, at, costs)
         at = parents[at]

@@ -3,7 +3,7 @@
 //
 // They lie in the tree as spheres do (`spheres.h`), as triangles over their boxes that no ray hits. In the first two
 // axes the corners of a sphere's box are in the same order, those of another shape in opposite orders; the third axis
-// tells a disk, whose order is that of the first, from a cylinder. The middle of the box is the middle of the shape, and
+// distinguishes a disk, ordered as the first, from a cylinder. The middle of the box is the middle of the shape, and
 // the normals of the vertices map the unit shape to it: x and y are two radii, z is a disk's normal, or a cylinder's
 // axis from end to end. These are read from the arrays of the scene. Modules that define WRT_QUADRICS test them.
 #include "exact/shape_axes.h"

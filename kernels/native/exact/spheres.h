@@ -20,7 +20,7 @@ template<class V> struct Roots {
 
 // Where rays enter and leave a sphere (Haines, Günther and Akenine-Möller, "Precision Improvements for Ray/Sphere
 // Intersection", Ray Tracing Gems, 2019). The discriminant comes from the distance of the centre to the line, and the
-// root nearer to the origin from the product of both, whose sign is that of the origin's distance to the surface: a ray
+// root nearer to the origin from the product of both, which has the sign of the origin's distance to the surface: a ray
 // that leaves from the right side of a sphere is never taken for one from the other side.
 //
 // The line is origin + s (shear x, shear y, 1) in the order kx, ky, kz; the distance is s times the third shear.

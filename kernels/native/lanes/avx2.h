@@ -1,5 +1,5 @@
 #pragma once
-// What eight lanes do in a few instructions of AVX2; `portable.h` tells what each function does.
+// What eight lanes do in a few instructions of AVX2; `portable.h` describes each function.
 //
 // There is no instruction that packs lanes, but one that permutes them, and tables of permutations for all masks.
 #include "constants.h"

@@ -1,5 +1,5 @@
 #pragma once
-// What sixteen lanes do in one instruction of AVX-512; `portable.h` tells what each function does.
+// What sixteen lanes do in one instruction of AVX-512; `portable.h` describes each function.
 #include "lanes/masks.h"
 
 #if LANES_BIT_MASKS

@@ -170,7 +170,7 @@ template<class S, class V> LANES_INLINE V gather_one_by_one(const char* base, in
 }
 
 // Four bytes of each lane's record. The processor's gather takes 40 cycles for sixteen numbers (Zen 4); a load per lane
-// and a transposition give four neighbours in less, and the compiler removes those that are not used.
+// and a transposition give four neighbours in less, and the compiler removes unused ones.
 template<int OFFSET, int SIZE> LANES_INLINE floats row(const char* base, ints record, Mask exec) {
     const ints safe = choose(exec, record, (ints)0);
     if constexpr (SIZE == 4) {
@@ -198,35 +198,17 @@ template<int OFFSET, int SIZE> LANES_INLINE floats row(const char* base, ints re
 }
 
 // `gather<OFFSET, SIZE>(base, record, pointer to its type, exec)`: a field of each lane's record.
-template<int OFFSET, int SIZE> LANES_INLINE Floats gather(const char* base, ints record, float*, Mask exec) {
-    return Floats(row<OFFSET, SIZE>(base, record, exec));
-}
-template<int OFFSET, int SIZE> LANES_INLINE Ints gather(const char* base, ints record, int*, Mask exec) {
-    return cast_int32(Floats(row<OFFSET, SIZE>(base, record, exec)));
-}
-template<int OFFSET, int SIZE> LANES_INLINE Uints gather(const char* base, ints record, unsigned*, Mask exec) {
-    return cast_uint32(Floats(row<OFFSET, SIZE>(base, record, exec)));
-}
-template<int OFFSET, int SIZE> LANES_INLINE Doubles gather(const char* base, ints record, double*, Mask exec) {
-    return Doubles(gather_one_by_one<double, doubles>(base + OFFSET, choose(exec, record, (ints)0)));
-}
-template<int OFFSET, int SIZE> LANES_INLINE Longs gather(const char* base, ints record, wp::int64*, Mask exec) {
-    return Longs(gather_one_by_one<wp::int64, longs>(base + OFFSET, choose(exec, record, (ints)0)));
-}
-template<int OFFSET, int SIZE, class S> LANES_INLINE Uints gather_small(const char* base, ints record, S*, Mask exec) {
-    if constexpr (SIZE % 4 == 0) {
-        const uints all = __builtin_bit_cast(uints, row<(OFFSET & ~3), SIZE>(base, record, exec));
-        return Uints((all >> (8 * (OFFSET & 3))) & (unsigned)(S)-1);
-    } else return Uints(gather_one_by_one<S, uints>(base + OFFSET, choose(exec, record, (ints)0)));
-}
-template<int OFFSET, int SIZE> LANES_INLINE Uints gather(const char* base, ints record, wp::uint16* p, Mask exec) {
-    return gather_small<OFFSET, SIZE>(base, record, p, exec);
-}
-template<int OFFSET, int SIZE> LANES_INLINE Uints gather(const char* base, ints record, wp::uint8* p, Mask exec) {
-    return gather_small<OFFSET, SIZE>(base, record, p, exec);
-}
-template<int OFFSET, int SIZE> LANES_INLINE Mask gather(const char* base, ints record, bool*, Mask exec) {
-    return gather_small<OFFSET, SIZE>(base, record, (wp::uint8*)nullptr, exec) != Uints(0u);
+template<int OFFSET, int SIZE, class S> LANES_INLINE Wide<S> gather(const char* base, ints record, S*, Mask exec) {
+    typedef decltype(Wide<S>().v) V;
+    const ints safe = choose(exec, record, (ints)0);
+    if constexpr (sizeof(S) == 4) return Wide<S>(__builtin_bit_cast(V, row<OFFSET, SIZE>(base, record, exec)));
+    else if constexpr (sizeof(S) == 8) return Wide<S>(gather_one_by_one<S, V>(base + OFFSET, safe));
+    else if constexpr (__is_same(S, bool))
+        return gather<OFFSET, SIZE>(base, record, (wp::uint8*)nullptr, exec) != Uints(0u);
+    else if constexpr (SIZE % 4 == 0) {
+        const uints four_bytes = __builtin_bit_cast(uints, row<(OFFSET & ~3), SIZE>(base, record, exec));
+        return Uints((four_bytes >> (8 * (OFFSET & 3))) & (unsigned)(S)-1);
+    } else return Uints(gather_one_by_one<S, uints>(base + OFFSET, safe));
 }
 template<int OFFSET, int SIZE, int K, int N, class T, class S>
 LANES_INLINE void gather_elements(T* elements, const char* base, ints record, S* p, Mask exec) {

@@ -67,16 +67,31 @@ template<class T> struct Same {
 // An argument from which no template parameter is deduced.
 template<class T> using same = typename Same<T>::type;
 
-// Selection
+// Selection and arithmetic. The least and the most of a number and a NaN is the number; of equal numbers, such as 0 and
+// -0, the first.
 
-#define LANES_SELECTION(T) \
+#define LANES_ARITHMETIC(T) \
     LANES_INLINE T blend(Mask m, T a, T b) { return T(choose(m, a.v, b.v)); } \
-    LANES_INLINE void clear(T& x) { x.v = 0; }
-LANES_SELECTION(Floats)
-LANES_SELECTION(Ints)
-LANES_SELECTION(Uints)
-LANES_SELECTION(Longs)
-LANES_SELECTION(Doubles)
+    LANES_INLINE void clear(T& x) { x.v = 0; } \
+    LANES_INLINE T min(T a, T b) { return T(a.v != a.v ? b.v : (b.v < a.v ? b.v : a.v)); } \
+    LANES_INLINE T max(T a, T b) { return T(a.v != a.v ? b.v : (b.v > a.v ? b.v : a.v)); } \
+    LANES_INLINE T add(T a, T b) { return T(a.v + b.v); } \
+    LANES_INLINE T sub(T a, T b) { return T(a.v - b.v); } \
+    LANES_INLINE T mul(T a, T b) { return T(a.v * b.v); } \
+    LANES_INLINE T neg(T a) { return T(0 - a.v); } \
+    LANES_INLINE T clamp(T a, T low, T high) { return min(max(low, a), high); } \
+    LANES_INLINE Mask operator<(T a, T b) { return Mask::of(a.v < b.v); } \
+    LANES_INLINE Mask operator>(T a, T b) { return Mask::of(a.v > b.v); } \
+    LANES_INLINE Mask operator<=(T a, T b) { return Mask::of(a.v <= b.v); } \
+    LANES_INLINE Mask operator>=(T a, T b) { return Mask::of(a.v >= b.v); } \
+    LANES_INLINE Mask operator==(T a, T b) { return Mask::of(a.v == b.v); } \
+    LANES_INLINE Mask operator!=(T a, T b) { return Mask::of(a.v != b.v); } \
+    LANES_INLINE Mask to_bool(T a) { return a != T(0); }
+LANES_ARITHMETIC(Floats)
+LANES_ARITHMETIC(Ints)
+LANES_ARITHMETIC(Uints)
+LANES_ARITHMETIC(Longs)
+LANES_ARITHMETIC(Doubles)
 LANES_VECTOR Vector<N, T> blend(Mask m, const Vector<N, T>& a, const Vector<N, T>& b) {
     Vector<N, T> r;
     LANES_FOR r.c[k] = blend(m, a.c[k], b.c[k]);
@@ -105,55 +120,19 @@ template<class S> LANES_INLINE wp::array_t<S> blend(Mask, const wp::array_t<S>& 
 }
 
 // A value of one lane converted to lanes; lanes stay unchanged.
-template<class T> struct LanesOf {
+template<class T, bool is_number = __is_arithmetic(T)> struct LanesOf {
     typedef T type;
 };
-#define LANES_OF(OF) \
-    template<> struct LanesOf<OF> { \
-        typedef Wide<OF> type; \
-    };
-LANES_OF(float)
-LANES_OF(int)
-LANES_OF(unsigned)
-LANES_OF(wp::int64)
-LANES_OF(double)
-LANES_OF(bool)
-template<unsigned N, class S> struct LanesOf<wp::vec_t<N, S>> {
+template<class T> struct LanesOf<T, true> {
+    typedef Wide<T> type;
+};
+template<unsigned N, class S> struct LanesOf<wp::vec_t<N, S>, false> {
     typedef Vector<N, Wide<S>> type;
 };
 template<class A, class B> LANES_INLINE auto where(Mask m, const A& a, const B& b) {
     return blend(m, typename LanesOf<A>::type(a), typename LanesOf<B>::type(b));
 }
 
-// Arithmetic
-
-// Of a number and a NaN the number; of equal numbers, such as 0 and -0, the first.
-#define LANES_LEAST_AND_MOST(T) \
-    LANES_INLINE T min(T a, T b) { return T(a.v != a.v ? b.v : (b.v < a.v ? b.v : a.v)); } \
-    LANES_INLINE T max(T a, T b) { return T(a.v != a.v ? b.v : (b.v > a.v ? b.v : a.v)); }
-LANES_LEAST_AND_MOST(Floats)
-LANES_LEAST_AND_MOST(Ints)
-LANES_LEAST_AND_MOST(Uints)
-LANES_LEAST_AND_MOST(Longs)
-LANES_LEAST_AND_MOST(Doubles)
-#define LANES_ARITHMETIC(T) \
-    LANES_INLINE T add(T a, T b) { return T(a.v + b.v); } \
-    LANES_INLINE T sub(T a, T b) { return T(a.v - b.v); } \
-    LANES_INLINE T mul(T a, T b) { return T(a.v * b.v); } \
-    LANES_INLINE T neg(T a) { return T(0 - a.v); } \
-    LANES_INLINE T clamp(T a, T low, T high) { return min(max(low, a), high); } \
-    LANES_INLINE Mask operator<(T a, T b) { return Mask::of(a.v < b.v); } \
-    LANES_INLINE Mask operator>(T a, T b) { return Mask::of(a.v > b.v); } \
-    LANES_INLINE Mask operator<=(T a, T b) { return Mask::of(a.v <= b.v); } \
-    LANES_INLINE Mask operator>=(T a, T b) { return Mask::of(a.v >= b.v); } \
-    LANES_INLINE Mask operator==(T a, T b) { return Mask::of(a.v == b.v); } \
-    LANES_INLINE Mask operator!=(T a, T b) { return Mask::of(a.v != b.v); } \
-    LANES_INLINE Mask to_bool(T a) { return a != T(0); }
-LANES_ARITHMETIC(Floats)
-LANES_ARITHMETIC(Ints)
-LANES_ARITHMETIC(Uints)
-LANES_ARITHMETIC(Longs)
-LANES_ARITHMETIC(Doubles)
 #define LANES_BITS(T) \
     LANES_INLINE T bit_xor(T a, T b) { return T(a.v ^ b.v); } \
     LANES_INLINE T bit_and(T a, T b) { return T(a.v & b.v); } \
@@ -165,32 +144,27 @@ LANES_BITS(Ints)
 LANES_BITS(Uints)
 LANES_BITS(Longs)
 // For constants.
-#define LANES_CONSTANTS(S) \
-    LANES_INLINE S add(S a, S b) { return a + b; } \
-    LANES_INLINE S sub(S a, S b) { return a - b; } \
-    LANES_INLINE S mul(S a, S b) { return a * b; } \
-    LANES_INLINE S div(S a, S b) { return a / b; } \
-    LANES_INLINE S neg(S a) { return 0 - a; } \
-    LANES_INLINE S min(S a, S b) { return wp::min(a, b); } \
-    LANES_INLINE S max(S a, S b) { return wp::max(a, b); } \
-    LANES_INLINE S clamp(S a, S low, S high) { return min(max(low, a), high); } \
-    LANES_INLINE S abs(S a) { return wp::abs(a); } \
-    LANES_INLINE S floordiv(S a, S b) { return wp::floordiv(a, b); } \
-    LANES_INLINE S mod(S a, S b) { return wp::mod(a, b); }
-LANES_CONSTANTS(float)
-LANES_CONSTANTS(int)
-LANES_CONSTANTS(unsigned)
-LANES_CONSTANTS(wp::int64)
-LANES_CONSTANTS(double)
-#define LANES_CONSTANT_BITS(S) \
-    LANES_INLINE S bit_xor(S a, S b) { return a ^ b; } \
-    LANES_INLINE S bit_and(S a, S b) { return a & b; } \
-    LANES_INLINE S bit_or(S a, S b) { return a | b; } \
-    LANES_INLINE S rshift(S a, S b) { return a >> b; } \
-    LANES_INLINE S lshift(S a, S b) { return a << b; }
-LANES_CONSTANT_BITS(int)
-LANES_CONSTANT_BITS(unsigned)
-LANES_CONSTANT_BITS(wp::int64)
+template<class S, bool is_number = __is_arithmetic(S)> struct Constant {};
+template<class S> struct Constant<S, true> {
+    typedef S type;
+};
+#define LANES_CONSTANT template<class S> static inline __attribute__((always_inline)) typename Constant<S>::type
+LANES_CONSTANT add(S a, S b) { return a + b; }
+LANES_CONSTANT sub(S a, S b) { return a - b; }
+LANES_CONSTANT mul(S a, S b) { return a * b; }
+LANES_CONSTANT div(S a, S b) { return a / b; }
+LANES_CONSTANT neg(S a) { return 0 - a; }
+LANES_CONSTANT min(S a, S b) { return wp::min(a, b); }
+LANES_CONSTANT max(S a, S b) { return wp::max(a, b); }
+LANES_CONSTANT clamp(S a, S low, S high) { return min(max(low, a), high); }
+LANES_CONSTANT abs(S a) { return wp::abs(a); }
+LANES_CONSTANT floordiv(S a, S b) { return wp::floordiv(a, b); }
+LANES_CONSTANT mod(S a, S b) { return wp::mod(a, b); }
+LANES_CONSTANT bit_xor(S a, S b) { return a ^ b; }
+LANES_CONSTANT bit_and(S a, S b) { return a & b; }
+LANES_CONSTANT bit_or(S a, S b) { return a | b; }
+LANES_CONSTANT rshift(S a, S b) { return a >> b; }
+LANES_CONSTANT lshift(S a, S b) { return a << b; }
 
 LANES_INLINE Floats abs(Floats a) { return Floats(__builtin_elementwise_abs(a.v)); }
 LANES_INLINE Ints abs(Ints a) { return Ints(__builtin_elementwise_abs(a.v)); }

@@ -283,7 +283,7 @@ struct Pool {
 // One coordinate of place n in a square of four by four, in Morton order: four consecutive places are a square, too.
 LANES_INLINE lanes::ints across(const lanes::ints n) { return (n & 1) | (n >> 1 & 2); }
 
-// Neighbouring pixels, some of which may be outside the picture: two rows of two, or of four, or four rows of four.
+// Neighbouring pixels, some perhaps outside the picture: two rows of two, or of four, or four rows of four.
 struct Block {
     lanes::Ints threads;
     lanes::Mask inside;

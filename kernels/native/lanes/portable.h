@@ -5,7 +5,7 @@
 
 #if !LANES_BIT_MASKS && !defined(LANES_AVX2)
 namespace lanes {
-// The number at so many bytes from `base` for each lane of `exec`.
+// The number at an offset in bytes from `base`, for each lane of `exec`.
 LANES_INLINE floats gathered(const char* base, ints offsets, Mask exec) {
     const ints safe = choose(exec, offsets, (ints)0);
     floats found;

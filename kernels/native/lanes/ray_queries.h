@@ -8,20 +8,17 @@
 #include "lanes/rays.h"
 
 namespace lanes {
-// The tree of a scene, with the arrays that its leaves refer to.
-template<class Scene> LANES_INLINE decltype(auto) tree_of_scene(const Scene& scene) {
-    return wrt::with_axes(scene.bvh, scene.corners, scene.normals);
-}
-
 // Starts a group, and follows the rays that leave any group.
 template<class RayQuery, bool any_hit> struct AskedTogether {
     typedef Journeys Traced;
     template<class Steps, class Ray>
     static void set_out(const Steps& steps, Traced& t, const Ray& ray, Floats reach, Mask exec) {
-        lanes::set_out(tree_of_scene(RayQuery::scene(steps)), t, ray.origin, ray.direction, 0.0f, reach, any_hit, exec);
+        const auto& scene = RayQuery::scene(steps);
+        const wrt::Axes axes = wrt::axes_of(scene.corners, scene.normals);
+        lanes::set_out(scene.bvh, axes, t, ray.origin, ray.direction, reach, any_hit, exec);
     }
     template<class Steps> static void follow(const Steps& steps, Traced* t, int count) {
-        follow_alone<any_hit>(tree_of_scene(RayQuery::scene(steps)), t, count, 0.0f);
+        follow_alone<any_hit>(RayQuery::scene(steps).bvh, t, count);
     }
 };
 

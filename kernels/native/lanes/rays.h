@@ -77,18 +77,18 @@ struct LoneRays {
 template<class Bvh> LANES_INLINE bool is_large(const Bvh& bvh) { return bvh.leaves.shape[0] > wrt::LARGE_TREE; }
 
 template<bool any_hit, class Bvh>
-LANES_CALLED void follow_alone(const Bvh& bvh, Journeys* groups, const int count, const float t_min) {
+LANES_CALLED void follow_alone(const Bvh& bvh, Journeys* groups, const int count) {
     LoneRays rays = {groups, groups + count};
     const bool large = is_large(bvh);
     const int in_turn = large ? wrt::IN_TURN_IF_LARGE : wrt::IN_TURN;
-    wrt::follow_in_turn<any_hit, wrt::IN_TURN_IF_LARGE, Lone>(wrt::tree_of(bvh), t_min, in_turn, large ? 5 : 4, rays);
+    wrt::follow_in_turn<any_hit, wrt::IN_TURN_IF_LARGE, Lone>(wrt::tree_of(bvh), 0.0f, in_turn, large ? 5 : 4, rays);
 }
 
 template<bool any_hit, bool octants, bool axes, class Bvh>
-LANES_CALLED void follow_together(const Bvh& bvh, Journeys& journeys, const float t_min) {
+LANES_CALLED void follow_together(const Bvh& bvh, Journeys& journeys) {
     Partings& partings = journeys.partings;
     wrt::follow_together<any_hit, octants, axes>(
-        wrt::tree_of(bvh), journeys.rays, t_min,
+        wrt::tree_of(bvh), journeys.rays, 0.0f,
         [&](const int node, const unsigned rays, const floats& begins) __attribute__((always_inline)) {
             // Also without any rays left, which saves a branch that would be mispredicted.
             const int k = partings.count;
@@ -98,32 +98,29 @@ LANES_CALLED void follow_together(const Bvh& bvh, Journeys& journeys, const floa
             partings.some |= rays;
             partings.count = k + (rays != 0);
             if (partings.count == MOST_PARTINGS) {
-                follow_alone<any_hit>(bvh, &journeys, 1, t_min);
+                follow_alone<any_hit>(bvh, &journeys, 1);
                 partings.count = 0;
             }
         });
 }
 template<bool any_hit, class Bvh>
-static void follow_any_together(
-    const Bvh& bvh, Journeys& journeys, const float t_min, const bool octants, const bool axes) {
-    if (octants) follow_together<any_hit, true, true>(bvh, journeys, t_min);
-    else if (axes) follow_together<any_hit, false, true>(bvh, journeys, t_min);
-    else follow_together<any_hit, false, false>(bvh, journeys, t_min);
+static void follow_any_together(const Bvh& bvh, Journeys& journeys, const bool octants, const bool axes) {
+    if (octants) follow_together<any_hit, true, true>(bvh, journeys);
+    else if (axes) follow_together<any_hit, false, true>(bvh, journeys);
+    else follow_together<any_hit, false, false>(bvh, journeys);
 }
 
 // Trace the rays of `exec` as long as they stay together.
 template<class Bvh>
 LANES_CALLED void set_out(
-    const Bvh& bvh, Journeys& journeys, const Vector<3, Floats>& origin_, const Vector<3, Floats>& direction_,
-    const float t_min, const Floats t_max, const bool any_hit, const Mask exec) {
+    const Bvh& bvh, const wrt::Axes& axes, Journeys& journeys, const Vector<3, Floats>& origin_,
+    const Vector<3, Floats>& direction_, const Floats t_max, const bool any_hit, const Mask exec) {
     Rays& a = journeys.rays;
     Partings& partings = journeys.partings;
-#if defined(WRT_QUADRICS)
-    a.axes = bvh.axes;
-#endif
+    a.axes = axes;
     const floats origin[3] = {origin_.c[0].v, origin_.c[1].v, origin_.c[2].v};
     const floats direction[3] = {direction_.c[0].v, direction_.c[1].v, direction_.c[2].v};
-    const ints can_hit = wrt::set_up(a, origin, direction) & (t_max.v >= t_min);
+    const ints can_hit = wrt::set_up(a, origin, direction) & (t_max.v >= 0.0f);
     const unsigned runs = wrt::mask_of(can_hit) & bits(exec);
     wrt::row(a.reach) = choose(of_bits(runs), t_max.v, (floats)-1.0f);
 
@@ -133,13 +130,13 @@ LANES_CALLED void set_out(
         partings.count = 1;
         partings.some = partings.rays[0] = runs;
         partings.nodes[0] = 0;
-        *(floats*)partings.begins[0] = (floats)t_min;
+        *(floats*)partings.begins[0] = (floats)0.0f;
     } else {
         const int one = __builtin_ctz(runs);
         const bool octants = wrt::mask_of(wrt::row(a.flips) != a.flips[one]) & runs;
-        const bool axes = wrt::mask_of(wrt::row(a.kzs) != a.kzs[one]) & runs;
-        if (any_hit) follow_any_together<true>(bvh, journeys, t_min, octants, axes);
-        else follow_any_together<false>(bvh, journeys, t_min, octants, axes);
+        const bool mixed_axes = wrt::mask_of(wrt::row(a.kzs) != a.kzs[one]) & runs;
+        if (any_hit) follow_any_together<true>(bvh, journeys, octants, mixed_axes);
+        else follow_any_together<false>(bvh, journeys, octants, mixed_axes);
     }
 }
 
@@ -155,27 +152,18 @@ LANES_CALLED Vector<4, Floats> found(const Journeys& journeys, const Floats t_ma
     return found;
 }
 
-// The lanes' `wrt::closest_hit`. All rays of `exec` have the same t_min and the same any_hit.
-template<class Bvh>
+// The lanes' `wrt::closest_hit`. All rays of `exec` have the same any_hit.
+template<class Bvh, class Corners, class Normals>
 LANES_CALLED Vector<4, Floats> closest_hit(
-    const Bvh& bvh, const Vector<3, Floats>& origin, const Vector<3, Floats>& direction, Floats t_min_, Floats t_max,
-    Mask any_hit_, Mask exec) {
-    const int some = __builtin_ctz(bits(exec) | 1u << (WIDTH - 1));
-    const float t_min = t_min_.v[some];
-    const bool any_hit = lane(any_hit_, some);
+    const Bvh& bvh, const Corners& corners, const Normals& normals, const Vector<3, Floats>& origin,
+    const Vector<3, Floats>& direction, Floats t_max, Mask any_hit_, Mask exec) {
+    const bool any_hit = lane(any_hit_, __builtin_ctz(bits(exec) | 1u << (WIDTH - 1)));
     Journeys journeys;
-    set_out(bvh, journeys, origin, direction, t_min, t_max, any_hit, exec);
+    set_out(bvh, wrt::axes_of(corners, normals), journeys, origin, direction, t_max, any_hit, exec);
     if (journeys.partings.some) {
-        if (any_hit) follow_alone<true>(bvh, &journeys, 1, t_min);
-        else follow_alone<false>(bvh, &journeys, 1, t_min);
+        if (any_hit) follow_alone<true>(bvh, &journeys, 1);
+        else follow_alone<false>(bvh, &journeys, 1);
     }
     return found(journeys, t_max);
-}
-
-template<class Bvh, class Corners, class Normals>
-LANES_INLINE Vector<4, Floats> closest_hit(
-    const Bvh& bvh, const Corners& corners, const Normals& normals, const Vector<3, Floats>& origin,
-    const Vector<3, Floats>& direction, Floats t_min, Floats t_max, Mask any_hit, Mask exec) {
-    return closest_hit(wrt::with_axes(bvh, corners, normals), origin, direction, t_min, t_max, any_hit, exec);
 }
 } // namespace lanes

@@ -1,5 +1,5 @@
 // Threads of a warp that wait for one another (PTX ISA, NVIDIA, sections 9.7.13 and 9.7.14).
-enum : u32 { ACTIVE_MASK, BALLOT, ANY, ALL, UNIFORM, BARRIER };
+enum : u32 { ACTIVE_MASK, BALLOT, BARRIER };
 constexpr u32 ENDED = ~0u;
 
 // A thread: its place, the kind of stop, the threads it waits for, its vote, and the answer.
@@ -9,7 +9,7 @@ struct Lane {
 
 extern "C" {
 u64 stuck;  // whether threads waited for others that never came
-u64 apart;  // whether threads with odd and even numbers are never active together
+u64 divided;  // whether threads with odd and even numbers are never active together
 }
 
 // The lanes that go on with lane k, none if it has to wait. No lane waits for one that has ended.
@@ -19,21 +19,12 @@ template<class T> static u32 group_of(const T* lanes, const u32 k, const u32 end
     for (u32 j = 0; j < 32; ++j) {
         const Lane& other = lanes[j];
         if (ended >> j & 1 || other.kind != one.kind) continue;
-        if (one.kind == ACTIVE_MASK ? other.at == one.at && !(apart && (j ^ k) & 1) : other.mask == one.mask)
+        if (one.kind == ACTIVE_MASK ? other.at == one.at && !(divided && (j ^ k) & 1) : other.mask == one.mask)
             group |= 1u << j;
     }
     if (one.kind == ACTIVE_MASK) return group;
     const u32 named = one.mask & ~ended;
     return (group & named) == named && one.mask >> k & 1 ? named : 0;
-}
-static u32 answer_of(const u32 kind, const u32 votes, const u32 group) {
-    switch (kind) {
-    case ACTIVE_MASK: return group;
-    case ANY: return votes != 0;
-    case ALL: return votes == group;
-    case UNIFORM: return votes == 0 || votes == group;
-    default: return votes;
-    }
 }
 // Run the threads of a warp that are `there`. Each runs to its next stop; then all that can go on do.
 template<class T, class Run> static void run_warp(T* lanes, const u32 there, Run run) {
@@ -52,7 +43,7 @@ template<class T, class Run> static void run_warp(T* lanes, const u32 there, Run
             u32 votes = 0;
             for (u32 j = 0; j < 32; ++j) votes |= (group >> j & 1 && lanes[j].value) << j;
             for (u32 j = 0; j < 32; ++j)
-                if (group >> j & 1) lanes[j].result = answer_of(lanes[j].kind, votes, group);
+                if (group >> j & 1) lanes[j].result = lanes[j].kind == ACTIVE_MASK ? group : votes;
             ready |= group;
         }
     }

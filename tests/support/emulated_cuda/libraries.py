@@ -50,9 +50,9 @@ class Library:
             self._variable(b"stuck").value = 0
             raise RuntimeError(f"{kernel}: threads of a warp wait for others that never come")
 
-    def set_apart(self, apart: bool) -> None:
+    def divide_warps(self, divides: bool) -> None:
         """Choose whether threads with odd and even numbers are never active together, as GPUs may have it."""
-        self._variable(b"apart").value = int(apart)
+        self._variable(b"divided").value = int(divides)
 
     def _variable(self, name: bytes) -> ctypes.c_uint64:
         return ctypes.c_uint64.from_address(self._clang.wp_lookup(self._handle, name))

@@ -30,7 +30,6 @@ class Operands:
         self.registers: dict[str, int] = {}  # their widths in bits
         self.lane: frozenset[str] = frozenset()  # registers that a thread keeps while it waits
         self.addresses = addresses  # C++ for those of variables and parameters
-        self.tables: dict[str, tuple[str, ...]] = {}  # targets of tables of branches
         self.functions: frozenset[str] = frozenset()
         self.stops: int | None = None  # how many instructions so far wait for other threads; None where none may
 

@@ -20,25 +20,16 @@ _ATOMIC = {
     "add": "old + by",
     "min": "old < by ? old : by",
     "max": "old > by ? old : by",
-    "and": "old & by",
-    "or": "old | by",
-    "xor": "old ^ by",
-    "exch": "by",
-    "inc": "old >= by ? 0 : old + 1",
-    "dec": "old == 0 || old > by ? by : old - 1",
 }
 _TOGETHER = {
     "activemask.b32": "ACTIVE_MASK",
     "vote.sync.ballot.b32": "BALLOT",
-    "vote.sync.any.pred": "ANY",
-    "vote.sync.all.pred": "ALL",
-    "vote.sync.uni.pred": "UNIFORM",
     "bar.warp.sync": "BARRIER",
 }
 TOGETHER = frozenset(name.partition(".")[0] for name in _TOGETHER)
 """Instructions that wait for other threads of the warp."""
 
-_APPROXIMATE = {"ex2": "exp2f", "lg2": "log2f", "sin": "sinf", "cos": "cosf", "tanh": "tanhf"}
+_APPROXIMATE = {"ex2": "exp2f", "lg2": "log2f", "sin": "sinf", "cos": "cosf"}
 
 
 def translate(instruction: Instruction, operands: Operands) -> str:
@@ -115,7 +106,7 @@ def _atomic(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str |
     what, kind = opcode[-2], opcode[-1]
     if not _only(opcode[1:-2], "global", "shared") or (kind[0] == "f" and what != "add"):
         return None
-    target, place, *values = ops if opcode[0] == "atom" else ("_", *ops)
+    target, place, *values = ops
     by = o.value(values[0], kind)
     if what == "cas":
         new = f"old == by ? {o.value(values[1], kind)} : old"
@@ -231,7 +222,6 @@ def _integer(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str 
     simple = {
         "neg": f"({plain})(0 - {bits[0]})",
         "not": f"({plain})~{bits[0]}",
-        "cnot": f"{bits[0]} == 0",
         "abs": f"{values[0]} < 0 ? 0 - {bits[0]} : {bits[0]}",
     }
     if name in simple:
@@ -273,7 +263,7 @@ def _bits(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | N
     if kind == "pred" or kind[0] == "f":
         return None
     plain = unsigned(bits_of(kind))
-    value = o.value(ops[1], kind if name in ("shr", "bfe", "bfind") and kind[0] == "s" else plain)
+    value = o.value(ops[1], kind if name in ("shr", "bfind") and kind[0] == "s" else plain)
     numbers = [o.value(op, "u32") for op in ops[2:]]
     if name == "shf" and len(modifiers) == 2:
         low, high, count = o.value(ops[1], "u32"), *numbers[:2]
@@ -288,23 +278,11 @@ def _bits(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | N
         return o.assign(ops[0], f"{name}({value}, {numbers[0]})", kind)
     if name in ("brev", "clz", "popc"):
         return o.assign(ops[0], f"{name}({value})", kind if name == "brev" else "u32")
-    if name == "bfe":
-        return o.assign(ops[0], f"bfe({value}, {numbers[0]}, {numbers[1]})", kind)
-    if name == "bfi":
-        return o.assign(ops[0], f"bfi({value}, {o.value(ops[2], plain)}, {numbers[1]}, {numbers[2]})", kind)
-    if name in ("prmt", "lop3"):
-        return o.assign(ops[0], f"{name}({', '.join([value, *numbers])})", "b32")
     return None
 
 
 def _branch(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
-    if opcode[0] == "bra":
-        return f"goto {name_of(ops[0])};"
-    targets = o.tables.get(ops[1])
-    if targets is None:
-        return None
-    cases = " ".join(f"case {i}: goto {name_of(target)};" for i, target in enumerate(targets))
-    return f"switch ({o.value(ops[0], 'u32')}) {{ {cases} }}"
+    return f"goto {name_of(ops[0])};"
 
 
 def _call(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
@@ -329,12 +307,12 @@ def _together(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str
         stop.append(f"lane.mask = {o.value(ops[-1], 'u32')};")
     if len(ops) == 3:
         stop.append(f"lane.value = {o.value(ops[1], 'pred')};")
-    answer = o.assign(ops[0], "lane.result", "pred" if opcode[-1] == "pred" else "u32") if kind != "BARRIER" else ""
+    answer = o.assign(ops[0], "lane.result", "u32") if kind != "BARRIER" else ""
     return " ".join([*stop, f"return; stop_{o.stops}:;", answer])
 
 
 def _end(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
-    return "__builtin_trap();" if opcode[0] == "trap" else "return;"
+    return "return;"
 
 
 def _nothing(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
@@ -345,21 +323,19 @@ def _nothing(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str 
 _FAMILIES: dict[str, Callable[[Operands, tuple[str, ...], tuple[str, ...]], str | None]] = {
     "mov": _move,
     "ld": _load,
-    "ldu": _load,
     "st": _store,
     "cvta": _convert_address,
     "atom": _atomic,
-    "red": _atomic,
     "setp": _compare,
     "selp": _select,
     "cvt": _convert,
-    **dict.fromkeys(("bra", "brx"), _branch),
+    "bra": _branch,
     "call": _call,
-    **dict.fromkeys(("ret", "trap"), _end),
+    "ret": _end,
     **dict.fromkeys(TOGETHER, _together),
     **dict.fromkeys(("membar", "fence"), _nothing),
-    **dict.fromkeys(("shl", "shr", "shf", "brev", "clz", "popc", "bfind", "bfe", "bfi", "prmt", "lop3"), _bits),
+    **dict.fromkeys(("shl", "shr", "shf", "brev", "clz", "popc", "bfind"), _bits),
     **dict.fromkeys(("add", "sub", "mul", "mad", "fma", "div", "rem", "neg", "abs", "min", "max"), _arithmetic),
-    **dict.fromkeys(("and", "or", "xor", "not", "cnot"), _arithmetic),
+    **dict.fromkeys(("and", "or", "xor", "not"), _arithmetic),
     **dict.fromkeys(("rcp", "sqrt", "rsqrt", "copysign", *_APPROXIMATE), _arithmetic),
 }

@@ -8,7 +8,7 @@ typedef float f32; typedef double f64; typedef bool pred;
 
 extern "C" {
 void* memcpy(void*, const void*, unsigned long);
-float exp2f(float); float log2f(float); float sinf(float); float cosf(float); float tanhf(float);
+float exp2f(float); float log2f(float); float sinf(float); float cosf(float);
 float rintf(float); float floorf(float); float ceilf(float); float truncf(float); float fmaf(float, float, float);
 double rint(double); double floor(double); double ceil(double); double trunc(double); double fma(double, double, double);
 }
@@ -48,39 +48,6 @@ template<class T> OP u32 bfind(T x) {
 template<class T> OP u32 bfind_shift(T x) {
     const u32 place = bfind(x);
     return place == 0xffffffffu ? place : width<T> - 1 - place;
-}
-// Positions and lengths of fields count modulo 256.
-template<class T> OP T bfi(T field, T into, u32 position, u32 length) {
-    position &= 255; length &= 255;
-    const T ones = length >= width<T> ? (T)-1 : (T)(((T)1 << length) - 1);
-    const T mask = shl(ones, position);
-    return (T)((into & ~mask) | (shl(field, position) & mask));
-}
-template<class T> OP T bfe(T x, u32 position, u32 length) {
-    typedef typename unsigned_of<T>::type U;
-    position &= 255; length &= 255;
-    if (length == 0) return 0;
-    const T moved = shr(x, position);
-    if (length >= width<T> || position + length >= width<T>) return moved;
-    const u32 rest = width<T> - length;
-    return shr((T)((U)moved << rest), rest);
-}
-OP u32 prmt(u32 a, u32 b, u32 selector) {
-    const u64 bytes = (u64)b << 32 | a;
-    u32 result = 0;
-    for (int i = 0; i < 4; ++i) {
-        const u32 choice = selector >> 4 * i;
-        u32 byte = (u32)(bytes >> 8 * (choice & 7)) & 255;
-        if (choice & 8) byte = byte & 128 ? 255 : 0;
-        result |= byte << 8 * i;
-    }
-    return result;
-}
-OP u32 lop3(u32 a, u32 b, u32 c, u32 table) {
-    u32 result = 0;
-    for (int i = 0; i < 8; ++i)
-        if (table >> i & 1) result |= (i & 4 ? a : ~a) & (i & 2 ? b : ~b) & (i & 1 ? c : ~c);
-    return result;
 }
 
 // PTX leaves division by zero open; a CPU would stop the process.

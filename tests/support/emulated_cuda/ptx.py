@@ -20,10 +20,9 @@ class Instruction(NamedTuple):
 
 
 class Label(NamedTuple):
-    """A place to jump to, with the targets of a `.branchtargets` table if it names one."""
+    """A place to jump to."""
 
     name: str
-    targets: tuple[str, ...] = ()
 
 
 class Brace(NamedTuple):
@@ -45,7 +44,7 @@ class Registers(NamedTuple):
 class Variable(NamedTuple):
     """A variable in memory."""
 
-    space: str  # "param" for what a function is called with
+    space: str  # "param" for the arguments of a function
     align: int
     kind: str
     name: str
@@ -163,14 +162,9 @@ def _body(lines: _Lines, depth: int = 0) -> Iterator[Statement]:
             if depth > 1 or line == "}":
                 yield Brace(line)
         elif found := _LABEL.fullmatch(line):
-            rest = found[2]
-            if rest.startswith(".branchtargets"):
-                targets = lines.statement(rest).removeprefix(".branchtargets").rstrip(";")
-                yield Label(found[1], tuple(target.strip() for target in targets.split(",")))
-                continue
             yield Label(found[1])
-            if rest:
-                yield _statement(lines.statement(rest))
+            if found[2]:
+                yield _statement(lines.statement(found[2]))
         elif not line.startswith(_IGNORED):
             yield _statement(lines.statement(line))
 

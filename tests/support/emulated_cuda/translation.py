@@ -87,7 +87,6 @@ def _entry(
     parameters = {name: f"(u64)P[{i}]" for i, name in enumerate(entry.parameters)}
     operands = Operands({**addresses, **parameters, **dict.fromkeys(entry.results, "(u64)R")})
     operands.functions = frozenset(functions)
-    operands.tables = {s.name: s.targets for s in entry.body if isinstance(s, Label) and s.targets}
     for statement in entry.body:
         if isinstance(statement, Variable) and statement.space == "shared":
             shared = -(-shared // statement.align) * statement.align
@@ -164,7 +163,7 @@ def _statement(statement: Statement, operands: Operands) -> str:
     if isinstance(statement, Brace):
         return statement.text
     if isinstance(statement, Label):
-        return "" if statement.targets else f"{name_of(statement.name)}:;"
+        return f"{name_of(statement.name)}:;"
     if isinstance(statement, Registers):
         operands.registers |= dict.fromkeys(statement.names, bits_of(statement.kind))
         return f"{unsigned(bits_of(statement.kind))} {', '.join(map(name_of, statement.names))};"

@@ -12,9 +12,8 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.upload.accel.binary_tree import split_boxes
-from wrt.upload.accel.gpu_collapse import collapse_on_gpu
 from wrt.upload.accel.gpu_tree import split_on_gpu
-from wrt.upload.accel.wide_tree import WideNodes, WideTree
+from wrt.upload.accel.wide_tree import WideTree, collapse
 
 SAH_DEPTHS = (48, 8)
 """Depths down to which the binary tree is split by the surface area heuristic, tried in this order until the tree is
@@ -83,39 +82,38 @@ def build_bvh(points: Any, indices: Any, device: Device) -> BuiltBvh:
         raise InputError(f"{count} triangles are more than the {2**26 - 1} that one ray tree can hold")
 
     backend = current_backend()
-    collapse = backend.kernels("wrt.kernels.accel.build.collapse")
+    kernels = backend.kernels("wrt.kernels.accel.build.collapse")
     bvh = backend.kernels("wrt.kernels.core.ray_tree")
     constants = backend.kernels("wrt.kernels.native.constants")
 
     tree = _wide_tree(_boxes(points, indices, device), device, constants.MAX_DEPTH)
     pieces = _cut_triangles(points, indices, tree, device)
     if pieces is not None:
-        other = _wide_tree(pieces, device, constants.MAX_DEPTH)
-        if other.cost < WORTH_CUTTING * tree.cost:
-            tree = other
-        del pieces, other
+        cut_tree = _wide_tree(pieces, device, constants.MAX_DEPTH)
+        if cut_tree.cost < WORTH_CUTTING * tree.cost:
+            tree = cut_tree
+        del pieces, cut_tree
     starts, leaf_count, references = tree.level_starts, tree.leaf_count, len(tree.boxes)
     if max(leaf_count * constants.LEAF_FLOATS, starts[-1] * constants.NODE_FLOATS) >= 2**31:
         raise InputError(f"a ray tree of {leaf_count} leaves is larger than 32-bit offsets reach")
     data = bvh.Bvh()
     data.nodes = device.empty_large(starts[-1] * constants.NODE_FLOATS)
-    leaf_ranges = _write_nodes(tree, -1, data.nodes, device)
+    leaf_ranges = tree.write(-1, data.nodes, device)
     numbers = device.empty_large(references, int)
-    device.launch(collapse.list_numbers, references, [tree.boxes, numbers], waits=False)
+    device.launch(kernels.list_numbers, references, [tree.boxes, numbers], waits=False)
     del tree  # free its memory for the leaves, which are as large
     data.leaves = device.empty_large(leaf_count * constants.LEAF_FLOATS)
     device.launch(
-        collapse.write_leaves, leaf_count, [leaf_ranges, numbers, points, indices, data.leaves, _as_int(data.leaves)]
+        kernels.write_leaves, leaf_count, [leaf_ranges, numbers, points, indices, data.leaves, _as_int(data.leaves)]
     )
     return BuiltBvh(data, starts, leaf_count, references, 4 * (len(data.nodes) + len(data.leaves)))
 
 
 def kernels_of_building(device: Device) -> list[Any]:
     """Return one kernel of each module that builds trees on a device, in order of use."""
-    modules = {"split": "make_boxes", "top": "find_centers", "reinsert": "find_places"}
+    modules = {"split": "make_boxes", "top": "split_nodes", "reinsert": "find_places"}
     if not device.is_cpu:
-        modules = {"split": "make_boxes", "levels": "begin_tree", "upwards": "write_all_parents"}
-        modules |= {"moves": "rate_nodes", "reinsert": "find_places", "wide_levels": "begin_levels"}
+        modules |= {"levels": "begin_tree", "upwards": "write_all_parents", "moves": "rate_nodes"}
     modules |= {"collapse": "price_nodes", "presplit": "find_importance"}
     backend = current_backend()
     return [getattr(backend.kernels(f"wrt.kernels.accel.build.{name}"), kernel) for name, kernel in modules.items()]
@@ -131,14 +129,7 @@ def _boxes(points: Any, indices: Any, device: Device) -> Any:
 
 
 def _cut_triangles(points: Any, indices: Any, tree: WideTree, device: Device) -> Any:
-    """Return the boxes of triangles after splitting the most wasteful, or None if that does not pay.
-
-    Args:
-        points: see `build_bvh`.
-        indices: see `build_bvh`.
-        tree: the tree over whole triangles.
-        device: the device.
-    """
+    """Return the boxes of triangles after splitting the most wasteful, or None if that costs more than `tree`."""
     presplit = current_backend().kernels("wrt.kernels.accel.build.presplit")
 
     count, (low, high) = len(indices) // 3, tree.box
@@ -150,7 +141,7 @@ def _cut_triangles(points: Any, indices: Any, tree: WideTree, device: Device) ->
     importance = device.empty_large(count)
     device.launch(presplit.find_importance, count, [points, indices, *scene, importance], waits=False)
     # Pieces in proportion to importance respect MORE_PIECES, and do not split triangles that are all alike.
-    total = _sum(importance, device)
+    total = current_backend().total(importance)
     if not 0.0 < total < np.inf:
         return None
     pieces = device.empty_large(count, int)
@@ -164,13 +155,6 @@ def _cut_triangles(points: Any, indices: Any, tree: WideTree, device: Device) ->
     return _pieces(points, indices, scene, pieces, device)
 
 
-def _sum(values: Any, device: Device) -> float:
-    """Return the sum of an array of float."""
-    if device.is_cpu:
-        return float(values.numpy().sum(dtype=np.float64))
-    return current_backend().total(values)
-
-
 class _Cut(NamedTuple):
     """Triangles that are cut: their numbers and how many pieces each makes, on the device, and the sum of these."""
 
@@ -182,13 +166,6 @@ class _Cut(NamedTuple):
 def _cut_ones(counts: Any, device: Device) -> _Cut | None:
     """Return the triangles that make more than one piece, given the pieces of each; None if there are none."""
     backend = current_backend()
-    if device.is_cpu:
-        on_host = counts.numpy()
-        cut = np.flatnonzero(on_host > 1)
-        if not len(cut):
-            return None
-        triangles, numbers = (backend.array(rows, int, device.name) for rows in (cut, on_host[cut]))
-        return _Cut(triangles, numbers, int(on_host[cut].sum()))
     presplit = backend.kernels("wrt.kernels.accel.build.presplit")
     is_cut = backend.empty(len(counts), int, device.name)
     device.launch(presplit.mark_cut, len(counts), [counts, is_cut], waits=False)
@@ -218,9 +195,9 @@ def _worth_cutting(points: Any, indices: Any, scene: list[Any], cut: _Cut, devic
     count = len(cut.triangles)
     corners = backend.empty(3 * count, int, device.name)
     device.launch(presplit.pick_corners, count, [indices, cut.triangles, corners], waits=False)
-    whole = _wide_tree(_boxes(points, corners, device), device, constants.MAX_DEPTH)
-    split = _wide_tree(_pieces(points, corners, scene, cut.counts, device), device, constants.MAX_DEPTH)
-    return split.cost < WORTH_CUTTING * whole.cost
+    whole_tree = _wide_tree(_boxes(points, corners, device), device, constants.MAX_DEPTH)
+    cut_tree = _wide_tree(_pieces(points, corners, scene, cut.counts, device), device, constants.MAX_DEPTH)
+    return cut_tree.cost < WORTH_CUTTING * whole_tree.cost
 
 
 def refit_bvh(built: BuiltBvh, points: Any, indices: Any, device: Device) -> None:
@@ -250,7 +227,7 @@ def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> An
         device: the device.
     """
     backend = current_backend()
-    collapse = backend.kernels("wrt.kernels.accel.build.collapse")
+    kernels = backend.kernels("wrt.kernels.accel.build.collapse")
     constants = backend.kernels("wrt.kernels.native.constants")
 
     rows = np.zeros((len(lower), 8), np.float32)
@@ -261,76 +238,20 @@ def build_upper_tree(lower: np.ndarray, upper: np.ndarray, device: Device) -> An
     tree = _wide_tree(boxes, device, constants.MAX_DEPTH - 1)
     leaf_nodes = tree.level_starts[-1]
     out = device.empty_large((leaf_nodes + tree.leaf_count) * constants.NODE_FLOATS)
-    leaf_ranges = _write_nodes(tree, leaf_nodes, out, device)
-    device.launch(collapse.write_leaf_nodes, len(leaf_ranges), [leaf_ranges, boxes, leaf_nodes, out, _as_int(out)])
+    leaf_ranges = tree.write(leaf_nodes, out, device)
+    device.launch(kernels.write_leaf_nodes, len(leaf_ranges), [leaf_ranges, boxes, leaf_nodes, out, _as_int(out)])
     return out
 
 
 def _wide_tree(boxes: Any, device: Device, max_depth: int) -> WideTree:
     """Return the wide tree over boxes, and reorder them to match."""
-    make = _tree_of_cpu if device.is_cpu else _tree_of_gpu
+    split = split_boxes if device.is_cpu else split_on_gpu
     for sah_depth in SAH_DEPTHS:
-        tree = make(boxes, device, max_depth, sah_depth, sah_depth == SAH_DEPTHS[0])
+        nodes, costs, inner_nodes = split(boxes, device, sah_depth, reinserts=sah_depth == SAH_DEPTHS[0])
+        tree = collapse(nodes, costs, max(1, inner_nodes), boxes, device, max_depth)
         if len(tree.level_starts) - 1 <= max_depth:
             break
     return tree
-
-
-def _tree_of_cpu(boxes: Any, device: Device, max_depth: int, sah_depth: int, reinserts: bool) -> WideTree:
-    nodes, cost = split_boxes(boxes, device, sah_depth, reinserts=reinserts)
-    levels, leaf_count = _levels(nodes, device, max_depth)
-    starts = (*(level.first[0] for level in levels), levels[-1].first[1])
-    root = nodes[:1].numpy()[0]
-    return WideTree(starts, leaf_count, levels, nodes, boxes, np.stack([root["lower"], root["upper"]]), cost)
-
-
-def _tree_of_gpu(boxes: Any, device: Device, max_depth: int, sah_depth: int, reinserts: bool) -> WideTree:
-    nodes, costs = split_on_gpu(boxes, device, sah_depth, reinserts=reinserts)
-    return collapse_on_gpu(nodes, costs, boxes, device, max_depth)
-
-
-def _levels(nodes: Any, device: Device, max_depth: int) -> tuple[list[WideNodes], int]:
-    """Return the levels of the wide tree, at most one more than `max_depth`, and the number of leaves."""
-    backend = current_backend()
-    collapse = backend.kernels("wrt.kernels.accel.build.collapse")
-
-    levels: list[WideNodes] = []
-    roots = backend.zeros(1, int, device.name)
-    first = leaf_count = 0
-    while len(roots) and len(levels) <= max_depth:
-        n = len(roots)
-        children = backend.empty(8 * n, int, device.name)
-        inner = backend.empty(n, int, device.name)
-        leaves = backend.empty(n, int, device.name)
-        device.launch(collapse.find_children, n, [roots, nodes, children, inner, leaves])
-        (inner_start, inner_total), (leaf_start, leaf_total) = _sums_before(inner), _sums_before(leaves)
-        levels.append(WideNodes(n, children, inner_start, leaf_start, (first, first + n, leaf_count)))
-        first, leaf_count = first + n, leaf_count + leaf_total
-        roots = backend.empty(inner_total, int, device.name)
-        if inner_total:
-            device.launch(collapse.list_inner, n, [children, nodes, inner_start, roots])
-    return levels, leaf_count
-
-
-def _write_nodes(tree: WideTree, leaf_nodes: int, out: Any, device: Device) -> Any:
-    """Write the wide nodes; return for each leaf its first box and the number of boxes, as vec2i.
-
-    Args:
-        tree: the tree.
-        leaf_nodes: the number of the first leaf if leaves are nodes as well; otherwise −1.
-        out: array of float to write to.
-        device: the device.
-    """
-    backend = current_backend()
-    collapse = backend.kernels("wrt.kernels.accel.build.collapse")
-
-    leaf_ranges = backend.empty(tree.leaf_count, "vec2i", device.name)
-    outputs = [leaf_nodes, out, _as_int(out), leaf_ranges]
-    for part in tree.parts:
-        places = [part.inner_start, part.leaf_start, *part.first]
-        inputs = [part.children, tree.nodes, *places, *outputs]
-        device.launch(collapse.write_nodes, part.size, inputs, waits=False)
-    return leaf_ranges
 
 
 def _as_int(array: Any) -> Any:

@@ -64,10 +64,10 @@ def joined(meshes: Sequence[Mesh], name: str, width: int, default: float, device
     stop = 0
     for mesh in meshes:
         start, stop = stop, stop + len(mesh.vertices)
-        own = getattr(mesh, name)
-        if own is not None:
-            rows[start:stop] = own[:, :width]
-            if own.shape[1] == width and device == "cpu":
+        values = getattr(mesh, name)
+        if values is not None:
+            rows[start:stop] = values[:, :width]
+            if values.shape[1] == width and device == "cpu":
                 mesh.share(name, rows[start:stop])
         elif default:  # untouched zero pages take no memory
             rows[start:stop] = default

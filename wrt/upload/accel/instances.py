@@ -98,8 +98,8 @@ class PlacedTrees:
             raise InputError(f"the transform of instance {singular[0]} is not invertible")
         # Kernels hold the matrix and its inverse in float32.
         with np.errstate(over="ignore"):
-            both = np.concatenate([matrices[:, :3, :3], inverse(matrices[:, :3, :3])], axis=1).astype(np.float32)
-        extreme = np.flatnonzero(~np.isfinite(both).all(axis=(1, 2)))
+            rounded = np.concatenate([matrices[:, :3, :3], inverse(matrices[:, :3, :3])], axis=1).astype(np.float32)
+        extreme = np.flatnonzero(~np.isfinite(rounded).all(axis=(1, 2)))
         if len(extreme):
             raise InputError(f"the transform of instance {extreme[0]} scales by over 1e38 or by under 1e-38")
         return matrices[:, :3]

@@ -88,8 +88,8 @@ def lay_out(scene: Scene) -> Layout:
     """Return the layout of a scene.
 
     The world's tree holds shapes without a transform, meshes with one static instance, and meshes with few triangles in
-    all instances. Other meshes have a tree of their own: those that move or deform while the shutter is open, and those
-    with several instances.
+    all instances. Other meshes have a tree of their own: they move or deform while the shutter is open, or have several
+    instances.
     """
     camera = scene.camera
     shutter = (camera.shutter_open, camera.shutter_close) if camera is not None else (0.0, 0.0)

@@ -88,7 +88,7 @@ def _shared_tree(mesh: SharedMesh, first_vertex: int, first_time: int, points: A
 
 
 def _records(layout: Layout, pools: list[tuple[int, int]], has_world: bool) -> tuple[NDArray[Any], list[Motion]]:
-    """Return the InstanceRecords, that of the world first, and their motions."""
+    """Return the InstanceRecords, the first for the world, and their motions."""
     transforms = [np.eye(4)] if has_world else []
     motions: list[Motion] = []
     motion_numbers: dict[int, int] = {}
@@ -101,14 +101,14 @@ def _records(layout: Layout, pools: list[tuple[int, int]], has_world: bool) -> t
         else:
             transforms.append(instance.transform)
     records = instance_records(np.stack(transforms))
-    own = records
+    placed = records
     if has_world:
         records["round_trip"][0] = 0.0
-        own = records[1:]
-    own["mesh"] = [instance.mesh + has_world for instance in layout.instances]
-    own["shape"] = [instance.shape for instance in layout.instances]
-    own["first_triangle"] = [pools[instance.mesh][1] for instance in layout.instances]
-    for record, instance in zip(own, layout.instances, strict=True):
+        placed = records[1:]
+    placed["mesh"] = [instance.mesh + has_world for instance in layout.instances]
+    placed["shape"] = [instance.shape for instance in layout.instances]
+    placed["first_triangle"] = [pools[instance.mesh][1] for instance in layout.instances]
+    for record, instance in zip(placed, layout.instances, strict=True):
         if isinstance(instance.transform, Motion):
             record["motion"] = motion_numbers[id(instance.transform)]
             linear = instance.transform.at(np.linspace(*layout.shutter, 65))[:, :3, :3]
@@ -130,24 +130,23 @@ def _boxes(layout: Layout, world: Any) -> tuple[tuple[float, float], NDArray[np.
     boxes = np.empty((slices, count, 2, 3), np.float32)
     if has_world:
         boxes[:, 0] = world_boxes(world.bounds, np.eye(4))
+    bounds = [np.stack([key.bounds for key in mesh.keys]) for mesh in layout.shared]
+    radii = [
+        max(map(_radius, mesh.keys, of_keys.mean(axis=1))) for mesh, of_keys in zip(layout.shared, bounds, strict=True)
+    ]
     still = np.setdiff1d(np.arange(len(layout.instances)), changing)
     if len(still):
-        numbers = np.array([layout.instances[i].mesh for i in still])
+        numbers = [layout.instances[i].mesh for i in still]
         matrices = np.stack([layout.instances[i].transform for i in still])
-        bounds = np.stack([mesh.keys[0].bounds for mesh in layout.shared])
-        radii = np.array([_radius(mesh.keys[0], b.mean(axis=0)) for mesh, b in zip(layout.shared, bounds, strict=True)])
-        boxes[:, has_world + still] = _still_boxes(bounds[numbers], radii[numbers], matrices)
-    forms: dict[int, tuple[FloatArray, float]] = {}
+        first_bounds = np.stack([of_keys[0] for of_keys in bounds])
+        boxes[:, has_world + still] = _still_boxes(first_bounds[numbers], np.array(radii)[numbers], matrices)
     for i in changing:
         instance = layout.instances[i]
-        mesh = layout.shared[instance.mesh]
-        if instance.mesh not in forms:
-            bounds = np.stack([key.bounds for key in mesh.keys])
-            forms[instance.mesh] = bounds, max(map(_radius, mesh.keys, bounds.mean(axis=1)))
-        motion = instance.transform
+        k, motion = instance.mesh, instance.transform
         if not isinstance(motion, Motion):
             motion = Motion(np.zeros(1), motion[None])
-        boxes[:, has_world + i] = swept_boxes(motion, mesh.times, *forms[instance.mesh], layout.shutter, slices)
+        times = layout.shared[k].times
+        boxes[:, has_world + i] = swept_boxes(motion, times, bounds[k], radii[k], layout.shutter, slices)
     if changing:
         boxes = _join_slices(boxes, has_world + np.array(changing))
     return layout.shutter, boxes

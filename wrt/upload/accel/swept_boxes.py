@@ -50,24 +50,24 @@ def swept_boxes(
     rate, growth = _rates(motion, grid)
     first, share = segments(times, grid)
     f = share[:, None, None]
-    own = (1.0 - f) * boxes[first] + f * boxes[np.minimum(first + 1, len(times) - 1)]
+    box = (1.0 - f) * boxes[first] + f * boxes[np.minimum(first + 1, len(times) - 1)]
 
-    def path_bounds(own: FloatArray) -> FloatArray:
-        """Return (steps, 2, 3) bounds of the path of a box that changes between the times of the grid."""
-        own = np.stack([np.minimum(own[:-1, 0], own[1:, 0]), np.maximum(own[:-1, 1], own[1:, 1])], axis=1)
+    def path_bounds(box: FloatArray) -> FloatArray:
+        """Return (steps, 2, 3) bounds of the path of a box, given at the times of the grid."""
+        box = np.stack([np.minimum(box[:-1, 0], box[1:, 0]), np.maximum(box[:-1, 1], box[1:, 1])], axis=1)
         picks = np.array([[i >> 0 & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
-        corners = own[:, picks, np.arange(3)] - np.array(motion.center)  # (steps, 8, 3)
+        corners = box[:, picks, np.arange(3)] - np.array(motion.center)  # (steps, 8, 3)
         sizes = [
             np.linalg.norm(np.einsum("kij,knj->kni", m, corners), axis=2).max(axis=1)
             for m in (matrices[:-1, :3, :3], matrices[1:, :3, :3], growth)
         ]
         step = np.diff(grid)
         margin = step * step / 8.0 * (rate * rate * np.maximum(sizes[0], sizes[1]) + 2.0 * rate * sizes[2])
-        ends = [world_boxes(own, m, _ROUNDINGS).astype(np.float64) for m in (matrices[:-1], matrices[1:])]
+        ends = [world_boxes(box, m, _ROUNDINGS).astype(np.float64) for m in (matrices[:-1], matrices[1:])]
         low, high = np.minimum(ends[0][:, 0], ends[1][:, 0]), np.maximum(ends[0][:, 1], ends[1][:, 1])
         return np.stack([low - margin[:, None], high + margin[:, None]], axis=1)
 
-    around_box, around_center = path_bounds(own), path_bounds(np.repeat(own.mean(axis=1, keepdims=True), 2, axis=1))
+    around_box, around_center = path_bounds(box), path_bounds(np.repeat(box.mean(axis=1, keepdims=True), 2, axis=1))
     stretch = singular_values(matrices[:, :3, :3])[:, 0]
     reach = (1.0 + 1e-5) * radius * np.maximum(stretch[:-1], stretch[1:])[:, None]
     low = np.maximum(around_box[:, 0], around_center[:, 0] - reach)

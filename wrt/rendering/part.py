@@ -8,9 +8,10 @@ checkpoints, `arithmetic` (see `wrt.backend.processor`), `developing` (how the p
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from wrt._version import __version__
 from wrt.backend.processor import arithmetic_of
 from wrt.errors import InputError
 from wrt.io.safe_read import PathLike, first_line
-from wrt.parts.cut import pixels_of, windows_of_part
 from wrt.rendering.checkpoint import (
     SETTINGS_OF_PICTURE,
     identity_of,
@@ -28,10 +28,15 @@ from wrt.rendering.checkpoint import (
     require_same,
     write_state,
 )
-from wrt.rendering.renderer import Renderer
+from wrt.rendering.film_aovs import material_numbers
+from wrt.rendering.passes import LONGEST_PASS, Progress
+from wrt.rendering.windows import pixels_of, windows_of_part
 from wrt.scene.scene import MAX_SPP, RenderSettings
 from wrt.upload.camera import CropWindow
 from wrt.values import integer, number
+
+if TYPE_CHECKING:
+    from wrt.rendering.renderer import Renderer
 
 PART = kind_of_state("a part", "part")
 """A part replaces only parts, even with `force`."""
@@ -122,8 +127,18 @@ class Part:
         return part
 
     def _check(self) -> None:
-        """Raise an error if the header or the number of pixels is impossible."""
-        _check_header(self.header)
+        """Raise an error if the header lacks an entry that `render_part` writes, or has an impossible one."""
+        header = self.header
+        for key in ("identity", "arithmetic", "developing"):
+            if not isinstance(header[key], dict):
+                raise InputError(f"its {key!r} is no table")
+        if not isinstance(header["part"], list) or len(header["part"]) != 2:
+            raise InputError("its 'part' is not a pair of numbers")
+        for value in header["part"]:
+            integer(value, "the number of a part", minimum=1, maximum=2**31 - 1)
+        integer(header["spp"], "its samples per pixel", minimum=1, maximum=MAX_SPP)
+        number(header["seconds"], "its seconds", minimum=0.0)
+        integer(header["identity"]["seed"], "its seed", minimum=0, maximum=2**32 - 1)
         pixels = pixels_of(self.windows)
         for name in ("total", "count"):
             if len(self.arrays[name]) != pixels:
@@ -137,7 +152,7 @@ class Part:
         """Raise InputError unless its picture and the arithmetic of its digits are those of a header.
 
         Args:
-            header: of another part, or as `header_of` makes it.
+            header: of another part.
             what: the beginning of the message, after the part's name.
             pair: see `wrt.rendering.checkpoint.require_same`.
         """
@@ -145,29 +160,65 @@ class Part:
         require_same(self.name, stored, expected, what=what, pair=pair)
 
 
-def _check_header(header: dict[str, Any]) -> None:
-    """Raise KeyError or InputError unless a header has the entries that `render_part` writes."""
-    for key in ("identity", "arithmetic", "developing"):
-        if not isinstance(header[key], dict):
-            raise InputError(f"its {key!r} is no table")
-    if not isinstance(header["part"], list) or len(header["part"]) != 2:
-        raise InputError("its 'part' is not a pair of numbers")
-    for value in header["part"]:
-        integer(value, "the number of a part", minimum=1, maximum=2**31 - 1)
-    integer(header["spp"], "its samples per pixel", minimum=1, maximum=MAX_SPP)
-    number(header["seconds"], "its seconds", minimum=0.0)
-    integer(header["identity"]["seed"], "its seed", minimum=0, maximum=2**32 - 1)
+def render_part(
+    renderer: Renderer,
+    number: int,
+    of: int,
+    *,
+    spp: int | None = None,
+    begun: Part | None = None,
+    watch: Callable[[int, Progress], object] = lambda window, progress: None,
+) -> Part:
+    """Render part `number` of `of` of a renderer's picture, whose own film is not touched.
 
+    Args:
+        renderer: the renderer.
+        number: which part, from 1.
+        of: how many parts the picture has.
+        spp: samples per pixel; by default those of the settings.
+        begun: the same part with fewer samples, to go on from.
+        watch: called after each pass with the number of the window, from 0, and its progress.
 
-def header_of(renderer: Renderer) -> dict[str, Any]:
-    """Return the entries that are the same in the headers of all parts of a renderer's picture."""
-    header = {
+    Raises:
+        InputError: if there is no such part, or `begun` is of another picture or has more samples.
+    """
+    if renderer.has_updated_vertices:
+        raise InputError("no part of a picture whose vertices were updated; make a new Renderer")
+    if spp is None and renderer.settings.noise is not None:
+        raise InputError("the scene sets a target of noise, which is for whole pictures; give the samples of a part")
+    spp = integer(renderer.settings.spp if spp is None else spp, "spp", minimum=1, maximum=MAX_SPP)
+    windows = windows_of_part(renderer.crop, number, of)
+    header: dict[str, Any] = {
+        "part": [number, of],
         "wrt": __version__,
         "identity": identity_of(renderer),
         "arithmetic": arithmetic_of(renderer.device),
         "developing": {name: getattr(renderer.settings, name) for name in DEVELOPING},
+        "spp": spp,
     }
-    return dict(json.loads(json.dumps(header)))  # as it will be read
+    header = json.loads(json.dumps(header))  # as it will be read
+    seconds = 0.0
+    if begun is not None:
+        if (begun.number, begun.of) != (number, of):
+            raise InputError(f"{begun.name}: cannot resume, it is part {begun.number} of {begun.of}")
+        begun.require_fit(header, what="cannot resume, these differ", pair="{} there, {} here")
+        if begun.spp > spp:
+            raise InputError(f"{begun.name}: cannot resume, it has {begun.spp} samples per pixel, more than {spp}")
+        seconds = begun.header["seconds"]
+    films: list[dict[str, NDArray[Any]]] = []
+    first = 0
+    for index, window in enumerate(windows):
+        one = renderer.sharing(crop=window)
+        if begun is not None:
+            one.film.restore({name: array[first : first + one.film.pixels] for name, array in begun.arrays.items()})
+        first += one.film.pixels
+        for progress in one.passes(spp=spp, pass_seconds=LONGEST_PASS):
+            watch(index, progress)
+        films.append(one.film.arrays())
+        seconds += one.seconds_render
+    arrays = {name: np.concatenate([film[name] for film in films]) for name in films[0]}
+    materials = np.array(material_numbers([shape.material for shape in renderer.scene.shapes]), np.int32)
+    return Part(f"part {number} of {of}", {**header, "seconds": seconds}, arrays, materials)
 
 
 def default_name(source: str, number: int, of: int) -> str:

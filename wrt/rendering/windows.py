@@ -1,4 +1,4 @@
-"""Cut a picture into parts of nearly equal work.
+"""Windows of a picture: those of a part, and their pixels in the arrays of a film.
 
 A part is a few bands of rows from different heights of the picture: a sky costs less than the ground below it, and
 every part gets some of both.
@@ -6,7 +6,7 @@ every part gets some of both.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,16 +40,12 @@ def windows_of_part(crop: CropWindow, number: int, of: int) -> tuple[CropWindow,
         columns, rows = -(-of // height), height
     else:
         columns, rows = 1, of * min(max(height // (of * LEAST_ROWS), 1), BANDS)
-    # Not by `grid`: a small file may claim a billion parts.
-    return tuple(_cell(crop, columns, rows, index) for index in range(number - 1, columns * rows, of))
+    # Only the cells of this part: a small file may claim a billion parts.
+    return tuple(grid_cell(crop, columns, rows, index) for index in range(number - 1, columns * rows, of))
 
 
-def grid(crop: CropWindow, columns: int, rows: int) -> list[CropWindow]:
-    """Return the windows of a grid row after row; their sides differ by one pixel at most."""
-    return [_cell(crop, columns, rows, index) for index in range(columns * rows)]
-
-
-def _cell(crop: CropWindow, columns: int, rows: int, index: int) -> CropWindow:
+def grid_cell(crop: CropWindow, columns: int, rows: int, index: int) -> CropWindow:
+    """Return a window of a grid over `crop`, counted row after row; their sides differ by one pixel at most."""
     x0, y0, x1, y1 = crop
     row, column = divmod(index, columns)
     x_begin, x_end = (x0 + (x1 - x0) * i // columns for i in (column, column + 1))
@@ -62,27 +58,23 @@ def pixels_of(windows: Sequence[CropWindow]) -> int:
     return sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in windows)
 
 
-def in_picture(windows: Sequence[CropWindow], crop: CropWindow) -> Iterator[tuple[slice, slice, slice]]:
-    """Yield for each window the slice of its pixels among those of all windows in turn, and its rows and columns.
+def _view(picture: NDArray[np.generic], crop: CropWindow, window: CropWindow) -> NDArray[np.generic]:
+    """Return the rows and columns of a window in an array of a film, whose first axis counts the pixels of `crop`."""
+    rows = picture.reshape(crop[3] - crop[1], crop[2] - crop[0], *picture.shape[1:])
+    return rows[window[1] - crop[1] : window[3] - crop[1], window[0] - crop[0] : window[2] - crop[0]]
 
-    Rows and columns count in a picture of `crop`.
-    """
+
+def put(
+    picture: NDArray[np.generic], crop: CropWindow, windows: Sequence[CropWindow], pixels: NDArray[np.generic]
+) -> None:
+    """Set the pixels of windows, one after the other, in an array of a film of `crop`."""
     first = 0
-    for x0, y0, x1, y1 in windows:
-        count = (x1 - x0) * (y1 - y0)
-        yield slice(first, first + count), slice(y0 - crop[1], y1 - crop[1]), slice(x0 - crop[0], x1 - crop[0])
+    for window in windows:
+        view, count = _view(picture, crop, window), pixels_of((window,))
+        view[...] = pixels[first : first + count].reshape(view.shape)
         first += count
 
 
-def put(picture: NDArray[np.generic], crop: CropWindow, windows: Sequence[CropWindow], pixels: object) -> None:
-    """Set the pixels of windows in an array of a film, whose first axis counts the pixels of `crop`."""
-    values = np.asarray(pixels)
-    rows = picture.reshape(crop[3] - crop[1], crop[2] - crop[0], *picture.shape[1:])
-    for part, y, x in in_picture(windows, crop):
-        rows[y, x] = values[part].reshape(y.stop - y.start, x.stop - x.start, *picture.shape[1:])
-
-
 def take(picture: NDArray[np.generic], crop: CropWindow, windows: Sequence[CropWindow]) -> NDArray[np.generic]:
-    """Return the pixels of windows from an array of a film, whose first axis counts the pixels of `crop`."""
-    rows = picture.reshape(crop[3] - crop[1], crop[2] - crop[0], *picture.shape[1:])
-    return np.concatenate([rows[y, x].reshape(-1, *picture.shape[1:]) for _, y, x in in_picture(windows, crop)])
+    """Return the pixels of windows, one after the other, from an array of a film of `crop`."""
+    return np.concatenate([_view(picture, crop, window).reshape(-1, *picture.shape[1:]) for window in windows])

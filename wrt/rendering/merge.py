@@ -15,11 +15,11 @@ from wrt.develop.settings import DEVELOPED_SUFFIXES, Exposure, names_file
 from wrt.errors import InputError
 from wrt.io.images import picture_path
 from wrt.io.safe_read import PathLike
-from wrt.parts.cut import put
-from wrt.parts.part import Part
 from wrt.rendering.checkpoint import write_checkpoint
 from wrt.rendering.film import Film
+from wrt.rendering.part import Part
 from wrt.rendering.picture import Picture
+from wrt.rendering.windows import put
 
 MOST_LISTED = 3
 """Missing parts that a message lists."""
@@ -96,19 +96,6 @@ class Merged(Picture):
     def __repr__(self) -> str:
         return f"<wrt.Merged {self.width}x{self.height} {self.integrator}, {self.spp} spp>"
 
-    def check(self, part: Part) -> None:
-        """Raise InputError if no render can have produced the arrays of a part."""
-        arrays = self.film.arrays()
-        for name, array in arrays.items():
-            of_part = part.arrays.get(name)
-            shape = (len(part.arrays["count"]), *array.shape[1:])
-            if of_part is None or of_part.shape != shape or of_part.dtype != array.dtype:
-                raise InputError(f"{part.name}: damaged, its array {name!r} is missing or of another shape")
-        try:
-            self.film.check_values(part.arrays, len(part.materials))
-        except InputError as error:
-            raise InputError(f"{part.name}: damaged, {error}") from None
-
 
 def merge(parts: Iterable[PathLike | Part]) -> Merged:
     """Return the picture of all parts of a render, from `wrt.Renderer.part` or `wrt render --part`.
@@ -133,7 +120,10 @@ def merge(parts: Iterable[PathLike | Part]) -> Merged:
     state = merged.film.state()
     for part in itertools.chain([first], map(_loaded, sources[1:])):
         _add_name(part, first, names)
-        merged.check(part)
+        try:
+            merged.film.check(part.arrays, len(part.materials), pixels=len(part.arrays["count"]))
+        except InputError as error:
+            raise InputError(f"{part.name}: damaged, {error}") from None
         for name, array in state.items():
             put(array, first.crop, part.windows, part.arrays[name])
         merged.seconds_render += float(part.header["seconds"])

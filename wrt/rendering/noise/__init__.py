@@ -1,1 +1,0 @@
-"""How noisy a picture is, and where it needs no more samples."""
