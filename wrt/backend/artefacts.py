@@ -161,8 +161,8 @@ class Artefacts:
             clang.wp_lookup.restype = ctypes.c_uint64
             # The library expects functions of warp.so (`wp_cpu_block_runtime_api`), which would take 96 MB more. Only
             # cooperative kernels call them, and wrt has none. If Warp runs, users may have such kernels.
-            abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p)
-            if not _is_warp_running():
+            if getattr(sys.modules.get("warp._src.context"), "runtime", None) is None:
+                abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p)
                 clang.wp_llvm_set_cpu_block_runtime((ctypes.c_void_p * 5)(*[abort.value] * 5))
             self._clang = clang
         return self._clang
@@ -181,9 +181,3 @@ class Artefacts:
                 write_checked(folder / self.path.name, text)
                 keep_latest(folder, "artefacts-*.json", KEPT)
                 return
-
-
-def _is_warp_running() -> bool:
-    """Return whether Warp has started in this process."""
-    context = sys.modules.get("warp._src.context")
-    return context is not None and getattr(context, "runtime", None) is not None

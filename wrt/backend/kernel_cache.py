@@ -59,11 +59,6 @@ def state(binary: Path, meta: Path | None = None) -> State:
     return State.WHOLE if len(expected) == 2 and expected[: len(found)] == found else State.DAMAGED
 
 
-def seal(binary: Path, meta: Path) -> None:
-    """Write the digests of a new build."""
-    put(Path(f"{binary}{DIGEST}"), b" ".join(digest(path.read_bytes()) for path in (binary, meta)))
-
-
 class Build:
     """A module of kernels as Warp compiles it for a device."""
 
@@ -134,7 +129,8 @@ class Build:
             if self._device.is_cpu:
                 share_headers(compile_nothing)
             self.run_compiler(folder)
-            seal(*self.files_in(folder))
+            digests = b" ".join(digest(path.read_bytes()) for path in self.files_in(folder))
+            put(Path(f"{self.files_in(folder)[0]}{DIGEST}"), digests)
         except Exception as error:
             room = os.statvfs(folder.parent)
             if room.f_bavail * room.f_frsize < ROOM // 4 and not isinstance(error, OSError):

@@ -21,14 +21,6 @@ _CONVERSIONS = {
 }
 
 
-def lines_of(function: Any) -> list[str]:
-    """Return the lines of statements that Warp generates for a function or kernel; none for a native function."""
-    if getattr(function, "native_snippet", None):
-        return []
-    lines = (line.strip() for line in function.adj.blocks[0].body_forward)
-    return [line for line in lines if line and not line.startswith(("//", "#line"))]
-
-
 def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
     """Return the intermediate form of a function or kernel that Warp has built.
 
@@ -42,7 +34,9 @@ def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
     adj = function.adj
     arguments, variables = ([_variable(v) for v in of] for of in (adj.args, adj.variables))
     parser = _Parser(structs, {v.name: v for v in (*arguments, *variables)})
-    for number, line in enumerate(lines_of(function)):
+    is_native = bool(getattr(function, "native_snippet", None))
+    lines = [] if is_native else [line.strip() for line in adj.blocks[0].body_forward]
+    for number, line in enumerate(line for line in lines if line and not line.startswith(("//", "#line"))):
         parser.statement(line, number)
     marks = frozenset(getattr(function.func, "spmd_marks", ()))
     result = adj.return_var[0].type if adj.return_var else None

@@ -84,23 +84,21 @@ def cameras_of(tree: Tree) -> list[Camera]:
 
 def lights_of(tree: Tree) -> list[Light]:
     """Return the scene's punctual lights in node order."""
-    lights: list[Light] = []
-    described = tree.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", [])
-    for _, node, world in nodes_of(tree):
-        reference = node.get("extensions", {}).get("KHR_lights_punctual")
-        if reference is None:
-            continue
-        light = described[reference["light"]]
-        strength = vec3(np.asarray(light.get("color", (1.0, 1.0, 1.0)), np.float64) * light.get("intensity", 1.0))
-        position, direction = vec3(world[:3, 3]), vec3(-world[:3, 2])
-        if light["type"] == "directional":
-            lights.append(DirectionalLight(direction, irradiance=strength))
-        elif light["type"] == "spot":
-            cone = light.get("spot", {})
-            inner = math.degrees(cone.get("innerConeAngle", 0.0))
-            outer = math.degrees(cone.get("outerConeAngle", math.pi / 4.0))
-            spot: dict[str, Any] = {"inner_degrees": inner, "outer_degrees": outer, "falloff": "gltf"}
-            lights.append(SpotLight(position, direction, intensity=strength, **spot))
-        else:
-            lights.append(PointLight(position, intensity=strength))
-    return lights
+    lights = tree.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", [])
+    found = ((node.get("extensions", {}).get("KHR_lights_punctual"), world) for _, node, world in nodes_of(tree))
+    return [light_of(lights[reference["light"]], world) for reference, world in found if reference is not None]
+
+
+def light_of(light: Tree, world: Matrix) -> Light:
+    """Return a light as KHR_lights_punctual describes it, placed by a (4, 4) transform."""
+    strength = vec3(np.asarray(light.get("color", (1.0, 1.0, 1.0)), np.float64) * light.get("intensity", 1.0))
+    position, direction = vec3(world[:3, 3]), vec3(-world[:3, 2])
+    if light["type"] == "directional":
+        return DirectionalLight(direction, irradiance=strength)
+    if light["type"] == "spot":
+        cone = light.get("spot", {})
+        inner = math.degrees(cone.get("innerConeAngle", 0.0))
+        outer = math.degrees(cone.get("outerConeAngle", math.pi / 4.0))
+        spot: dict[str, Any] = {"inner_degrees": inner, "outer_degrees": outer, "falloff": "gltf"}
+        return SpotLight(position, direction, intensity=strength, **spot)
+    return PointLight(position, intensity=strength)
