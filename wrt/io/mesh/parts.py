@@ -80,22 +80,14 @@ class Contents:
 def as_specified(path: str | Path, kind: str, *errors: type[Exception]) -> Iterator[None]:
     """Report as InputError what code raises that follows the unchecked content of a damaged file of a kind.
 
-    `errors` are those that the libraries raise which it calls.
+    `errors` are raised by the libraries that it calls.
     """
+    unchecked = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RuntimeError, EOFError, *errors)
     try:
         yield
     except InputError:
         raise
-    except (
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        OverflowError,
-        RuntimeError,
-        EOFError,
-        *errors,
-    ) as error:
+    except unchecked as error:
         reason = f"{type(error).__name__}: {first_line(error)}"
         raise InputError(f"{path}: the {kind} file is damaged or not as specified ({reason})") from None
 
