@@ -82,7 +82,8 @@ def as_specified(path: str | Path, kind: str, *errors: type[Exception]) -> Itera
 
     `errors` are raised by the libraries that it calls.
     """
-    unchecked = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RuntimeError, EOFError, *errors)
+    python = LookupError, TypeError, ValueError, AttributeError, OverflowError, RuntimeError, EOFError
+    unchecked: tuple[type[Exception], ...] = (*python, *errors)
     try:
         yield
     except InputError:
