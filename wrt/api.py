@@ -188,7 +188,7 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
         return stage.present(source, Scene(shapes), reading["up"] or "y")
     from wrt.io.load_mesh import load_object
 
-    scene = load_object(source, alone=True)
+    scene = load_object(source, standalone=True)
     from wrt.io.trimesh_objects import file_type
 
     return _present(source, scene, reading["up"], file_type(source), stage)
@@ -228,7 +228,7 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         from wrt.animation.timeline import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path))
-    scene, up = load_file(path, time=stage.time, alone=stage.time is None), reading["up"]
+    scene, up = load_file(path, time=stage.time, standalone=stage.time is None), reading["up"]
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up
 

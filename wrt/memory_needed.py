@@ -80,9 +80,9 @@ def device_memory(
     pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers)
     film = pixels * BYTES_PER_PIXEL * (1 + settings.denoise)
     of_layers_and_guides = pixels * (of_layers + settings.denoise * bytes_per_pixel(GUIDES))
-    kept = of_scene.kept + film + of_layers_and_guides
+    kept = of_scene.lasting + film + of_layers_and_guides
     # The film comes before the scene, that of guides after it.
-    building = pixels * (BYTES_PER_PIXEL + of_layers) + of_scene.kept
+    building = pixels * (BYTES_PER_PIXEL + of_layers) + of_scene.lasting
     return DeviceMemory(
         of_scene.geometry,
         of_scene.trees,

@@ -100,19 +100,19 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_files_may_lie_anywhere_or_in_the_folder_of_the_scene_alone(name, folders, recwarn):
-    """A refusal does not tell whether the file is there; a warning would show that it was left out."""
+def test_confinement_refuses_files_outside_the_scene_folder(name, folders, recwarn):
+    """A refusal reads the same whether or not the file exists; a warning would show that it was left out."""
     scene, outside = folders
     (scene / "link").symlink_to(outside)
     messages = {}
-    for named in ("../outside", str(outside), "link", "../none"):
-        path = written(name, scene, named)
-        if named != "../none":
+    for prefix in ("../outside", str(outside), "link", "../none"):
+        path = written(name, scene, prefix)
+        if prefix != "../none":
             assert wrt.load(path).shapes
-            assert not [str(warning.message) for warning in recwarn], named
+            assert not [str(warning.message) for warning in recwarn], prefix
         with pytest.raises(wrt.InputError, match="outside the scene's folder") as caught:
             wrt.load(path, confined=True)
-        messages[named] = str(caught.value).replace(named, "").replace(escaped(named), "")
+        messages[prefix] = str(caught.value).replace(prefix, "").replace(escaped(prefix), "")
         recwarn.clear()
     assert messages["../none"] == messages["../outside"]
     (scene / "link").unlink()
@@ -126,13 +126,13 @@ def test_the_command_line_confines(command, folders, tmp_path, monkeypatch, caps
     scene, _ = folders
     monkeypatch.chdir(tmp_path)
     path = str(written("TOML's mesh", scene, "../outside"))
-    more = {"render": ["--size", "8x8", "-o", "a.png"], "info": [], "convert": ["a.toml"]}[command]
-    assert main([command, path, *more, "--confined"]) == 2
+    options = {"render": ["--size", "8x8", "-o", "a.png"], "info": [], "convert": ["a.toml"]}[command]
+    assert main([command, path, *options, "--confined"]) == 2
     assert "outside the scene's folder" in capsys.readouterr().err.splitlines()[-1]
     assert not list(tmp_path.glob("a.*"))
 
 
-def test_a_link_that_is_changed_between_look_and_opening_is_noticed(folders, monkeypatch):
+def test_a_link_that_changes_before_opening_is_noticed(folders, monkeypatch):
     scene, outside = folders
     (scene / "a.txt").write_text("mine")
     (scene / "link").symlink_to("a.txt")
@@ -150,7 +150,7 @@ def test_a_link_that_is_changed_between_look_and_opening_is_noticed(folders, mon
         read_file(scene / "link")
 
 
-def test_a_place_that_is_only_guessed_is_left_out_where_it_is_outside(tmp_path):
+def test_guessed_paths_outside_the_folder_are_skipped(tmp_path):
     """Images of an OBJ file are looked for in ../textures, too; in confinement no file was named there."""
     scene = tmp_path / "scene"
     scene.mkdir()
@@ -182,7 +182,7 @@ def test_a_mitsuba_scene_does_not_learn_which_files_exist_outside(exists, folder
 
 
 def test_nothing_is_downloaded(folders, tmp_path, monkeypatch):
-    """A server that nobody asks: not for what a scene names, nor for the scene itself."""
+    """No request reaches a server, neither for files that a scene names nor for the scene itself."""
     scene, _ = folders
     monkeypatch.chdir(tmp_path)
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -209,7 +209,7 @@ def test_nothing_is_downloaded(folders, tmp_path, monkeypatch):
         ("ocio:ocio://default,sRGB - Display", False),
     ],
 )
-def test_a_confined_scene_names_no_file_of_a_tone_curve(tone, is_refused, tmp_path):
+def test_confinement_refuses_tone_curves_in_files(tone, is_refused, tmp_path):
     """OpenColorIO would open files anywhere when a picture is developed."""
     path = tmp_path / "scene.toml"
     path.write_text(f'settings = {{ tone = "{tone}" }}\n{BOX}')

@@ -102,8 +102,8 @@ BOMBS: dict[str, tuple[str, str | bytes | Callable[[Path], str | bytes], str]] =
 }
 
 
-def test_a_file_counts_once_by_whatever_name(tmp_path: Path) -> None:
-    """Many links to one file do not raise the limits, which are multiples of what a load has read."""
+def test_a_file_counts_once_under_several_names(tmp_path: Path) -> None:
+    """Many links to one file do not raise the limits, which are multiples of the bytes read."""
     (tmp_path / "a").write_bytes(bytes(1000))
     (tmp_path / "b").symlink_to("a")
     with memory_limits.one_load():
@@ -128,13 +128,13 @@ def test_bombs_are_refused(tmp_path: Path) -> None:
     command = [sys.executable, "-c", CHILD, *map(str, paths)]
     result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600, check=False)
     assert result.returncode == 0, result.stderr
-    for path, said, (_, _, reason) in zip(paths, result.stdout.splitlines(), BOMBS.values(), strict=True):
-        assert str(path) in said
-        assert re.search(reason, said), said
+    for path, message, (_, _, reason) in zip(paths, result.stdout.splitlines(), BOMBS.values(), strict=True):
+        assert str(path) in message
+        assert re.search(reason, message), message
 
 
 @pytest.mark.slow
-def test_what_is_honest_is_read(tmp_path: Path) -> None:
+def test_large_honest_scenes_are_read(tmp_path: Path) -> None:
     place = '<shape type="instance"><ref id="g"/><transform name="to_world"><translate x="{}"/></transform></shape>'
     places = "".join(place.format(3 * i) for i in range(10_000))
     group = '<shape type="shapegroup" id="g"><shape type="cube"/></shape>'
@@ -142,7 +142,7 @@ def test_what_is_honest_is_read(tmp_path: Path) -> None:
     for name, text, count in (
         ("instances.xml", scene(group + places), 10_000),
         ("boxes.toml", "# 1.2.3.4\n" + "".join(boxes), 2000),
-        ("parts.gltf", gltf(20), 20),  # of one mesh, each of which holds all its vertices
+        ("parts.gltf", gltf(20), 20),  # each holds all vertices of their mesh
     ):
         (tmp_path / name).write_text(text)
         assert len(wrt.load(tmp_path / name).shapes) >= count
@@ -151,7 +151,7 @@ def test_what_is_honest_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_polygons_that_are_given_up_are_told(tmp_path: Path) -> None:
+def test_polygons_that_take_too_long_are_warned_of(tmp_path: Path) -> None:
     points = np.random.default_rng(0).random((3000, 2))
     text = "".join(f"v {x} {y} 0\n" for x, y in points) + "f " + " ".join(map(str, range(1, 3001))) + "\n"
     (tmp_path / "crossing.obj").write_text(text)

@@ -69,10 +69,10 @@ def shape_of(folder: Path, kind: str, inside: str) -> wrt.Shape:
     return wrt.load(write(folder, "scene.xml", text)).shapes[0]
 
 
-def read(folder: Path, data: bytes, index: int = 0, color: str = "", more: str = "") -> wrt.Mesh:
+def read(folder: Path, data: bytes, index: int = 0, color: str = "", extra: str = "") -> wrt.Mesh:
     """Return a mesh of a file, whose colours are an attribute."""
     write(folder, "a.serialized", data)
-    inside = f'<string name="filename" value="a.serialized"/><integer name="shape_index" value="{index}"/>{more}'
+    inside = f'<string name="filename" value="a.serialized"/><integer name="shape_index" value="{index}"/>{extra}'
     return shape_of(folder, "serialized", inside + (attribute(color) if color else "")).mesh
 
 
@@ -92,7 +92,7 @@ def test_arrays_of_each_mesh_are_read_as_its_flags_say(version: int, double: boo
             assert (array is None) == (flag != 0x1 or bool(flags & 0x10))
     with pytest.raises(wrt.InputError, match="'shape_index' is 2, but its meshes are numbered from 0 to 1"):
         read(tmp_path, data, 2)
-    assert read(tmp_path, data, more='<boolean name="face_normals" value="true"/>').normals is None
+    assert read(tmp_path, data, extra='<boolean name="face_normals" value="true"/>').normals is None
 
 
 def test_the_newest_version_has_attributes_of_faces_and_vertices(tmp_path: Path) -> None:

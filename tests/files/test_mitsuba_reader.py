@@ -96,7 +96,7 @@ def test_a_sensor_is_chosen_by_its_number(tmp_path: Path) -> None:
             wrt.load("cornell-box", **option)
 
 
-def test_materials_and_defaults_are_mitsuba_s(tmp_path: Path) -> None:
+def test_default_materials_agree_with_mitsuba(tmp_path: Path) -> None:
     assert isinstance(material(tmp_path, '<bsdf type="conductor"/>'), wrt.Mirror)
     unknown = '<bsdf type="conductor"><string name="material" value="Uuo"/></bsdf>'
     with pytest.warns(InputWarning, match="'Uuo' is not known; aluminium stands in"):
@@ -151,7 +151,7 @@ FLIP = '<boolean name="flip_normals" value="true"/>'
 
 
 @pytest.mark.parametrize(
-    ("kind", "size", "more", "front", "area"),
+    ("kind", "size", "extra", "front", "area"),
     [
         ("disk", 'value="2"', "", 1.0, 4.0 * np.pi),
         ("disk", 'x="1" y="-2" z="3"', FLIP, -1.0, 2.0 * np.pi),
@@ -162,16 +162,18 @@ FLIP = '<boolean name="flip_normals" value="true"/>'
         ("sphere", 'x="1" y="2" z="1"', "", None, None),
     ],
 )
-def test_round_shapes_stay_such(kind: str, size: str, more: str, front: float, area: float, tmp_path: Path) -> None:
+def test_round_shapes_are_exact_where_possible(
+    kind: str, size: str, extra: str, front: float, area: float, tmp_path: Path
+) -> None:
     """A disk under any map, spheres and cylinders as long as they are round; others are triangles."""
-    (shape,) = loaded(tmp_path, f'<shape type="{kind}">{PLACE.format(size)}{more}</shape>', strict=True).shapes
+    (shape,) = loaded(tmp_path, f'<shape type="{kind}">{PLACE.format(size)}{extra}</shape>', strict=True).shapes
     mesh = shape.mesh
     if area is None:
         assert not isinstance(mesh, Analytic)
         return
     assert isinstance(mesh, Spheres if kind == "sphere" else Quadrics)
     assert mesh.areas == pytest.approx(area, rel=1e-5)
-    assert np.all(mesh.inside_out == (FLIP in more))
+    assert np.all(mesh.inside_out == (FLIP in extra))
     if front:
         np.testing.assert_allclose(mesh.fronts, [[0.0, -0.5 * front, np.sqrt(0.75) * front]], atol=1e-6)
     else:
@@ -199,7 +201,7 @@ SPECTRA = [
 
 
 @pytest.mark.parametrize("text", SPECTRA)
-def test_colours_are_mitsuba_s(text: str, tmp_path: Path, report: Report) -> None:
+def test_colours_agree_with_mitsuba(text: str, tmp_path: Path, report: Report) -> None:
     pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
     from support.mitsuba_scene import load_mitsuba
 
@@ -212,15 +214,15 @@ def test_colours_are_mitsuba_s(text: str, tmp_path: Path, report: Report) -> Non
     light = np.array(mi.load_string(emitter).eval(si))
     unversioned = (part.replace(' version="3.0.0"', "") for part in (emitter, surface))
     scene = loaded(tmp_path, next(unversioned) + BALL)
-    for claim, own, expected, error in (
+    for claim, ours, expected, error in (
         ("light", scene.environment.radiance, light, 2e-3),
         ("reflectance", material(tmp_path, next(unversioned)).reflectance, reflected, 4e-3),
     ):
-        report(claim, np.round(own, 4).tolist(), np.round(expected, 4).tolist())
-        assert np.array(own) == pytest.approx(expected, rel=error, abs=error)
+        report(claim, np.round(ours, 4).tolist(), np.round(expected, 4).tolist())
+        assert np.array(ours) == pytest.approx(expected, rel=error, abs=error)
 
 
-def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
+def test_named_conductors_agree_with_mitsuba(report: Report) -> None:
     """All that Mitsuba comes with, to the four digits that are kept; and a name that only `materials.presets` has."""
     mi = pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
     mi.set_variant("scalar_rgb")
@@ -230,8 +232,8 @@ def test_conductors_by_name_are_mitsuba_s(report: Report) -> None:
     names -= {"AlSb", "AlSb_palik"}
     for name in names:
         theirs = mi.traverse(mi.load_dict({"type": "conductor", "material": name}))
-        for own, key in zip(named_conductor(name), ("eta.value", "k.value"), strict=True):
-            np.testing.assert_allclose(own, np.array(theirs[key]).ravel(), rtol=6e-4, atol=1e-7, err_msg=name)
+        for ours, key in zip(named_conductor(name), ("eta.value", "k.value"), strict=True):
+            np.testing.assert_allclose(ours, np.array(theirs[key]).ravel(), rtol=6e-4, atol=1e-7, err_msg=name)
     mi.set_log_level(level)
     report("conductors", len(names), "as in Mitsuba")
     assert len(names) > 30
@@ -272,7 +274,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         check_refused("scene.xml: ", wrt.load, write(tmp_path, "scene.xml", text))
 
 
-def test_what_multiplies_is_refused(tmp_path: Path) -> None:
+def test_exponential_references_are_refused(tmp_path: Path) -> None:
     for i in range(12):
         written(tmp_path, f'<include filename="{i + 1}.xml"/>' * 3, f"{i}.xml")
     written(tmp_path, BALL, "12.xml")
@@ -356,7 +358,7 @@ NESTED = [body(0.5, ("exterior", HAZE), ("interior", SMOKE)), body(1.0, ("interi
         ([seen_from(0.75, HAZE), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
     ],
 )
-def test_the_space_around_has_the_medium_that_is_in_no_body(parts: list[str], around: str, tmp_path: Path) -> None:
+def test_the_surrounding_medium_is_not_inside_any_body(parts: list[str], around: str, tmp_path: Path) -> None:
     scene = loaded(tmp_path, "".join(parts) + BALL, strict=True)
     media = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
     assert scene.medium == media[around]

@@ -26,7 +26,7 @@ SAVE = "import sys, wrt, numpy; wrt.save_image(sys.argv[1], numpy.full((4, 8, 3)
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Renders trace nothing: what they write is black."""
+    """Renders trace nothing, so their pictures are black."""
     monkeypatch.setattr(RenderKernel, "compile", lambda *_: None)
     monkeypatch.setattr(RenderKernel, "launch", lambda *_: None)
     monkeypatch.chdir(tmp_path)
@@ -50,7 +50,7 @@ def check_refused(message: str, folder: Path, capsys: pytest.CaptureFixture[str]
 # --- Files that are replaced, and that are not -----------------------------------------------------
 
 
-def test_the_environment_is_not_replaced_under_any_name(folder, capsys):
+def test_an_input_is_not_replaced_under_any_name(folder, capsys):
     (folder / "sub").mkdir()
     save_elsewhere("env.exr")
     os.symlink("env.exr", "link.exr")
@@ -61,17 +61,7 @@ def test_the_environment_is_not_replaced_under_any_name(folder, capsys):
         check_refused(message, folder, capsys, "render", "a.toml", "-o", name, *SMALL)
 
 
-def test_python_keeps_to_the_rule_as_well(folder):
-    mesh = write_obj(folder)
-    before = contents(folder)
-    renderer = wrt.Renderer(wrt.load(mesh), width=8, height=8)
-    for write in (lambda: renderer.save("fuze.png", force=True), lambda: renderer.save_checkpoint(mesh)):
-        with pytest.raises(wrt.InputError, match="would replace a file that was read"):
-            write()
-    assert_only_added(before, folder)
-
-
-def test_what_was_read_and_is_gone_or_empty_may_be_written(folder):
+def test_deleted_and_empty_inputs_may_be_written(folder):
     np.save("a.npy", np.zeros((2, 2, 3), np.float32))
     wrt.load_image("a.npy")
     Path("a.npy").unlink()
@@ -81,7 +71,7 @@ def test_what_was_read_and_is_gone_or_empty_may_be_written(folder):
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
-def test_a_picture_replaces_a_picture_of_wrt_alone(suffix, folder, capsys):
+def test_pictures_replace_only_pictures_of_wrt(suffix, folder, capsys):
     name = f"a{suffix}"
     save_elsewhere(name)  # pictures are recognized by their metadata
     assert run("render", "cornell-box", "-o", name, *SMALL) == 0
@@ -112,7 +102,7 @@ def test_default_names_step_aside_for_files_and_for_one_another(folder, capsys):
     assert "fuze.png must not be overwritten; the picture will be fuze-render.png" in capsys.readouterr().err
 
 
-def test_a_checkpoint_replaces_a_checkpoint_alone(folder, capsys):
+def test_checkpoints_replace_only_checkpoints(folder, capsys):
     options = ("render", "cornell-box", "--checkpoint", "a.ckpt", "-o", "a.png", *SMALL)
     assert run(*options) == 0
     assert run(*options) == 0
@@ -143,7 +133,7 @@ PLACES = ("a.png", "a.npy", "a.toml", "a.ckpt", "fuze-render.png")
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "loop"])
-def test_what_is_no_file_is_refused_in_every_place(kind, folder, capsys):
+def test_pipes_devices_and_folders_are_refused_everywhere(kind, folder, capsys):
     write_obj(folder)
     for name in PLACES:
         make_special(kind, folder / name)
@@ -165,7 +155,7 @@ def test_what_is_no_file_is_refused_in_every_place(kind, folder, capsys):
         assert modes() == before
 
 
-def test_a_file_is_flushed_beside_its_place_before_it_takes_its_name(folder, monkeypatch):
+def test_files_are_flushed_before_they_are_renamed(folder, monkeypatch):
     done, fsync, replace = [], os.fsync, Path.replace
 
     def flush(handle):
@@ -234,8 +224,8 @@ def test_leftovers_of_killed_writes_are_removed_and_no_others(folder):
         killed.wait()
         assert len(list(folder.glob(".wrt-????????-????????.part.png"))) == 2
         write_atomically(folder / "b.png", lambda file: file.write_bytes(b"whole"), PICTURE)
-        left = [path.name for path in folder.glob(".wrt-*.part*")]
+        remaining = [path.name for path in folder.glob(".wrt-*.part*")]
         living.kill()
-    assert len(left) == 2  # the file that is still being written, and the file that is not wrt's
-    assert ".wrt-notes.part" in left
+    assert len(remaining) == 2  # the file that is still being written, and the file that is not wrt's
+    assert ".wrt-notes.part" in remaining
     assert (folder / "b.png").read_bytes() == b"whole"

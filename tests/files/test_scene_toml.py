@@ -1,4 +1,4 @@
-"""Scene files give the scene they describe; every mistake in them is told by file and key, in one line."""
+"""Scene files give the scene they describe; messages about mistakes name file and key, in one line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_file_that_uses_everything_gives_the_scene_it_describes(folder):
+def test_every_section_is_read(folder):
     scene = scene_of(folder, FULL)
     assert scene.settings == wrt.RenderSettings(320, 200, 12, 5, "tent", exposure=-1.5)
     assert scene.camera == wrt.PerspectiveCamera(
@@ -37,7 +37,7 @@ def test_a_file_that_uses_everything_gives_the_scene_it_describes(folder):
     assert (point.position, point.power) == ((1.0, 2.0, 3.0), (10.0, 20.0, 30.0))
     assert sun == wrt.DirectionalLight((0, -1, 0), 3.0)
 
-    floor, box, ball, pentagon, several, own, flat = scene.shapes
+    floor, box, ball, pentagon, several, smooth, flat = scene.shapes
     assert (floor.name, floor.emission, floor.two_sided_emission) == ("floor", (4.0, 4.0, 4.0), True)
     np.testing.assert_allclose(floor.material.reflectance.pixels, linear_from_srgb(100 / 255), rtol=1e-6)
     assert box.material == wrt.Conductor((0.1, 0.4, 1.4), (4, 2.4, 1.6))
@@ -49,12 +49,12 @@ def test_a_file_that_uses_everything_gives_the_scene_it_describes(folder):
     assert pentagon.material == flat.material == wrt.Mirror((0.9, 0.8, 0.7))
     assert len(pentagon.mesh.faces) == len(several.mesh.faces) == 3
     assert several.material.reflectance == wrt.VertexColor()
-    ridge = np.abs(own.mesh.vertices[:, 0]) < 1e-6
-    np.testing.assert_allclose(own.mesh.normals[ridge], [[0, -1, 0]] * ridge.sum(), atol=1e-6)
+    ridge = np.abs(smooth.mesh.vertices[:, 0]) < 1e-6
+    np.testing.assert_allclose(smooth.mesh.normals[ridge], [[0, -1, 0]] * ridge.sum(), atol=1e-6)
     assert flat.mesh.normals is None
 
 
-def test_materials_made_of_others_and_partly_there(folder):
+def test_composite_and_transparent_materials(folder):
     codes = np.array([[[10, 100, 200]]], np.uint8)
     save_image(folder / "data.png", linear_from_srgb(codes / 255))
     names = ("sheet", "speckled", "leaf", "paint", "even", "lamp")
@@ -106,8 +106,8 @@ def test_a_mesh_keeps_its_own_materials_unless_given_one(folder):
     (folder / "roof.obj").write_text(f"mtllib roof.mtl\nusemtl a\n{ROOF}")
     shape = '[[shapes]]\ntype = "mesh"\nfile = "roof.obj"\n'
     assert scene_of(folder, shape).shapes[0].material == wrt.Diffuse((0.1, 0.2, 0.3))
-    given = scene_of(folder, shape + 'material = "m"\n[materials.m]\ntype = "mirror"\n')
-    assert given.shapes[0].material == wrt.Mirror()
+    painted = scene_of(folder, shape + 'material = "m"\n[materials.m]\ntype = "mirror"\n')
+    assert painted.shapes[0].material == wrt.Mirror()
 
 
 def test_a_camera_that_moves(folder):
@@ -156,7 +156,7 @@ deformation = { files = ["low.obj", "high.obj"], times = [0.0, 1.0] }
 """
 
 
-def test_the_shapes_of_a_mesh_file_that_have_places_of_their_own_are_placed_by_the_scene(folder) -> None:
+def test_instances_within_a_mesh_file_are_placed_again(folder) -> None:
     tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([[0, 1, 2]]))
     tree["nodes"] = [{"mesh": 0, "translation": [1, 0, 0]}, {"mesh": 0, "translation": [0, 0, 3]}]
     tree["scenes"] = [{"nodes": [0, 1]}]
@@ -176,7 +176,7 @@ def test_the_shapes_of_a_mesh_file_that_have_places_of_their_own_are_placed_by_t
     assert found == sorted(tuple(float(x) for corner in each for x in corner) for each in expected)
 
 
-def test_shapes_in_many_places_that_move_and_change_their_form(folder) -> None:
+def test_instances_motions_and_deformations(folder) -> None:
     matrices = np.tile(np.eye(4), (3, 1, 1))
     matrices[:, 0, 3] = 1.0, 2.0, 3.0
     np.save(folder / "places.npy", matrices)
@@ -203,7 +203,7 @@ def test_shapes_in_many_places_that_move_and_change_their_form(folder) -> None:
 
 
 @pytest.mark.parametrize("text", MISTAKES, ids=range(len(MISTAKES)))
-def test_mistakes_are_told_by_file_and_key_in_one_line(folder, text):
+def test_messages_name_file_and_key_in_one_line(folder, text):
     with pytest.raises(wrt.InputError) as caught:
         scene_of(folder, text)
     message = str(caught.value)
@@ -212,7 +212,7 @@ def test_mistakes_are_told_by_file_and_key_in_one_line(folder, text):
     assert message.count("scene.toml") == 1
 
 
-def test_syntax_errors_give_line_and_column_and_what_is_no_text_is_refused(folder):
+def test_syntax_errors_name_line_and_column(folder):
     with pytest.raises(wrt.InputError, match=r"scene\.toml: not TOML: .*line 3, column 10"):
         scene_of(folder, "[settings]\nwidth = 5\nheight = = 5\n")
     for number in (f"0x{'f' * 5000}", "9" * 5000, str(2**63)):  # Python does not print 5,000 digits
@@ -238,7 +238,7 @@ IN_PLACES = {
 }
 
 
-def test_motions_and_places_that_cannot_be(folder):
+def test_invalid_motions_and_instances_are_refused(folder):
     (folder / "bad.npy").write_text("no array")
     np.save(folder / "flat.npy", np.zeros(3))
     cases = [(f"[camera.motion]\n{keys}\n{QUAD}", f"scene.toml: {message}") for keys, message in MOTIONS.items()]

@@ -63,7 +63,7 @@ def materials() -> list[wrt.Material]:
     return [*made, mix, wrt.TwoSided(made[1], mix), wrt.Emissive(WOOD)]
 
 
-def test_everything_that_can_be_said(tmp_path: Path) -> None:
+def test_every_kind_of_value_is_kept(tmp_path: Path) -> None:
     scene = wrt.Scene(settings=wrt.RenderSettings(17, 13, 3, 9, "box", "sobol", 0.5, (1, 2, 9, 8)))
     quad = wrt.quad((0, 0, 0), (1, 0, 0.2), (0, 1, 1 / 3))
     colored = dataclasses.replace(quad, colors=RNG.random((4, 3)).astype(np.float32))

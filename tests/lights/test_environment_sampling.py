@@ -16,6 +16,8 @@ from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.core.rays import RECEIVES_ANYWHERE, RECEIVES_FRONT, Receiver
 from wrt.kernels.core.scene_data import EnvironmentData
 from wrt.kernels.lights.environment import image_pdf, point_direction, point_towards, radiance_at, sample_image
+from wrt.scene.environment import image_directions
+from wrt.scene.motion import rotation_matrix
 from wrt.upload.lights.environment import upload_environment
 from wrt.upload.lights.environment_sampling import COLUMNS, ROWS
 
@@ -77,10 +79,7 @@ def directions(n: int, seed: int) -> NDArray[np.float64]:
 def image_grid(height: int, width: int, degrees: float) -> tuple[NDArray, NDArray]:
     """Return the directions of the middles of cells of equal (polar angle, azimuth), and their solid angles."""
     edges = np.cos(np.linspace(0.0, np.pi, height + 1))
-    polar = np.pi * (np.arange(height) + 0.5) / height
-    azimuth = 2.0 * np.pi * ((np.arange(width) + 0.5) / width - 0.5) - np.radians(degrees)
-    polar, azimuth = (a.ravel() for a in np.meshgrid(polar, azimuth, indexing="ij"))
-    d = np.stack([np.sin(polar) * np.sin(azimuth), np.cos(polar), -np.sin(polar) * np.cos(azimuth)], axis=1)
+    d = image_directions(height, width).reshape(-1, 3) @ rotation_matrix((0, 1, 0), degrees).T
     return d, np.repeat(edges[:-1] - edges[1:], width) * (2.0 * np.pi / width)
 
 
@@ -196,7 +195,8 @@ def test_texels_lie_where_the_description_says(device: str) -> None:
     pixels = np.arange(height * width * 3, dtype=np.float32).reshape(height, width, 3)
     row, column = (a.ravel() for a in np.meshgrid(np.arange(height), np.arange(width), indexing="ij"))
     # Looking along −z, to the right is +x.
-    d, _ = image_grid(height, width, 0.0)
+    polar, azimuth = np.pi * (row + 0.5) / height, 2.0 * np.pi * ((column + 0.5) / width - 0.5)
+    d = np.stack([np.sin(polar) * np.sin(azimuth), np.cos(polar), -np.sin(polar) * np.cos(azimuth)], axis=1)
     # Seen from above (x to the right, z down the page) a turn counter-clockwise takes +z to +x.
     angle = np.radians(degrees)
     turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])

@@ -42,7 +42,7 @@ def test_the_camera_turns_around_a_scene():
     np.testing.assert_allclose(away[:, 1], away[0, 1], atol=1e-6)
 
 
-def test_frames_are_the_pictures_of_their_scenes_and_missing_ones_are_rendered_on_resuming(mesh, capsys):
+def test_resuming_renders_only_missing_frames(mesh, capsys):
     command = ["render", "box.npz", "--turntable", "3", "-o", "box_%02d.exr", *SMALL]
     assert main(command) == 0
     paths = [mesh.parent / f"box_{number:02d}.exr" for number in range(3)]
@@ -89,7 +89,7 @@ def test_keyframes_move_from_frame_to_frame():
         (["--turntable", "2", "-o", "mine.gif", *SMALL], "mine.gif"),  # no other file is replaced
     ],
 )
-def test_mistakes_are_named(options, words, mesh, capsys):
+def test_mistakes_are_reported_in_one_message(options, words, mesh, capsys):
     (mesh.parent / "mine.gif").write_bytes(b"GIF89a of somebody else")
     assert main(["render", "box.npz", *options]) in (1, 2)
     printed = capsys.readouterr().err
@@ -99,7 +99,7 @@ def test_mistakes_are_named(options, words, mesh, capsys):
     assert (mesh.parent / "mine.gif").read_bytes() == b"GIF89a of somebody else"
 
 
-def test_what_fails_in_making_frames_reaches_who_makes_them(tmp_path):
+def test_errors_of_the_frame_generator_reach_the_caller(tmp_path):
     failure = RuntimeError("the solver diverged")
 
     def frames():

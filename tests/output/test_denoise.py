@@ -23,7 +23,7 @@ def rendered(scene, spp, **options):
 
 @needs_denoiser
 @pytest.mark.slow
-def test_the_error_falls(report):
+def test_denoising_halves_the_error(report):
     scene = wrt.load("cornell-box")
     truth = rendered(scene, 512, seed=1).image()
     renderer = rendered(scene, 16)
@@ -58,7 +58,7 @@ def test_guides_look_into_mirrors_and_through_glass():
 
 
 @needs_denoiser
-def test_threads_and_gaps_do_not_matter():
+def test_denoising_does_not_depend_on_threads_or_missing_values():
     """One NaN would spoil the pixels around it, and automatic exposure has other bits for other threads."""
     image = np.random.default_rng(1).random((150, 200, 3), np.float32) * np.linspace(0.01, 20.0, 200)[:, None]
     albedo, normal = np.full_like(image, 0.5), np.zeros_like(image)
@@ -72,7 +72,7 @@ def test_threads_and_gaps_do_not_matter():
 
 @pytest.mark.slow
 @needs_denoiser
-def test_files_show_the_denoised_picture_and_keep_the_noisy_one(tmp_path):
+def test_files_hold_the_denoised_and_the_noisy_picture(tmp_path):
     scene = wrt.load("cornell-box")
     scene.settings.denoise = True
     renderer = rendered(scene, 2, layers=["normal"])
@@ -87,7 +87,7 @@ def test_files_show_the_denoised_picture_and_keep_the_noisy_one(tmp_path):
 
 @needs_denoiser
 @pytest.mark.usefixtures("render_kernels_when_launched")
-def test_guides_are_prepared_with_the_renderer_and_mistakes_are_named(monkeypatch):
+def test_guides_are_prepared_with_the_renderer(monkeypatch):
     """The command line can go over from compiled kernels to Warp only until the renderer is made."""
     scene = wrt.load("cornell-box")
     assert wrt.Renderer(scene, **SIZE)._guides is None

@@ -46,7 +46,7 @@ def test_a_picture_is_developed_as_from_python(radiance, options, settings, caps
     assert tone_of("room.png") == settings.get("tone", "soft")
 
 
-def test_the_name_is_that_of_the_source_and_others_are_kept(capsys):
+def test_the_default_name_follows_the_source_and_replaces_no_foreign_file(capsys):
     assert run("develop", "room.exr") == 0
     assert sorted(os.listdir()) == ["room.exr", "room.png"]
     Path("room.png").write_bytes(b"notes")
@@ -65,7 +65,7 @@ def test_the_name_is_that_of_the_source_and_others_are_kept(capsys):
         (("damaged.exr",), "damaged.exr: cannot be read as an image"),
     ],
 )
-def test_what_cannot_be_done_is_one_line_and_writes_nothing(arguments, message, capsys):
+def test_errors_are_one_line_and_write_nothing(arguments, message, capsys):
     Path("damaged.exr").write_bytes(b"v/1\x01damaged")
     before = sorted(os.listdir())
     assert run("develop", *arguments) == 2
@@ -92,10 +92,13 @@ def test_a_render_is_developed_with_its_options(capsys):
     [
         (("--tone", "ocio:none.ocio"), "none.ocio: no such OpenColorIO configuration"),
         (("--transparent",), "c.jpg: a JPEG has no alpha; give it a name that ends in .png or .exr"),
+        (("--layers", "albedo"), "c.jpg: layers go into OpenEXR files"),
+        (("--layers", "nomal"), "there is no layer 'nomal' (did you mean 'normal'?)"),
+        (("--integrator", "aov"), "integrator aov renders only layers; name some"),
         (("--size", "65536x1"), "c.jpg: a JPEG has 65535 pixels a side at most, not 65536x1"),
     ],
 )
-def test_what_a_picture_cannot_hold_is_said_before_it_is_rendered(options, message, capsys):
+def test_unsupported_outputs_are_refused_before_rendering(options, message, capsys):
     assert run("render", "cornell-box", "-o", "c.jpg", *SMALL, *options) == 2
     assert message in capsys.readouterr().err
     assert not os.path.exists("c.jpg")

@@ -55,7 +55,7 @@ def test_every_reader_takes_every_encoding(written, loaded, folder):
 
 
 @pytest.mark.parametrize("name", ["polygons.obj", "shapes.toml", "scene.gltf", "scene.xml"])
-def test_what_only_begins_so_is_refused_in_one_line(name, folder):
+def test_invalid_utf_16_is_refused_in_one_line(name, folder):
     file = folder / name
     file.write_bytes(codecs.BOM_UTF16_LE + file.read_bytes() + b"\0\xd8")
     with pytest.raises(wrt.InputError, match=rf"^{re.escape(str(file))}: [^\n]+\Z"):

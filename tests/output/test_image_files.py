@@ -62,7 +62,7 @@ def test_png_keeps_every_code_and_clips(tmp_path):
     np.testing.assert_array_equal(codes_of(path), [[[0, 0, 255], [255, 255, 0]]])
 
 
-def test_jpeg_shows_what_png_does(tmp_path):
+def test_jpeg_has_the_codes_of_png(tmp_path):
     """At quality 95, without chroma subsampling: colours that change from pixel to pixel stay."""
     path, image = tmp_path / "a.JPEG", NOISE.copy()
     image[:, ::2, 2] = 0.0
@@ -74,10 +74,10 @@ def test_jpeg_shows_what_png_does(tmp_path):
     np.testing.assert_array_equal(codes_of(path), codes_of(tmp_path / "expected.jpg"))
     developed_by = {"Tone": "aces", "Exposure": "0.5 stops"}
     assert printed == {"Software": f"wrt {wrt.__version__}", "spp": "12", "scène": "boîte", **developed_by}
-    other = tmp_path / "b.jpg"
-    refused(r"b\.jpg: a JPEG has no alpha; .* \.png or \.exr", save_image, other, np.ones((4, 4, 4)))
-    refused(r"b\.jpg: the metadata of a JPEG", save_image, other, NOISE, metadata={"long": "x" * 70_000})
-    assert not other.exists()
+    jpeg = tmp_path / "b.jpg"
+    refused(r"b\.jpg: a JPEG has no alpha; .* \.png or \.exr", save_image, jpeg, np.ones((4, 4, 4)))
+    refused(r"b\.jpg: the metadata of a JPEG", save_image, jpeg, NOISE, metadata={"long": "x" * 70_000})
+    assert not jpeg.exists()
 
 
 def test_dither_keeps_the_mean_and_leaves_no_bands():
@@ -128,7 +128,7 @@ def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypa
     refused(r"^a picture is written to a path, not to BytesIO; .*wrt.develop_image", save_image, io.BytesIO(), NOISE)
 
 
-def test_codes_are_not_taken_for_light(tmp_path):
+def test_integer_codes_are_refused_as_radiance(tmp_path):
     codes = np.full((2, 2, 3), 200, np.uint8)
     for name in ("a.png", "a.exr", "a.npy"):
         refused(f"{name}: an image must be linear numbers, not codes up to 200", save_image, tmp_path / name, codes)
@@ -169,7 +169,7 @@ def test_radiance_hdr_decodes_shared_exponents(tmp_path):
     np.testing.assert_allclose(load_image(tmp_path / "a.hdr"), expected, rtol=0.005)
 
 
-def test_files_that_are_no_images_are_refused(tmp_path, capfd):
+def test_other_files_are_refused_as_images(tmp_path, capfd):
     refused("^an image is read from a path, not from BytesIO$", load_image, io.BytesIO())
     for suffix in ("png", "jpg", "exr", "hdr", "npy", "txt"):
         path = tmp_path / f"a.{suffix}"
@@ -206,9 +206,9 @@ def test_png_files_cannot_have_more_pixels_than_their_bytes_stand_for(tmp_path, 
     path = tmp_path / "even.png"
     Image.new(mode, (1500, 1000)).save(path, optimize=True)  # nothing packs better
     assert load_image(path).shape == (1000, 1500, 3)
-    whole = path.read_bytes()
+    data = path.read_bytes()
     # Twice the rows: Pillow would read the missing half as black.
-    path.write_bytes(whole[:8] + chunk(b"IHDR", whole[16:20] + struct.pack(">I", 2000) + whole[24:29]) + whole[33:])
+    path.write_bytes(data[:8] + chunk(b"IHDR", data[16:20] + struct.pack(">I", 2000) + data[24:29]) + data[33:])
     refused(r"even\.png: the file is too short for 1500x2000 pixels", load_image, path)
 
 

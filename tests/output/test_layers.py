@@ -40,9 +40,9 @@ def _two_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def render(scene: wrt.Scene, spp: int = 1, *, centred: bool = True, **options: Any) -> wrt.Renderer:
     """Render layers, by default with all samples in the middle of their pixels."""
-    given = {"layers": tuple(LAYERS), "width": 32, "height": 24, "sampler": "independent"}
+    defaults = {"layers": tuple(LAYERS), "width": 32, "height": 24, "sampler": "independent"}
     scene.environment = scene.environment or wrt.ConstantEnvironment(1.0)
-    renderer = wrt.Renderer(scene, **{**given, **options})
+    renderer = wrt.Renderer(scene, **{**defaults, **options})
     if centred:
         renderer._inputs[2].zero_()
     for _ in renderer.passes(spp=spp):
@@ -69,7 +69,7 @@ def two_panes() -> wrt.Scene:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", "aov"])
-def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) -> None:
+def test_layers_of_panes_agree_with_geometry(integrator: str, device: str) -> None:
     scene = two_panes()
     layers = render(scene, integrator=integrator, device=device).layers()
     middles = np.stack(np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5), axis=-1)
@@ -111,7 +111,7 @@ def test_layers_of_panes_are_what_geometry_says(integrator: str, device: str) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS, ids=lambda material: material.type_name)
-def test_albedo_is_what_a_white_sky_shows(material: wrt.Material, device: str) -> None:
+def test_albedo_equals_radiance_under_a_white_sky(material: wrt.Material, device: str) -> None:
     """The share of light from everywhere that is sent to the viewer: by the same samples, so to the last digits."""
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     scene.camera = wrt.PerspectiveCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=20.0)
@@ -224,7 +224,7 @@ def test_a_moving_shape_moves_on_the_film(device: str) -> None:
 
 
 @pytest.mark.slow
-def test_layers_change_nothing_of_the_picture(device: str) -> None:
+def test_layers_do_not_change_the_picture(device: str) -> None:
     scene = two_panes()
     plain = render(scene, 8, centred=False, layers=(), device=device)
     with_layers = render(scene, 8, centred=False, device=device)
@@ -246,11 +246,11 @@ def block(material: wrt.Material) -> wrt.Scene:
 
 
 def seen(scene: wrt.Scene, spp: int = 4, **options: Any) -> wrt.Renderer:
-    given = {"layers": (), "width": 24, "height": 18, "transparent": True}
-    return render(scene, spp, centred=False, **{**given, **options})
+    defaults = {"layers": (), "width": 24, "height": 18, "transparent": True}
+    return render(scene, spp, centred=False, **{**defaults, **options})
 
 
-def test_the_environment_is_hidden_but_lights_the_scene_and_mirrors_show_it(device: str) -> None:
+def test_a_hidden_environment_still_lights_the_scene(device: str) -> None:
     """Light leaves a convex body after one reflection: each covered sample has a radiance of ρ times 0.8."""
     for material, radiance in ((wrt.Diffuse(0.5), 0.4), (wrt.Mirror(), 0.8)):
         renderer = seen(block(material), device=device)
@@ -273,7 +273,7 @@ def test_the_environment_is_hidden_but_lights_the_scene_and_mirrors_show_it(devi
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", "whitted"])
-def test_a_lamp_without_a_mesh_hides_nothing(integrator: str) -> None:
+def test_a_hidden_lamp_covers_no_pixels(integrator: str) -> None:
     """It hangs before a wall and is hidden, but it lights the wall if it faces that."""
     across, up, pictures = (0.8, 0.0, 0.0), (0.0, 0.8, 0.0), []
     for edges in ((up, across), (across, up)):
@@ -291,16 +291,16 @@ def test_a_lamp_without_a_mesh_hides_nothing(integrator: str) -> None:
 
 def test_a_checkpoint_keeps_coverage_and_is_refused_by_other_layers(device: str, tmp_path: Path) -> None:
     scene = block(wrt.Diffuse(0.5))
-    whole = seen(scene, 13, device=device)
+    unbroken = seen(scene, 13, device=device)
     seen(scene, 5, device=device).save_checkpoint(tmp_path / "a.ckpt")
     resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", scene, device=device)
     for _ in resumed.passes(spp=13):
         pass
-    np.testing.assert_array_equal(resumed.alpha(), whole.alpha())
-    for name, given in (("layers", {"layers": ("uv",), "transparent": True}), ("transparent", {})):
-        other = wrt.Renderer(scene, width=24, height=18, sampler="independent", device=device, **given)
+    np.testing.assert_array_equal(resumed.alpha(), unbroken.alpha())
+    for name, options in (("layers", {"layers": ("uv",), "transparent": True}), ("transparent", {})):
+        renderer = wrt.Renderer(scene, width=24, height=18, sampler="independent", device=device, **options)
         with pytest.raises(wrt.InputError, match=name):
-            other.load_checkpoint(tmp_path / "a.ckpt")
+            renderer.load_checkpoint(tmp_path / "a.ckpt")
 
 
 # --- Files -----------------------------------------------------------------------------------------
@@ -361,18 +361,3 @@ def test_layers_alone_make_files_without_light(tmp_path: Path, capsys: pytest.Ca
     for name in LAYERS:
         assert main([*render_it, "-o", str(tmp_path / "a.png"), "--layers", name]) == 0
         assert wrt.load_image(tmp_path / "a.png").any()
-
-
-@pytest.mark.usefixtures("render_kernels_when_launched")
-def test_what_layers_cannot_do_is_said_before_rendering(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for arguments, message in (
-        ("-o a.png --layers albedo", "a.png: layers go into OpenEXR files"),
-        ("-o a.exr --integrator aov", "integrator aov renders only layers; name some"),
-        ("-o a.exr --layers albedo,nomal", "there is no layer 'nomal' (did you mean 'normal'?)"),
-    ):
-        assert main(["render", "cornell-box", *arguments.split()]) == 2
-        assert f"wrt: error: {message}" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())

@@ -44,7 +44,7 @@ def assert_one_error(capsys, beginning):
     return err
 
 
-def test_a_checkpoint_that_cannot_be_written_does_not_keep_the_picture(folder, after_passes, capsys):
+def test_the_picture_is_saved_when_the_checkpoint_cannot_be(folder, after_passes, capsys):
     after_passes(lambda: (folder / "a.ckpt").write_bytes(b"notes"))
     assert run("render", "cornell-box", "-o", "a.png", "--checkpoint", "a.ckpt", *SMALL) == 1
     assert "a.ckpt: already exists" in capsys.readouterr().err
@@ -52,7 +52,7 @@ def test_a_checkpoint_that_cannot_be_written_does_not_keep_the_picture(folder, a
     assert wrt.load_image("a.png").shape == (8, 8, 3)
 
 
-def test_a_picture_whose_folder_is_gone_is_written_elsewhere(folder, after_passes, capsys):
+def test_a_picture_whose_folder_disappears_is_saved_elsewhere(folder, after_passes, capsys):
     (folder / "out").mkdir()
     after_passes((folder / "out").rmdir)
     assert run("render", "cornell-box", "-o", "out/a.png", *SMALL) == 1
@@ -71,7 +71,7 @@ FAILURES = {
 
 
 @pytest.mark.parametrize("failure", FAILURES)
-def test_an_error_in_a_pass_loses_nothing_that_was_rendered(failure, after_passes, capsys):
+def test_samples_are_saved_after_an_error_in_a_pass(failure, after_passes, capsys):
     error, message = FAILURES[failure]
     after_passes(fail_with(error))
     assert run("render", "cornell-box", "-o", "a.png", "--checkpoint", "a.ckpt", *SMALL) == 1
@@ -131,7 +131,7 @@ def test_an_error_in_a_frame_is_one_line_and_complete_frames_stay(folder, monkey
     assert [name for name in contents(folder) if name.endswith(".png")] == ["a_0.png"]
 
 
-def test_a_save_that_fails_meanwhile_is_a_warning(folder, monkeypatch, capsys):
+def test_a_failed_intermediate_save_is_a_warning(folder, monkeypatch, capsys):
     save, calls = wrt.Renderer.save_checkpoint, []
 
     def fail_once(self, path):
@@ -147,7 +147,7 @@ def test_a_save_that_fails_meanwhile_is_a_warning(folder, monkeypatch, capsys):
     assert sorted(contents(folder)) == ["a.ckpt", "a.png"]
 
 
-def test_convert_replaces_no_file_without_leave_nor_one_that_it_reads(folder, capsys):
+def test_convert_replaces_files_only_with_force_and_never_its_input(folder, capsys):
     write_obj(folder)
     (folder / "ok.toml").write_text("# by hand\n")
     before = contents(folder)
@@ -170,7 +170,7 @@ def test_convert_replaces_no_file_without_leave_nor_one_that_it_reads(folder, ca
     assert wrt.load("kept.toml").shapes
 
 
-def test_a_conversion_that_replaces_another_leaves_that_whole_until_its_end(folder, monkeypatch):
+def test_an_interrupted_conversion_keeps_the_previous_one(folder, monkeypatch):
     write_obj(folder)
     assert run("convert", "cornell-box", "a.toml") == 0
     (folder / "a_files" / "notes.txt").write_text("mine")

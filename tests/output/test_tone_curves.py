@@ -78,27 +78,19 @@ def filament(color):
     ("name", "reference", "tolerance"),
     [("neutral", khronos, 1e-9), ("aces", hill, 1e-9), ("agx", filament, 0.01 * CODE)],
 )
-def test_a_curve_is_its_reference(name, reference, tolerance):
+def test_curves_agree_with_their_references(name, reference, tolerance):
     expected = srgb_from_linear(np.array([reference(color) for color in COLORS]))
     np.testing.assert_allclose(srgb_from_linear(CURVES[name](COLORS, 1e3)), expected, atol=tolerance)
 
 
-def test_the_contrast_of_agx_is_the_published_table():
+def test_agx_contrast_agrees_with_the_published_table():
     """Every 273rd of the 4096 values of AgX_Default_Contrast.spi1d (Sobotka, AgX, 2022)."""
     table = [0.0, 0.0048020, 0.0123199, 0.0245690, 0.0452821, 0.0810636, 0.1416173, 0.2347588]
     table += [0.3556387, 0.4878788, 0.6209258, 0.7481632, 0.8546235, 0.9289546, 0.9741125, 1.0]
     np.testing.assert_allclose(agx_contrast(np.arange(0, 4096, 273) / 4095.0), table, atol=1e-7)
 
 
-def test_aces_is_close_to_the_transform_that_it_fits():
-    """OpenColorIO has the output transform of ACES 1.x itself; Hill's fit is within 4 % for greys."""
-    config = "ocio:ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3,sRGB - Display,ACES 1.0 - SDR Video"
-    grey = greys(-4.0, 3.0, 30)[None].astype(np.float32)
-    ocio, ours = (wrt.develop_image(grey, tone=tone, exposure=0.0).astype(float) for tone in (config, "aces"))
-    assert np.abs(ours - ocio).max() < 0.04 * 255.0
-
-
-def test_ocio_is_what_its_processor_gives(tmp_path):
+def test_ocio_views_agree_with_known_values(tmp_path):
     """The un-tone-mapped view of the built-in configuration is the sRGB curve, so our own curve is its reference."""
     image = COLORS[None].clip(0.0, 1.0).astype(np.float32)
     view = wrt.develop_image(image, tone="ocio:ocio://default,sRGB - Display,Un-tone-mapped", exposure=0.0)
@@ -128,7 +120,7 @@ def test_a_curve_stays_on_the_display_and_ascends(name):
     assert (np.diff(CURVES[name](greys(-9.0, 5.0, 400), 1e3)[:, 0]) >= -1e-12).all()
 
 
-def test_by_default_what_fits_the_display_is_exact():
+def test_displayable_colors_are_exact_by_default():
     image = np.random.default_rng(1).random((32, 32, 3)).astype(np.float32)
     np.testing.assert_array_equal(wrt.develop_image(image), wrt.develop_image(image, tone="none", exposure=0.0))
     assert (wrt.develop_image(np.full((8, 8, 3), 1.0)) == 255).all()
@@ -140,7 +132,7 @@ def test_by_default_what_fits_the_display_is_exact():
 
 
 @pytest.mark.parametrize("tone", [*TONES, "ocio"])
-def test_nothing_infinite_survives(tone):
+def test_infinite_and_nan_pixels_become_finite_codes(tone):
     codes = wrt.develop_image([[[math.nan, -1.0, 0.5], [math.inf, 1e38, 0.0]]], tone=tone, exposure=0.0)
     assert codes[0, 0, 0] <= codes[0, 0, 2]
     assert codes[0, 1, 0] > 200

@@ -19,7 +19,7 @@ from wrt.scene.camera import CAMERAS
 from wrt.scene.materials import MATERIALS, presets
 from wrt.scene.scene import INTEGRATORS
 from wrt.upload.accel.instancing import lay_out
-from wrt.upload.materials import describe_materials
+from wrt.upload.materials import MaterialTable
 
 PICTURES = {name: drawing for group in pictures.GROUPS.values() for name, drawing in group.items()}
 OWN_SCRIPT = ("benchmark", "cloth")
@@ -44,7 +44,7 @@ def test_scenes_of_pictures_are_built() -> None:
         tiles = getattr(drawing, "tiles", dict)()
         scene = next((picture for picture, _ in tiles.values()), getattr(drawing, "picture", drawing)).make()
         assert lay_out(scene).kind == moving.get(name, "none"), name
-        assert describe_materials([shape.material for shape in scene.shapes]).models, name
+        assert MaterialTable([shape.material for shape in scene.shapes]).models, name
 
 
 @pytest.mark.slow

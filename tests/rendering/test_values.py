@@ -80,5 +80,5 @@ def test_arrays_that_are_ragged_or_not_numbers_and_projections_are_refused() -> 
     vertices, faces = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
     projection = np.eye(4)
     projection[3, 2] = 0.5
-    with pytest.raises(wrt.InputError, match=r"^mesh: a transform must be affine: its last row must be 0 0 0 1$"):
+    with pytest.raises(wrt.InputError, match=r"^mesh: a transform must be affine: its last row must be 0 0 0 1, not"):
         wrt.Mesh(vertices, faces).transformed(projection)

@@ -15,7 +15,7 @@ from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.materials.choice import PASSED_THROUGH, make_choose_material
 from wrt.kernels.materials.values import make_share_passed
-from wrt.upload.materials import describe_materials
+from wrt.upload.materials import MaterialTable
 
 
 @wp.struct
@@ -83,7 +83,7 @@ class Hit:
     ) -> None:
         """Upload `material` to a device."""
         self.device = device
-        self.table = describe_materials([material])
+        self.table = MaterialTable([material])
         self.scene = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()
         self.table.upload(self.scene, Device(device))
         self.point = Point()

@@ -25,7 +25,7 @@ from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.textures.textures import filtered_color, make_slot_color
 from wrt.scene.srgb import of_codes
 from wrt.scene.textures import WRAPS
-from wrt.upload.materials import describe_materials
+from wrt.upload.materials import MaterialTable
 from wrt.upload.scene_data import build_scene
 from wrt.upload.textures import texels
 from wrt.upload.textures.pyramid import pyramid
@@ -70,7 +70,7 @@ def looked_up(texture: wrt.ImageTexture, uvs: Pixels, device: str, footprints: P
 
 def uploaded(*materials: wrt.Material, device: str = "cpu") -> Any:
     data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()
-    describe_materials(list(materials)).upload(data, Device(device))
+    MaterialTable(list(materials)).upload(data, Device(device))
     return data
 
 
@@ -142,10 +142,10 @@ def test_second_coordinates_and_alpha_are_read_as_the_first_and_colors(device: s
         return rendered(scene, device, 4).image()
 
     texture, by_alpha = wrt.ImageTexture(PIXELS), {"vertex_alpha": True, "channel": "g"}
-    both = np.hstack([first, second])
-    by_second = shown(both, alpha, wrt.ImageTexture(PIXELS, uv_set=1))
+    two_sets = np.hstack([first, second])
+    by_second = shown(two_sets, alpha, wrt.ImageTexture(PIXELS, uv_set=1))
     np.testing.assert_array_equal(by_second, shown(second, alpha, texture))
-    assert (by_second != shown(both, alpha, texture)).any()
+    assert (by_second != shown(two_sets, alpha, texture)).any()
     for ours, plain in (
         (wrt.VertexColor(alpha=True), wrt.VertexColor()),
         (wrt.VertexColor(alpha=True, cutoff=0.5), wrt.VertexColor(cutoff=0.5)),

@@ -92,28 +92,21 @@ def picture(scene: wrt.Scene, device: str, spp: int, resolution: int, seed: int 
     return rendered(scene, device, spp, resolution, seed=seed)[..., 0]
 
 
-def metal(alpha: Any, normal_map: wrt.NormalMap | None, distribution: str = "beckmann", **options: Any) -> wrt.Material:
-    return wrt.RoughConductor(alpha, f0=1.0, normal_map=normal_map, distribution=distribution, **options)
-
-
-def plastic(alpha: Any, normal_map: wrt.NormalMap | None, **options: Any) -> wrt.Material:
-    return wrt.RoughPlastic(0.0, alpha=alpha, normal_map=normal_map, **options)
-
-
-def glass(alpha: Any, normal_map: wrt.NormalMap | None, **options: Any) -> wrt.Material:
-    return wrt.RoughDielectric(1.5, alpha=alpha, normal_map=normal_map, **options)
+def metal(alpha: Any, normal_map: wrt.NormalMap | None, distribution: str = "beckmann") -> wrt.Material:
+    return wrt.RoughConductor(alpha, f0=1.0, normal_map=normal_map, distribution=distribution)
 
 
 MAKERS: dict[str, Callable[[Any, wrt.NormalMap | None], wrt.Material]] = {
     **{name: functools.partial(metal, distribution=name) for name in ("beckmann", "ggx", "blinn-phong", "abc")},
-    "plastic": plastic,
-    "glass": functools.partial(glass, distribution="beckmann", masking="walter"),
+    "plastic": lambda alpha, normal_map: wrt.RoughPlastic(0.0, alpha=alpha, normal_map=normal_map),
+    "glass": lambda alpha, normal_map: wrt.RoughDielectric(
+        1.5, alpha=alpha, normal_map=normal_map, distribution="beckmann", masking="walter"
+    ),
 }
 
 
 def models() -> set[str]:
     names = {make((2.0, 2.0) if name == "abc" else 0.1, None).model for name, make in MAKERS.items()}
-    names.add(metal(0.1, None, "ggx", multiple_bounces=True).model)
     return names | {filtered_name(name) for name in names}
 
 
@@ -145,25 +138,6 @@ def test_far_away_all_variance_is_left(covariance: tuple[float, float, float], d
     for tangents, expected in ((False, np.linalg.eigvalsh(matrix)[::-1]), (True, np.diag(matrix))):
         found = rendered(plane(Probe("probe_variance", tangents, normal_map=normal_map), UP, far(300.0, 4)), device)
         np.testing.assert_allclose(found[..., :2], np.broadcast_to(expected, (4, 4, 2)), rtol=2e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("slant", [0.0, 65.0])
-def test_variance_grows_with_distance(slant: float, device: str) -> None:
-    """From none, where texels are wider than two pixels across the narrower axis of what a pixel covers.
-
-    Nothing is filtered unless that was asked for.
-    """
-
-    def mean(texels: float, filtered: bool = True) -> float:
-        material = Probe("probe_variance", normal_map=wrt.NormalMap(bumps(even(0.1)), filter=filtered))
-        scene = plane(material, UP, far(texels, 16, np.radians(slant)))
-        return float(rendered(scene, device, size=16)[..., :2].sum(axis=2).mean())
-
-    means = [mean(texels) for texels in (0.45, 0.6, 1.0, 4.0, 16.0, 100.0)]
-    assert means[0] == mean(100.0, filtered=False) == 0.0
-    assert (np.diff(means) > 0.0).all()
-    assert means[1] < 0.05 * means[-1]
 
 
 # --- Highlights --------------------------------------------------------------------------------------
@@ -260,16 +234,6 @@ def test_bumps_on_a_tilted_mean_normal(device: str, report: Report) -> None:
         values.append(picture(plane(metal(0.05, normal_map), light, far(64.0, 8)), device, spp, 8).mean())
     report("tilted by 27 degrees: filtered over unfiltered", values[1] / values[0], 1.0)
     assert abs(values[1] / values[0] - 1.0) < 0.04
-
-
-@pytest.mark.slow
-def test_with_multiple_bounces_metal_is_as_rough_as_it_now_is(device: str, report: Report) -> None:
-    light, options = direction(8.0, 30.0), {"distribution": "ggx", "multiple_bounces": True}
-    bumpy = metal(0.15, wrt.NormalMap(bumps(even(0.1)), filter=True), **options)
-    rough = metal(float(np.sqrt(0.15**2 + 2.0 * 0.1**2)), None, **options)
-    filtered, expected = (picture(plane(each, light, far(64.0, 8)), device, 1, 8).mean() for each in (bumpy, rough))
-    report("filtered over as rough", filtered / expected, 1.0)
-    assert abs(filtered / expected - 1.0) < 0.02
 
 
 def test_what_has_no_roughness_is_not_filtered() -> None:

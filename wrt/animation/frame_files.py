@@ -70,7 +70,15 @@ class FrameFiles:
             self.folder = output.with_suffix(".frames")
             self._pattern = self.folder / "%05d.png"
             self.state = self.folder / _STATE
-            self._check_folder(output)
+            try:
+                is_free = not os.path.lexists(self.folder) or (self.state.is_file() and _is_state(self.state))
+                is_free = is_free or (self.folder.is_dir() and not any(self.folder.iterdir()))
+            except OSError as error:
+                raise InputError(f"{self.folder}: {error.strerror or error}") from None
+            if not is_free:
+                raise NotReplacedError(
+                    f"{self.folder}: the frames of {output} would go there, but wrt did not make it; name another video"
+                )
             return
         if len(_PLACE.findall(output.name)) != 1 or output.name.count("%") != 1:
             raise InputError(f"{output}: the name of frames needs one place for their numbers, such as cow_%04d.png")
@@ -78,18 +86,6 @@ class FrameFiles:
         self.state = output.with_name(_PLACE.sub("", output.stem).strip("._- ") + f".{_STATE}")
         for number in self.numbers:
             check_output(self.path(number), force=force)
-
-    def _check_folder(self, output: Path) -> None:
-        assert self.folder is not None
-        try:
-            is_free = not os.path.lexists(self.folder) or (self.state.is_file() and _is_state(self.state))
-            is_free = is_free or (self.folder.is_dir() and not any(self.folder.iterdir()))
-        except OSError as error:
-            raise InputError(f"{self.folder}: {error.strerror or error}") from None
-        if not is_free:
-            raise NotReplacedError(
-                f"{self.folder}: the frames of {output} would go there, but wrt did not make it; name another video"
-            )
 
     def path(self, number: int) -> Path:
         """Return the path of a frame's picture."""
@@ -117,8 +113,8 @@ class FrameFiles:
             InputError: if the earlier run differs, or its state cannot be read.
         """
         stored = self._stored()
+        before, complete = stored or ({}, [])
         if stored is not None and resume:
-            before = stored["identity"]
             differences = [
                 f"{name} ({before.get(name)} there, {value} here)" if len(str(value)) <= _MOST_CHARACTERS else name
                 for name, value in identity.items()
@@ -126,9 +122,9 @@ class FrameFiles:
             ]
             if differences:
                 raise InputError(f"{self.state}: cannot resume, these differ: {', '.join(differences)}")
-            self.complete = {number for number in stored["complete"] if self.path(number).is_file()}
-        elif stored is not None and self.folder is not None:
-            self._remove_frames(stored["complete"])
+            self.complete = {number for number in complete if self.path(number).is_file()}
+        elif self.folder is not None:
+            self._remove_frames(complete)
         self._identity = dict(identity)
         if self.folder is not None:
             try:
@@ -138,7 +134,8 @@ class FrameFiles:
         self._save()
         return stored is not None
 
-    def _stored(self) -> dict[str, Any] | None:
+    def _stored(self) -> tuple[dict[str, Any], list[int]] | None:
+        """Return the identity of an earlier run and the numbers of its complete frames, or None."""
         if not self.state.is_file():
             return None
         try:
@@ -146,10 +143,9 @@ class FrameFiles:
             forget_input(self.state)
             if stored["wrt frames"] != _FORMAT or not isinstance(stored["identity"], dict):
                 raise ValueError("another format")
-            stored["complete"] = [int(number) for number in stored["complete"]]
+            return stored["identity"], [int(number) for number in stored["complete"]]
         except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise InputError(f"{self.state}: not the state of an animation, or damaged ({first_line(error)})") from None
-        return dict(stored)
 
     def add(self, number: int, write: Callable[[Path, bool], object]) -> None:
         """Call `write` with a frame's path and `force` to save its picture, and mark the frame complete."""

@@ -14,7 +14,7 @@ from wrt.errors import InputError
 from wrt.linalg import norm, product
 from wrt.scene.camera import Camera, PerspectiveCamera
 from wrt.scene.mesh import box_around
-from wrt.scene.motion import rotation_matrix
+from wrt.scene.motion import turn
 from wrt.scene.scene import Scene, Shape, require_scene
 from wrt.studio.framing import frame_camera
 from wrt.studio.views import VIEWS, view_direction
@@ -70,8 +70,8 @@ def _turned_shapes(scene: Scene, count: int) -> Iterator[Scene]:
     if isinstance(camera, PerspectiveCamera):
         camera = _with_all_in_view(scene, camera, _swept(points, middle))
     for number in range(count):
-        turn = _turn(middle, (0.0, 1.0, 0.0), -360.0 * number / count)
-        turned = [shape.moved(turn) for shape in subjects] if number else subjects
+        matrix = turn((0.0, 1.0, 0.0), -360.0 * number / count, middle)
+        turned = [shape.moved(matrix) for shape in subjects] if number else subjects
         yield dataclasses.replace(scene, shapes=[*turned, *stage], camera=camera)
 
 
@@ -85,8 +85,8 @@ def _turned_camera(scene: Scene, count: int) -> Iterator[Scene]:
         axis = _nearest_axis(camera.up)
         pivot = _pivot(camera, scene)
     for number in range(count):
-        turn = _turn(pivot, axis, 360.0 * number / count)
-        yield dataclasses.replace(scene, camera=_moved(camera, turn) if number else camera)
+        matrix = turn(axis, 360.0 * number / count, pivot)
+        yield dataclasses.replace(scene, camera=_moved(camera, matrix) if number else camera)
 
 
 def _points(shapes: list[Shape]) -> tuple[NDArray[Any], Matrix]:
@@ -143,14 +143,7 @@ def _pivot(camera: Camera, scene: Scene) -> Matrix:
     return np.asarray(origin + depth * (target - origin)) if depth > 0.0 else middle
 
 
-def _turn(pivot: Matrix, axis: Vec3, degrees: float) -> Matrix:
-    turn = np.eye(4)
-    turn[:3, :3] = rotation_matrix(axis, degrees)
-    turn[:3, 3] = pivot - product(turn[:3, :3], pivot)
-    return turn
-
-
-def _moved(camera: Camera, turn: Matrix) -> Camera:
+def _moved(camera: Camera, matrix: Matrix) -> Camera:
     homogeneous = (*camera.origin, 1.0), (*camera.target, 1.0), (*camera.up, 0.0)
-    origin, target, up = (vec3(product(turn, np.array(point))[:3]) for point in homogeneous)
+    origin, target, up = (vec3(product(matrix, np.array(point))[:3]) for point in homogeneous)
     return dataclasses.replace(camera, origin=origin, target=target, up=up)

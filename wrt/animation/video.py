@@ -175,8 +175,8 @@ def find_encoder(path: str) -> tuple[str, str]:
         if (encoder := _encoder_of(program)) is not None:
             return program, encoder
         has_ffmpeg = True
-    why = "the ffmpeg here has no H.264 encoder" if has_ffmpeg else "an MP4 needs ffmpeg"
-    raise InputError(f"{path}: {why}; install ffmpeg, or run: pip install 'wrt[video]'; or choose .webp or .gif")
+    cause = "the ffmpeg here has no H.264 encoder" if has_ffmpeg else "an MP4 needs ffmpeg"
+    raise InputError(f"{path}: {cause}; install ffmpeg, or run: pip install 'wrt[video]'; or choose .webp or .gif")
 
 
 def _write_mp4(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) -> None:
@@ -215,19 +215,9 @@ def _write_mp4(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) 
 def _write_webp(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) -> None:
     from PIL import Image
 
-    pictures = [Image.fromarray(pixels) for pixels in frames]
-    durations = _durations(len(pictures) + 1, fps, unit=1)
-    Image.fromarray(first).save(
-        path,
-        format="WEBP",
-        save_all=True,
-        append_images=pictures,
-        duration=durations,
-        loop=0,
-        quality=_WEBP_QUALITY,
-        method=4,
-        xmp=f"<!-- {_MARK} -->".encode(),
-    )
+    pictures = [Image.fromarray(pixels) for pixels in itertools.chain([first], frames)]
+    mark = f"<!-- {_MARK} -->".encode()
+    _save_animation(path, "WEBP", pictures, fps, unit=1, quality=_WEBP_QUALITY, method=4, xmp=mark)
 
 
 def _write_gif(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) -> None:
@@ -236,16 +226,7 @@ def _write_gif(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) 
     pictures = [Image.fromarray(pixels) for pixels in itertools.chain([first], frames)]
     palette = _palette(pictures)
     indexed = [each.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for each in pictures]
-    indexed[0].save(
-        path,
-        format="GIF",
-        save_all=True,
-        append_images=indexed[1:],
-        duration=_durations(len(indexed), fps, unit=10),
-        loop=0,
-        optimize=False,
-        comment=_MARK.encode(),
-    )
+    _save_animation(path, "GIF", indexed, fps, unit=10, optimize=False, comment=_MARK.encode())
 
 
 def _palette(pictures: list[Any]) -> Any:
@@ -263,7 +244,8 @@ def _palette(pictures: list[Any]) -> Any:
     return sheet.quantize(_GIF_COLORS, method=Image.Quantize.MEDIANCUT, kmeans=1)
 
 
-def _durations(count: int, fps: float, *, unit: int) -> list[int]:
-    """Return the milliseconds of each frame, multiples of `unit` that add up to count/fps."""
-    ends = [round(1000.0 * number / fps / unit) * unit for number in range(count + 1)]
-    return [max(unit, end - start) for start, end in itertools.pairwise(ends)]
+def _save_animation(path: Path, kind: str, pictures: list[Any], fps: float, *, unit: int, **options: Any) -> None:
+    """Write pictures that loop for ever; each shows for a multiple of `unit` milliseconds, and all for len/fps."""
+    ends = [round(1000.0 * number / fps / unit) * unit for number in range(len(pictures) + 1)]
+    options["duration"] = [max(unit, end - start) for start, end in itertools.pairwise(ends)]
+    pictures[0].save(path, format=kind, save_all=True, append_images=pictures[1:], loop=0, **options)

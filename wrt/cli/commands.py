@@ -86,7 +86,7 @@ def info(
             # A mesh file is described without the studio that `load` adds. `alone` moves a mesh to the origin, which
             # would hide its place in the file, but not one from arrays.
             with confined_to(path.parent if confined else None):
-                text = scene_text(load_file(path, alone=path.suffix.lower() == ARRAYS_SUFFIX))
+                text = scene_text(load_file(path, standalone=path.suffix.lower() == ARRAYS_SUFFIX))
         else:
             text = scene_text(load(source, confined=confined))
     return _print(text)

@@ -56,7 +56,7 @@ class Output:
         from wrt.rendering.checkpoint import CHECKPOINT
 
         if self.is_default:
-            self.picture = free_path(Path(self.name), PICTURE, taken=self._pictures, force=self._force)
+            self.picture = free_path(Path(self.name), PICTURE, reserved=self._pictures, force=self._force)
         else:
             self.picture = check_output(self.name, force=self._force)
         if self.checkpoint is not None:
@@ -125,7 +125,7 @@ class Output:
 
         for folder in (self.picture.parent, Path(), Path(tempfile.gettempdir())):
             with contextlib.suppress(InputError):
-                path = free_path(folder / self.picture.name, PICTURE, taken=self._pictures)
+                path = free_path(folder / self.picture.name, PICTURE, reserved=self._pictures)
                 developed = renderer.save(path)
                 self.picture = path
                 return developed

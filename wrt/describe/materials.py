@@ -7,8 +7,8 @@ import inspect
 import re
 import textwrap
 import typing
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
 
 from wrt.describe.docstrings import meanings_of, plain, summary_of
 from wrt.errors import InputError, did_you_mean
@@ -36,35 +36,24 @@ _FOOTNOTE = (
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameter:
+class Parameter(NamedTuple):
     """One parameter of a material.
 
     Attributes:
         name: name in Python and in scene files.
+        label: the name, marked if the value may be an image or the mesh's vertex colours.
         default: default value as in scene files, or "required" or "none".
         meaning: description, in one line.
-        varies: whether it may be an image or the mesh's vertex colours.
     """
 
     name: str
+    label: str
     default: str
     meaning: str
-    varies: bool
-
-    @property
-    def label(self) -> str:
-        """The name, marked if the value may vary."""
-        return self.name + _VARIES * self.varies
 
 
 def parameters_of(cls: type[Material], *, inherited: bool = True) -> list[Parameter]:
-    """Return a material's parameters, its own before those of every material.
-
-    Args:
-        cls: the material's class.
-        inherited: whether to include those of every material.
-    """
+    """Return a material's parameters, and then, if `inherited`, those of every material."""
     meanings = meanings_of(cls)
     hints = typing.get_type_hints(cls)
     common = {field.name for field in dataclasses.fields(Material)}
@@ -72,9 +61,9 @@ def parameters_of(cls: type[Material], *, inherited: bool = True) -> list[Parame
     return [
         Parameter(
             field.name,
+            field.name + _VARIES * (ImageTexture in typing.get_args(hints[field.name])),
             _default(field),
             meanings.get(field.name, ""),
-            ImageTexture in typing.get_args(hints[field.name]),
         )
         for field in fields
         if inherited or field.name not in common
@@ -83,14 +72,17 @@ def parameters_of(cls: type[Material], *, inherited: bool = True) -> list[Parame
 
 def list_materials() -> str:
     """Return all materials and their parameters, one line each."""
-    shown = {name: parameters_of(cls, inherited=False) for name, cls in MATERIALS.items()}
-    shown["every material"] = parameters_of(Material)
-    widths = _widths(parameter for parameters in shown.values() for parameter in parameters)
+    listed = {name: parameters_of(cls, inherited=False) for name, cls in MATERIALS.items()}
+    listed["every material"] = parameters_of(Material)
+    start_of = _starts([parameter for parameters in listed.values() for parameter in parameters])
     paragraphs = []
-    for name, parameters in shown.items():
-        head = textwrap.shorten(f"{name}: {_first_clause(summary_of(MATERIALS.get(name)))}", WIDTH, placeholder=" …")
-        rows = [_row(p, _first_clause(p.meaning), widths, shorten=True) for p in parameters]
-        paragraphs.append("\n".join([head.removesuffix(":"), *rows]))
+    for name, parameters in listed.items():
+        summary = _first_clause(summary_of(MATERIALS.get(name)))
+        lines = [f"{name}: {summary}" if summary else name]
+        lines += [start_of(parameter) + _first_clause(parameter.meaning) for parameter in parameters]
+        # Like textwrap.shorten, but the columns keep their spaces.
+        cut = [line if len(line) <= WIDTH else line[: WIDTH - 2].rpartition(" ")[0] + " …" for line in lines]
+        paragraphs.append("\n".join(line.rstrip() for line in cut))
     ending = f"{_fill(_FOOTNOTE)}\n'wrt materials NAME' describes one in full."
     return "\n\n".join([*paragraphs, ending])
 
@@ -111,22 +103,16 @@ def explain_material(name: str) -> str:
     text = inspect.getdoc(cls) or ""
     paragraphs = [plain(part) for part in text.partition("\nAttributes:")[0].split("\n\n")]
     parameters = parameters_of(cls)
-    widths = _widths(parameters)
-    rows = [_row(p, p.meaning, widths, shorten=False) for p in parameters]
+    start_of = _starts(parameters)
+    rows = [_fill(p.meaning, start_of(p)) or start_of(p).rstrip() for p in parameters]
     head = [f"{name} (in Python {python})", *(_fill(part) for part in paragraphs if part)]
     return "\n\n".join([*head, "\n".join(rows), _fill(_FOOTNOTE)])
 
 
-def _widths(parameters: Iterable[Parameter]) -> tuple[int, int]:
-    labels, defaults = zip(*((len(p.label), len(p.default)) for p in parameters), strict=True)
-    return max(labels), max(defaults)
-
-
-def _row(parameter: Parameter, meaning: str, widths: tuple[int, int], *, shorten: bool) -> str:
-    start = f"  {parameter.label:<{widths[0]}}  {parameter.default:<{widths[1]}}  "
-    if shorten:
-        return (start + textwrap.shorten(meaning, WIDTH - len(start), placeholder=" …")).rstrip()
-    return _fill(meaning, start) or start.rstrip()
+def _starts(parameters: list[Parameter]) -> Callable[[Parameter], str]:
+    """Return a function from a parameter to the columns before its meaning, as wide as all parameters need."""
+    labels, defaults = (max(len(p[k]) for p in parameters) for k in (1, 2))
+    return lambda p: f"  {p.label:<{labels}}  {p.default:<{defaults}}  "
 
 
 def _fill(text: str, start: str = "") -> str:
@@ -141,22 +127,14 @@ def _first_clause(text: str) -> str:
 
 def _default(field: dataclasses.Field[Any]) -> str:
     """Return a default value as in scene files."""
-    value = field.default
-    if field.default_factory is not dataclasses.MISSING:
-        value = field.default_factory()
+    value = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
     if value is dataclasses.MISSING:
         return "required"
-    if value is None:
-        return "none"
     if isinstance(value, Material):
         return value.type_name
-    if isinstance(value, bool):
+    if isinstance(value, (bool, type(None))):
         return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"'
-    if isinstance(value, (tuple, list)):
-        return f"[{', '.join(map(str, value))}]"
-    return str(value)
+    return f'"{value}"' if isinstance(value, str) else str(value)
 
 
 # --- Presets ---------------------------------------------------------------------------------------

@@ -8,14 +8,14 @@ configuration to the environment variable OCIO or else to ocio://default.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, did_you_mean, is_utf8
+from wrt.errors import InputError, is_utf8
+from wrt.values import one_of
 
 BUILT_IN = "ocio://default"
 
@@ -60,19 +60,13 @@ def find_view(tone: str) -> View:
     if not opened.getDisplayNames():
         raise InputError(f"{config}: cannot be read as an OpenColorIO configuration: {opened.geterror()}")
     opened.geterror()
-    display = _one_of(display or opened.getDefaultDisplayName(), opened.getDisplayNames(), f"{config}: display")
+    display = one_of(display or opened.getDefaultDisplayName(), opened.getDisplayNames(), f"{config}: display")
     views = opened.getViewNames(display)
-    view = _one_of(view or opened.getDefaultViewName(display), views, f"{config}: view of {display!r}")
+    view = one_of(view or opened.getDefaultViewName(display), views, f"{config}: view of {display!r}")
     for name in _SOURCES:
         if opened.getColorSpaceIndex(opened.resolve(name)) >= 0:
             return View(config, display, view, name)
     raise InputError(f"{config}: has no linear Rec. 709 under a known name, such as {_SOURCES[0]}")
-
-
-def _one_of(name: str, names: Sequence[str], what: str) -> str:
-    if name not in names:
-        raise InputError(f"{what} must be one of {', '.join(names)}, not {name!r}{did_you_mean(name, names)}")
-    return name
 
 
 def encode(image: NDArray[np.float32], view: View) -> NDArray[np.float32]:

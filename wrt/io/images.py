@@ -132,12 +132,7 @@ def require_pixels(width: int, height: int) -> None:
 
 
 def open_image(file: Path | io.BytesIO) -> Image:
-    """Return a Pillow image, not decoded yet, after checking its size.
-
-    Raises:
-        InputError: when it is too large, or not an image.
-        Exception: of any type when the file is damaged.
-    """
+    """Return a Pillow image, not decoded yet, after checking its size; a damaged file may raise any Exception."""
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -194,9 +189,6 @@ def read_float(path: Path, *, alpha: bool = False) -> NDArray[np.float32]:
     """Read OpenEXR or Radiance HDR as (H, W, 3) float32 with OpenImageIO, whose error messages are readable.
 
     With `alpha` the alpha channel, if there is one, is returned three times instead of the colours.
-
-    Raises:
-        InputError: when it cannot be decoded, is too large or has no channels R, G, B or Y.
     """
     import OpenImageIO
 
@@ -238,12 +230,7 @@ def _read_npy(path: Path) -> NDArray[np.float32]:
 
 
 def check_output(path: PathLike, *, force: bool = False) -> Path:
-    """Check before a long render that a picture can be written to a path, and return the path.
-
-    Raises:
-        InputError: on a suffix that `save_image` does not write, a directory, a folder that does not exist or is not
-            writable, or a file that may not be replaced (see `wrt.io.safe_write`).
-    """
+    """Return the path of a picture after checking, before a long render, that it can be written."""
     file = picture_path(path)
     require_writable(file, PICTURE, force=force)
     return file

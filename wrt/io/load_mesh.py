@@ -67,7 +67,7 @@ def load_file(
     *,
     smooth_degrees: float | None = CREASE_DEGREES,
     time: float | None = None,
-    alone: bool = False,
+    standalone: bool = False,
 ) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
 
@@ -80,12 +80,10 @@ def load_file(
         path: the file; see `load_mesh`.
         smooth_degrees: see `load_mesh`.
         time: the time of the file's first animation, seconds; None for the scene at rest.
-        alone: whether the file is shown by itself. If it lies far from the origin, such as a map in metres, it is then
-            moved there unless it has lights or cameras: positions are exact to a part of its size, not of the distance.
+        standalone: whether the file is shown by itself. If it lies far from the origin, such as a map in metres, it is
+            then moved there unless it has lights or cameras: positions are exact to a part of its size, not of the
+            distance.
             Arrays have the material of mesh files instead of a shape's default.
-
-    Raises:
-        InputError: see `load_mesh`; also when a time is given and the file has no animation.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -99,7 +97,7 @@ def load_file(
 
         with hinting(file):
             mesh = read_mesh_arrays(file)
-            return Scene([bare_shape(mesh) if alone else Shape(mesh, name=file.stem)])
+            return Scene([bare_shape(mesh) if standalone else Shape(mesh, name=file.stem)])
     if suffix in USD_SUFFIXES:
         from wrt.io.usd.reader import read_usd
 
@@ -113,7 +111,7 @@ def load_file(
         suffixes = ", ".join(MESH_SUFFIXES)
         raise InputError(f"{file}: not a known mesh format; the name must end in {suffixes}{advice}")
     with naming_file(file), hinting(file):
-        return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, alone=alone)
+        return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, standalone=standalone)
 
 
 def _contents(file: Path, data: bytes, time: float | None) -> Contents:
@@ -163,26 +161,16 @@ def animation_of(path: PathLike) -> tuple[float, float] | None:
         return animation_ends(file, read_file(file))
 
 
-def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, alone: bool = False) -> Scene:
-    """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file.
+def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, standalone: bool = False) -> Scene:
+    """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file; see `wrt.io.trimesh_objects`.
 
-    Materials, textures, colours with alpha, cameras and lights are those of the file, as far as trimesh keeps them:
-    see `wrt.io.trimesh_objects`. Instances become shapes that share a mesh, each with a transform; all others are in
-    world space. Vertex and face colours are sRGB, or linear if the object was loaded from glTF or has a PBRMaterial.
-    Given normals are kept; normals that trimesh computes are not, because they smooth every edge. Points and paths are
-    left out with a warning.
-
-    Args:
-        source: the object.
-        smooth_degrees: see `load_mesh`.
-        alone: see `load_file`.
-
-    Raises:
-        InputError: when it is another type, or has no triangles.
+    Instances become shapes that share a mesh, each with a transform; all others are in world space. Vertex and face
+    colours are sRGB, or linear if the object was loaded from glTF or has a PBRMaterial. Given normals are kept; normals
+    that trimesh computes are not, because they smooth every edge. Points and paths are left out with a warning.
     """
     from wrt.io.trimesh_objects import read_object
 
-    return _scene(OF_TRIMESH, read_object(source), smooth_degrees, alone=alone)
+    return _scene(OF_TRIMESH, read_object(source), smooth_degrees, standalone=standalone)
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
@@ -190,7 +178,7 @@ def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) 
     return load_object(source, smooth_degrees=smooth_degrees).shapes
 
 
-def _scene(path: str, contents: Contents, smooth_degrees: float | None, *, alone: bool = False) -> Scene:
-    movable = alone and not (contents.lights or contents.cameras)
+def _scene(path: str, contents: Contents, smooth_degrees: float | None, *, standalone: bool = False) -> Scene:
+    movable = standalone and not (contents.lights or contents.cameras)
     shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees)
     return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)

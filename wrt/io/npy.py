@@ -33,12 +33,7 @@ _SMALL, _GAIN = 2**28, 20  # an archive may expand to this many bytes, or to thi
 
 
 def read_archive(data: bytes, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """Return arrays of an archive (.npz) by name.
-
-    Args:
-        data: the whole file.
-        names: the arrays to read, where present; None reads all.
-    """
+    """Return arrays of an archive (.npz) by name: those of `names` that it has, or all."""
     import zipfile
 
     try:

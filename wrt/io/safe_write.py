@@ -70,10 +70,10 @@ def require_writable(path: Path, kind: Kind, *, force: bool = False) -> None:
     _target(path, kind, force)
 
 
-def free_path(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset(), force: bool = False) -> Path:
+def free_path(path: Path, kind: Kind, *, reserved: Collection[Path] = frozenset(), force: bool = False) -> Path:
     """Return the first of `NAME`, `NAME-render`, `NAME-render-2` and so on where a file of a kind may be written.
 
-    Paths in `taken` are not used.
+    Paths in `reserved` are not used.
     """
     for number in range(_MOST_NAMES):
         tried = path if number == 0 else path.with_stem(f"{path.stem}-render{'' if number == 1 else f'-{number}'}")
@@ -81,7 +81,7 @@ def free_path(path: Path, kind: Kind, *, taken: Collection[Path] = frozenset(), 
             require_writable(tried, kind, force=force)
         except NotReplacedError:
             continue
-        if tried not in taken:
+        if tried not in reserved:
             return tried
     raise NotReplacedError(f"{path}: this and {_MOST_NAMES} similar names are taken; name another file")
 

@@ -49,15 +49,15 @@ class TextureImages:
         least: float = 0.0,
         most: float = 1.0,
     ) -> NDArray[np.float32] | None:
-        """Return (H, W, 3) linear values, read-only, or None if the image is left out.
+        """Return (H, W, 3) linear values, read-only and within bounds, or None if the image is left out.
 
         Args:
             key: identifies the image in later calls.
             kind: one of KINDS. Without an alpha channel, the colour channels are read as data in its place.
             label: name of the image in warnings, such as "image 3".
             source: called once for the image; may raise InputError, as when the file is missing.
-            least: lower bound to which values are clamped.
-            most: upper bound.
+            least: values below are set to this.
+            most: values above are set to this.
         """
         place = key, kind, least, most
         if place not in self._pixels:

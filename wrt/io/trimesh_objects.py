@@ -22,7 +22,6 @@ from wrt.io.gltf.materials import GltfMaterials
 from wrt.io.gltf.scene import cameras_of, lights_of
 from wrt.io.mesh.mtl import MtlMaterials
 from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed
-from wrt.io.mesh.ply import strips_of
 from wrt.io.mesh.sidecars import COLOR_MAP, Sidecars
 from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
@@ -46,9 +45,7 @@ def file_type(source: Any) -> str:
 def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     """Return a part for each mesh and material of a `trimesh.Trimesh` or a `trimesh.Scene`, its camera and its lights.
 
-    Args:
-        source: the object.
-        name: what messages call it.
+    Messages call the object by `name`.
     """
     import trimesh
 
@@ -126,15 +123,9 @@ class _Reader:
         from trimesh.visual.material import MultiMaterial, PBRMaterial
 
         if not isinstance(mesh, trimesh.Trimesh):
-            # trimesh does not expand the triangle strips of PLY files: it returns their vertices as a point cloud.
-            strips = strips_of(mesh.metadata.get("_ply_raw") or {})
-            if not len(strips):
-                instead = "; wrt.spheres shows points" if isinstance(mesh, trimesh.PointCloud) else ""
-                warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
-                return []
-            colors = matching(getattr(mesh, "colors", None), len(mesh.vertices))
-            colors = None if colors is None else self._colors(colors)
-            return [Part(name, np.asarray(mesh.vertices), strips, colors=colors)]
+            instead = "; wrt.spheres shows points" if isinstance(mesh, trimesh.PointCloud) else ""
+            warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
+            return []
         part, visual = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh)), mesh.visual
         if visual.kind == "vertex":
             part.colors = self._colors(visual.vertex_colors)

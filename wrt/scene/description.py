@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import typing
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Annotated, Any, ClassVar, TypeAlias
 
@@ -36,12 +36,12 @@ def _check_word(value: Any, name: str, *, words: Sequence[str]) -> str:
     return one_of(value, words, name)
 
 
-def instance_of(cls: type) -> Check:
-    """Return a check that a value is an instance of a public class of wrt."""
+def instance_of(cls: type, hint: str = "") -> Check:
+    """Return a check that a value is an instance of a public class of wrt; `hint` ends the message."""
 
     def check(value: Any, name: str) -> Any:
         if not isinstance(value, cls):
-            raise InputError(f"{name} must be a wrt.{cls.__name__}, not {type(value).__name__}")
+            raise InputError(f"{name} must be a wrt.{cls.__name__}, not {type(value).__name__}{hint}")
         return value
 
     return check
@@ -92,3 +92,9 @@ class Kind(Description):
     def model(self) -> str:
         """Name of the model in kernels, by default the type's own."""
         return self.type_name.replace("-", "_")
+
+
+def by_type_name(namespace: Mapping[str, Any], base: type[Any]) -> dict[str, type[Any]]:
+    """Return the classes of a module that have a base and a `type` in scene files, by that type, in order."""
+    classes: list[Any] = [cls for cls in namespace.values() if isinstance(cls, type) and issubclass(cls, base)]
+    return {cls.type_name: cls for cls in classes if cls.type_name}

@@ -12,21 +12,23 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt import values
 from wrt.errors import InputError
-from wrt.linalg import determinant, gauss_legendre, product
+from wrt.linalg import gauss_legendre, product
 from wrt.scene.description import Color, Description, Vector, instance_of, optional
 from wrt.scene.mesh import Mesh
+from wrt.scene.motion import affine_matrix
 from wrt.scene.shapes import box
-from wrt.values import FLOAT32_MAX, ColorLike, Vec3, array, color, number, owned
+from wrt.values import FLOAT32_MAX, ColorLike, Vec3, number, owned
 
 MOST_CELLS = 2**29
 """The most cells of a grid: 2 GB of densities."""
 
 
-def _cells(values: Any, name: str, *, channels: tuple[int, ...]) -> NDArray[np.float32]:
+def _cells(densities: Any, name: str, *, channels: tuple[int, ...]) -> NDArray[np.float32]:
     """Return values of cells as a read-only float32 array with one of these numbers of channels; 0 for no axis."""
     with np.errstate(over="ignore"):
-        result = owned(values, name, np.float32)
+        result = owned(densities, name, np.float32)
     shapes = ["(nz, ny, nx)" if count == 0 else f"(nz, ny, nx, {count})" for count in channels]
     if not any(result.shape[3:] == ((count,) if count else ()) for count in channels) or result.ndim < 3:
         raise InputError(f"{name} must be {' or '.join(shapes)}, not {result.shape}")
@@ -37,16 +39,6 @@ def _cells(values: Any, name: str, *, channels: tuple[int, ...]) -> NDArray[np.f
     if not np.isfinite(result).all() or float(result.min()) < 0.0:
         raise InputError(f"{name} must be finite and not negative")
     return result
-
-
-def _affine(value: Any, name: str) -> NDArray[np.float64]:
-    matrix = array(value, name, np.float64).copy()
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not np.array_equal(matrix[3], (0, 0, 0, 1)):
-        raise InputError(f"{name} must be a (4, 4) affine matrix")
-    if not abs(determinant(matrix[:3, :3])) > 0.0:
-        raise InputError(f"{name} must not flatten space")
-    matrix.flags.writeable = False
-    return matrix
 
 
 _Cells = NDArray[np.float32] | None
@@ -75,7 +67,7 @@ class DensityGrid(Description):
     values: Annotated[NDArray[np.float32], partial(_cells, channels=(0,))] = field(repr=False)
     lower: Vector = (0.0, 0.0, 0.0)
     upper: Vector = (1.0, 1.0, 1.0)
-    transform: Annotated[NDArray[np.float64] | None, optional(_affine)] = None
+    transform: Annotated[NDArray[np.float64] | None, optional(affine_matrix)] = None
     factor: Annotated[float, partial(number, minimum=0.0, maximum=FLOAT32_MAX)] = 1.0
     albedo: Annotated[_Cells, optional(partial(_cells, channels=(3,)))] = field(default=None, repr=False)
     emission: Annotated[_Cells, optional(partial(_cells, channels=(0, 3)))] = field(default=None, repr=False)
@@ -180,7 +172,7 @@ class Medium(Description):
         Raises:
             InputError: if a channel is 0, which would take infinite absorption.
         """
-        share = _color(color, "color", maximum=1.0)
+        share = values.color(color, "color", maximum=1.0)
         if min(share) <= 0.0:
             raise InputError(f"color must be greater than 0 in each channel, not {share}: no medium absorbs everything")
         distance = number(distance, "distance", above=0.0)
@@ -205,7 +197,7 @@ class Medium(Description):
             emission: as the attribute.
             density: as the attribute.
         """
-        share, total = _color(albedo, "albedo", maximum=1.0), _color(extinction, "extinction")
+        share, total = values.color(albedo, "albedo", maximum=1.0), values.color(extinction, "extinction")
         scattering = tuple(a * t for a, t in zip(share, total, strict=True))
         absorption = tuple((1.0 - a) * t for a, t in zip(share, total, strict=True))
         return cls(absorption, scattering, g, emission, density)
@@ -226,11 +218,11 @@ class Medium(Description):
         Raises:
             InputError: if a radius is 0.
         """
-        paths = _color(radius, "radius")
+        paths = values.color(radius, "radius")
         if min(paths) <= 0.0:
             raise InputError(f"radius must be greater than 0 in each channel, not {paths}")
         g = number(g, "g", minimum=-0.99, maximum=0.99)
-        reduced = tuple(albedo_of_color(share) for share in _color(color, "color", maximum=1.0))
+        reduced = tuple(albedo_of_color(share) for share in values.color(color, "color", maximum=1.0))
         # Similarity: media of the same absorption and of the same scattering (1 − g) look alike deep inside
         # (van de Hulst, "Multiple Light Scattering", 1980, section 14.1).
         absorption = tuple((1.0 - a) / r for a, r in zip(reduced, paths, strict=True))
@@ -244,9 +236,6 @@ def albedo_of_color(reflectance: float) -> float:
 
     The exact reflectance under uniform light is R(a) = 1 − 2 √(1 − a) ∫ H(μ) μ dμ with Chandrasekhar's H ("Radiative
     Transfer", 1950, sections 38 and 85). It is inverted by bisection.
-
-    Args:
-        reflectance: 0 to 1.
     """
     low, high = 0.0, 1.0
     for _ in range(52):
@@ -259,11 +248,7 @@ def albedo_of_color(reflectance: float) -> float:
 
 
 def color_of_albedo(albedo: float) -> float:
-    """Return the diffuse reflectance of an isotropic half-space of this single-scattering albedo, under uniform light.
-
-    Args:
-        albedo: 0 to 1.
-    """
+    """Return the reflectance under uniform light of an isotropic half-space of this single-scattering albedo."""
     nodes, weights = gauss_legendre(32)
     # Squaring concentrates nodes near μ = 0, where H has an infinite slope.
     mu = (0.5 * (nodes + 1.0)) ** 2
@@ -287,7 +272,3 @@ MEDIA: dict[str, Callable[..., Medium]] = {
     "subsurface": Medium.from_subsurface,
 }
 """Constructors of media by their `type` in scene files."""
-
-
-def _color(value: ColorLike, name: str, maximum: float = 1e30) -> Vec3:
-    return color(value, name, maximum=maximum)

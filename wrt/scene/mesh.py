@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from wrt import _notebook
 from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
-from wrt.scene.motion import rotation_matrix
+from wrt.scene.motion import check_affine, turn
 from wrt.values import array, number, owned, refuse_codes, sealed, vector
 
 
@@ -134,16 +134,7 @@ class Mesh:
         colors: NDArray[Any] | None = None,
         name: str = "mesh",
     ) -> Mesh:
-        """Make a mesh from arrays that the caller hands over: they become read-only and are not copied.
-
-        Args:
-            vertices: (N, 3); see Mesh for all arrays. Other element types are converted.
-            faces: (M, 3).
-            normals: (N, 3) or None.
-            uvs: (N, 2), (N, 4) or None.
-            colors: (N, 3), (N, 4) or None.
-            name: source of the mesh, for messages.
-        """
+        """Make a mesh from arrays that the caller hands over: they become read-only and are not copied."""
         for values in (vertices, faces, normals, uvs, colors):
             if values is not None:
                 sealed(values)
@@ -166,14 +157,11 @@ class Mesh:
     def transformed(self, matrix: ArrayLike) -> Mesh:
         """Return a copy transformed by a (4, 4) or (3, 4) affine matrix, with correct normals and winding."""
         m = array(matrix, f"{self.name}: a transform", np.float64)
-        if m.shape not in ((4, 4), (3, 4)) or not np.isfinite(m).all():
-            raise InputError(f"{self.name}: a transform must be a finite 4x4 matrix")
-        if (m[3:] != (0.0, 0.0, 0.0, 1.0)).any():
-            raise InputError(f"{self.name}: a transform must be affine: its last row must be 0 0 0 1")
+        if m.shape not in ((4, 4), (3, 4)):
+            raise InputError(f"{self.name}: a transform must be a 4x4 matrix, not an array of {m.shape}")
         linear, offset = m[:3, :3], m[:3, 3]
+        check_affine(np.vstack([m[:3], m[3:] if len(m) == 4 else (0.0, 0.0, 0.0, 1.0)]), f"{self.name}: a transform")
         volume = float(determinant(linear))
-        if volume == 0.0:
-            raise InputError(f"{self.name}: the transform is not invertible")
         with np.errstate(all="ignore"):  # Mesh refuses values that are not finite
             vertices = (product(self.vertices.astype(np.float64), linear.T) + offset).astype(np.float32)
         normals = self.normals
@@ -211,9 +199,7 @@ class Mesh:
 
     def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:
         """Return a copy turned about an axis through the origin, counter-clockwise seen from the axis's end."""
-        m = np.eye(4)
-        m[:3, :3] = rotation_matrix(axis, degrees)
-        return self.transformed(m)
+        return self.transformed(turn(axis, degrees))
 
 
 def columns(mesh: Mesh, name: str, first: int, stop: int, default: float) -> NDArray[np.float32]:

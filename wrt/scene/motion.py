@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import determinant, dot, inverse, norm, polar, product
-from wrt.values import Vec3, array, key_times, number, pair, vector
+from wrt.values import Vec3, array, key_times, number, pair, sealed, vector
 
 FloatArray = NDArray[np.float64]
 
@@ -72,8 +72,7 @@ class Motion:
                 f"motion transform {turned[0] + 1} mirrors the one before: between them, shapes would become flat"
             )
         for values, name in ((times, "times"), (matrices, "transforms")):
-            values.setflags(write=False)
-            object.__setattr__(self, name, values)
+            object.__setattr__(self, name, sealed(values))
         object.__setattr__(self, "center", vector(self.center, "motion center"))
 
     @classmethod
@@ -115,10 +114,7 @@ class Motion:
 
         If the keys are rigid, the result equals the matrix followed by this motion at every time.
         """
-        first = np.array(matrix, dtype=np.float64)
-        if first.shape != (4, 4):
-            raise InputError(f"a transform must be (4, 4), not {first.shape}")
-        check_affine(first, "transform")
+        first = affine_matrix(matrix, "a transform")
         center = product(inverse(first), np.append(self.center, 1.0))[:3]
         return Motion(self.times, product(self.transforms, first), tuple(center.tolist()))
 
@@ -197,6 +193,18 @@ def check_affine(matrix: FloatArray, name: str) -> None:
         raise InputError(f"{name} scales by over 1e38 or by under 1e-38")
 
 
+def affine_matrix(value: object, name: str, alternative: str = "") -> FloatArray:
+    """Return `value` as a read-only affine (4, 4) matrix, or raise InputError, which may name an alternative to it."""
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a (4, 4) matrix{alternative}, not {type(value).__name__}") from None
+    if matrix.shape != (4, 4):
+        raise InputError(f"{name} must be a (4, 4) matrix{alternative}, not an array of {matrix.shape}")
+    check_affine(matrix, name)
+    return sealed(matrix)
+
+
 def rotation_matrix(axis: Any, degrees: Any) -> FloatArray:
     """Return the (3, 3) rotation about an axis of any length but zero (Rodrigues' formula)."""
     x, y, z = vector(axis, "axis")
@@ -206,6 +214,14 @@ def rotation_matrix(axis: Any, degrees: Any) -> FloatArray:
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / length
     angle = np.deg2rad(number(degrees, "degrees"))
     return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * product(k, k))
+
+
+def turn(axis: Any, degrees: Any, pivot: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
+    """Return the (4, 4) rotation about an axis through a pivot."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation_matrix(axis, degrees)
+    matrix[:3, 3] = np.asarray(pivot) - product(matrix[:3, :3], np.asarray(pivot))
+    return matrix
 
 
 def _quaternion(r: FloatArray) -> FloatArray:

@@ -87,8 +87,9 @@ def _made_unit(mesh: Mesh) -> NDArray[np.float32]:
     result = np.empty((len(mesh.vertices), 3), np.float32)
     missing = np.zeros(len(result), bool)
     for part in _chunks(len(result)):
-        unit, length = _unit(mesh.normals[part].astype(np.float64))
-        result[part] = unit
+        normals = mesh.normals[part].astype(np.float64)
+        length = np.linalg.norm(normals, axis=1)
+        result[part] = normals / np.where(length > 0.0, length, 1.0)[:, None]
         missing[part] = ~np.isfinite(length) | (length < 1e-20)
     if missing.any():
         computed = _smooth(mesh, same_positions(mesh.vertices))
@@ -99,12 +100,6 @@ def _made_unit(mesh: Mesh) -> NDArray[np.float32]:
 def _chunks(count: int) -> Iterator[slice]:
     """Return slices of CHUNK rows that together cover `count` rows."""
     return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
-
-
-def _unit(vectors: _Float) -> tuple[_Float, _Float]:
-    """Return normalised vectors (zero ones stay zero) and their original lengths."""
-    length = np.linalg.norm(vectors, axis=-1)
-    return vectors / np.where(length > 0.0, length, 1.0)[..., None], length
 
 
 def vertex_normals(mesh: Mesh) -> _Float:
@@ -211,8 +206,7 @@ def _group_normals(vertices: _Vertices, faces: _Faces, groups: _Int) -> _Float:
     size = int(groups.max(initial=0)) + 1
     # Complex pairs halve the number of memory accesses.
     sums = np.zeros((2, size), np.complex128)
-    for part, normals, angles in _faces_in_chunks(vertices, faces):
-        x, y, z = normals
+    for part, (x, y, z), angles in _faces_in_chunks(vertices, faces):
         for corners, angle in zip(faces[part].T, angles, strict=True):
             of_corners = groups.take(corners)
             np.add.at(sums[0], of_corners, (x + 1j * y) * angle)

@@ -16,17 +16,17 @@ from wrt.errors import InputError, did_you_mean
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.deformation import Deformation
-from wrt.scene.description import Check, Description, Flag, optional, word_of
+from wrt.scene.description import Check, Description, Flag, instance_of, optional, word_of
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.layers import layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material
 from wrt.scene.materials.body import bodies_of
-from wrt.scene.materials.material import color_source
+from wrt.scene.materials.material import UnlimitedColor
 from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
-from wrt.scene.motion import Motion, check_affine
+from wrt.scene.motion import Motion, affine_matrix
 from wrt.scene.textures import ColorSource, shines
 from wrt.values import FLOAT32_MAX, Vec3, integer, number
 
@@ -42,16 +42,21 @@ INTEGRATORS = ("path", "volpath", "direct", "whitted", "ao", "aov")
 MAX_SPP = 2**30
 """Most samples per pixel: a wide kernel takes several at once, and must not count beyond 32 bits."""
 
-_MAKES_A_MESH = "wrt.load_mesh makes one of a file or a trimesh object"
-
-"""The choice of adaptive sampling besides true and false."""
-
 MOST_JITTERED_RAYS = 16
 """More would not find a place among the 32 rays of a tree that may wait."""
 
 
+def _matrix_or_motion(value: object, name: str) -> NDArray[np.float64] | Motion:
+    return value if isinstance(value, Motion) else affine_matrix(value, name, " or a wrt.Motion")
+
+
+_Mesh = Annotated[Mesh, instance_of(Mesh, "; wrt.load_mesh makes one of a file or a trimesh object")]
+_Placement = Annotated[NDArray[np.float64] | Motion | None, optional(_matrix_or_motion)]
+_Deformation = Annotated[Deformation | None, optional(instance_of(Deformation))]
+
+
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Description):
     """A mesh with a material, an emission and a place in the world.
 
     Attributes:
@@ -66,31 +71,27 @@ class Shape:
         deformation: keyframes of the vertices.
     """
 
-    mesh: Mesh
-    material: Material = field(default_factory=Diffuse)
-    emission: ColorSource = 0.0
+    mesh: _Mesh
+    material: Annotated[Material, instance_of(Material)] = field(default_factory=Diffuse)
+    emission: UnlimitedColor = 0.0
     two_sided_emission: bool = False
     name: str = "shape"
-    transform: NDArray[np.float64] | Motion | None = field(default=None, repr=False)
-    deformation: Deformation | None = field(default=None, repr=False)
+    transform: _Placement = field(default=None, repr=False)
+    deformation: _Deformation = field(default=None, repr=False)
+
+    def _label(self, name: str) -> str:
+        return f"{self.name}: {name}"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mesh, Mesh):
-            raise InputError(f"{self.name}: mesh must be a wrt.Mesh, not {type(self.mesh).__name__}; {_MAKES_A_MESH}")
-        if not isinstance(self.material, Material):
-            raise InputError(f"{self.name}: material must be a wrt.Material, not {type(self.material).__name__}")
-        if self.transform is not None and not isinstance(self.transform, Motion):
-            object.__setattr__(self, "transform", _matrix(self.transform, f"{self.name}: transform"))
+        super().__post_init__()
         if self.deformation is not None:
-            if not isinstance(self.deformation, Deformation):
-                raise InputError(f"{self.name}: deformation must be a wrt.Deformation")
             if isinstance(self.mesh, Analytic):
                 raise InputError(f"{self.name}: exact shapes cannot be deformed; take mesh.tessellated()")
             moving, count = self.deformation.vertices.shape[1], len(self.mesh.vertices)
             if moving != count:
                 raise InputError(f"{self.name}: the deformation has {moving} vertices, but the mesh has {count}")
-        emission = color_source(self.emission, f"{self.name}: emission", maximum=FLOAT32_MAX)
-        object.__setattr__(self, "emission", emission if shines(emission) else self.material.emission)
+        if not shines(self.emission):
+            self._set(emission=self.material.emission)
 
     @property
     def emits(self) -> bool:
@@ -237,19 +238,6 @@ class RenderSettings(Description):
     def film_layers(self) -> tuple[str, ...]:
         """The layers that a film needs: the selected ones, and coverage for a transparent picture."""
         return layer_names((*self.layers, "alpha")) if self.transparent else self.layers
-
-
-def _matrix(value: object, name: str) -> NDArray[np.float64]:
-    """Return `value` as an affine (4, 4) matrix, or raise InputError."""
-    try:
-        matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not {type(value).__name__}") from None
-    if matrix.shape != (4, 4):
-        raise InputError(f"{name} must be a (4, 4) matrix or a wrt.Motion, not an array of {matrix.shape}")
-    check_affine(matrix, name)
-    matrix.setflags(write=False)
-    return matrix
 
 
 def _crop_window(value: object, width: int, height: int) -> tuple[int, int, int, int]:

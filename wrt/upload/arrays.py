@@ -25,9 +25,9 @@ def require_countable(count: int, what: str) -> None:
 
 def packed(rows: Iterable[Sequence[Any] | Mapping[str, Any]], struct: Any) -> NDArray[Any]:
     """Return an array of a struct of kernels; a row has all values in order, or some by name, the others being 0."""
-    given = list(rows)
-    records = np.zeros(len(given), struct.numpy_dtype())
-    for record, row in zip(records, given, strict=True):
+    listed = list(rows)
+    records = np.zeros(len(listed), struct.numpy_dtype())
+    for record, row in zip(records, listed, strict=True):
         for name, value in row.items() if isinstance(row, Mapping) else zip(records.dtype.names, row, strict=True):
             record[name] = value
     return records

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,40 +24,52 @@ CAMERA_RAYS = 15
 """Rays that test whether the camera is inside a body; the majority decides."""
 
 
-@dataclass
 class BodyTable:
-    """The bodies and media of a scene.
+    """The bodies and media of a scene; a body for each material object.
 
     Attributes:
         of_shapes: (shapes,) number of the body that each shape bounds; −1 for none.
         records: (medium, priority, index inside, index outside, spread of the first over the channels) of each body.
         media: all media that affect light.
         medium: number of the medium outside all bodies; −1 for none.
+        kind: the value of `Features.media`.
+        nested: whether any body has a priority.
     """
 
-    of_shapes: list[int] = field(default_factory=list)
-    records: list[tuple[int, int, float, float, Vec3]] = field(default_factory=list)
-    media: list[Medium] = field(default_factory=list)
-    medium: int = -1
+    def __init__(self, scene: Scene) -> None:
+        """List the bodies and media.
 
-    @property
-    def kind(self) -> str:
-        """The value of `Features.media`."""
+        Raises:
+            InputError: when one surface bounds two different bodies, or a medium emits infinite light.
+        """
+        self.of_shapes: list[int] = []
+        self.records: list[tuple[int, int, float, float, Vec3]] = []
+        self.media: list[Medium] = []
+        self.medium = self._number(scene.medium)
+        numbers: dict[int, int] = {}
+        for shape in scene.shapes:
+            key = id(shape.material)
+            if key not in numbers:
+                body = _body(shape.material, shape.name)
+                numbers[key] = -1 if body is None else len(self.records)
+                if body is not None:
+                    indices = body.interior_ior or 0.0, getattr(body, "exterior_ior", 1.0), body.interior_spread
+                    self.records.append((self._number(body.interior), body.priority, *indices))
+            self.of_shapes.append(numbers[key])
+        self.kind = "absorbing" if self.media else "none"
         if any(medium.scatters for medium in self.media):
-            return "scattering"
-        return "absorbing" if self.media else "none"
+            self.kind = "scattering"
+        self.nested = any(priority != 0 for _, priority, *_ in self.records)
+        for shape in scene.shapes if self.nested else ():
+            if any(isinstance(body, RoughDielectric) and body.multiple_bounces for body in bodies_of(shape.material)):
+                raise InputError(
+                    f"{shape.name}: multiple_bounces needs a fixed index outside; turn it off where bodies have "
+                    "priorities"
+                )
+        if scene.medium is not None and scene.medium.density is None:
+            _check_outer(scene, scene.medium)
 
-    @property
-    def has_grids(self) -> bool:
-        """Whether the density of any medium varies."""
-        return any(medium.density is not None for medium in self.media)
-
-    @property
-    def nested(self) -> bool:
-        """True if any body has a priority."""
-        return any(priority != 0 for _, priority, *_ in self.records)
-
-    def number(self, medium: Medium | None) -> int:
+    def _number(self, medium: Medium | None) -> int:
         """Return the number of a medium; −1 if it does not affect light."""
         if medium is None or medium.is_clear:
             return -1
@@ -66,44 +77,18 @@ class BodyTable:
             self.media.append(medium)
         return self.media.index(medium)
 
+    @property
+    def has_grids(self) -> bool:
+        """Whether the density of any medium varies."""
+        return any(medium.density is not None for medium in self.media)
+
     def upload(self, data: Any, device: Device) -> None:
         """Fill the tables of a SceneData struct."""
         backend = current_backend()
         scene_data = backend.kernels("wrt.kernels.core.scene_data")
-
         upload_media(data, self.media, device)
         data.bodies = backend.array(packed(self.records, scene_data.BodyRecord), scene_data.BodyRecord, device.name)
         data.medium = self.medium
-
-
-def describe_bodies(scene: Scene) -> BodyTable:
-    """Return the table of a scene's bodies, one for each material object.
-
-    Raises:
-        InputError: when one surface bounds two different bodies, or a medium emits infinite light.
-    """
-    table = BodyTable(medium=-1)
-    table.medium = table.number(scene.medium)
-    numbers: dict[int, int] = {}
-    for shape in scene.shapes:
-        key = id(shape.material)
-        if key not in numbers:
-            body = _body(shape.material, shape.name)
-            numbers[key] = -1 if body is None else len(table.records)
-            if body is not None:
-                indices = body.interior_ior or 0.0, getattr(body, "exterior_ior", 1.0), body.interior_spread
-                table.records.append((table.number(body.interior), body.priority, *indices))
-        table.of_shapes.append(numbers[key])
-    if table.nested:
-        for shape in scene.shapes:
-            if any(isinstance(body, RoughDielectric) and body.multiple_bounces for body in bodies_of(shape.material)):
-                raise InputError(
-                    f"{shape.name}: multiple_bounces needs a fixed index outside; turn it off where bodies have "
-                    "priorities"
-                )
-    if scene.medium is not None and scene.medium.density is None:
-        _check_outer(scene, scene.medium)
-    return table
 
 
 def _body(material: Material, name: str) -> Body | None:
@@ -133,14 +118,8 @@ def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, geometry: str
     """Write the bodies around the camera into a SceneData struct, outermost first, one for each surface around it.
 
     A ray from inside a closed surface leaves it once more often than it enters it. A ray can also pass through a hole
-    in an open surface, so several rays vote: the camera is inside if more than half of them leave.
-
-    Args:
-        data: the struct, complete except for the bodies at the camera.
-        table: the bodies.
-        camera: the camera.
-        geometry: see Features.
-        device: the device of the scene.
+    in an open surface, so several rays vote: the camera is inside if more than half of them leave. The struct must be
+    complete otherwise; `geometry` is as in Features.
     """
     if not table.records:
         return

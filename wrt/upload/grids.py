@@ -29,11 +29,8 @@ LEAST_DEPTH = 4.0
 def majorants(values: NDArray[np.float32], size: int = CELLS_PER_MAJORANT) -> NDArray[np.float32]:
     """Return the greatest interpolated value within each block of cells.
 
-    The blocks divide the box evenly, also where `size` does not divide the number of cells.
-
-    Args:
-        values: (nz, ny, nx) at the centres of cells.
-        size: the most cells of a block along an axis.
+    Values, (nz, ny, nx), are at the centres of cells. The blocks, of at most `size` cells along an axis, divide the box
+    evenly, also where `size` does not divide the number of cells.
     """
     result = values
     for axis, cells in enumerate(values.shape):

@@ -57,7 +57,7 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
 
 
 def integrator_features(features: Features, integrator: str, settings: RenderSettings) -> Features:
-    """Return the features of a scene without those that the integrator does not use, and with its own."""
+    """Return the features of a scene as an integrator and the settings need them."""
     if settings.film_layers:
         features = dataclasses.replace(features, aovs=True)
     if integrator in ("path", "direct", "whitted") and features.media == "scattering":

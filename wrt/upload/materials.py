@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -29,79 +28,107 @@ from wrt.upload.textures.pyramid import normals_of, pyramid, slope_pyramid
 from wrt.upload.textures.texels import Texels
 
 
-@dataclass
 class MaterialTable:
     """The distinct materials of a scene, with the parts of composite ones after them.
 
     Attributes:
         materials: the materials.
-        numbers: index in `materials` by identity.
         of_shapes: (shapes,) number of each shape's material.
-        emissions: emission of each shape, then the textures of lights.
-        emission_slots: slot of each that varies, otherwise −1; known after the upload.
+        emission_slots: slot of each emission that varies, otherwise −1.
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
         uv2_alpha: whether any texture uses second texture coordinates or the alpha of vertex colours.
+        mipmapped: whether any image has mip levels.
         opacity: whether any material has holes.
         composite: which composite materials there are, as in Features.
-        mipmapped: whether any image has mip levels.
         tangents: whether any material depends on the direction of texture coordinates, or has a normal map.
     """
 
-    materials: list[Material] = field(default_factory=list)
-    numbers: dict[int, int] = field(default_factory=dict)
-    of_shapes: list[int] = field(default_factory=list)
-    emissions: list[ColorSource] = field(default_factory=list)
-    emission_slots: list[int] = field(default_factory=list)
-    models: tuple[str, ...] = ()
-    textured: bool = False
-    uv2_alpha: bool = False
-    opacity: bool = False
-    composite: str = "none"
-    tangents: bool = False
-    mipmapped: bool = False
-    _made: tuple[_Slots, NDArray[Any], Texels] | None = None
+    def __init__(self, materials: list[Material], emissions: Sequence[ColorSource] = ()) -> None:
+        """Flatten the shapes' materials, and emissions: those of the shapes, then the textures of lights.
 
-    def add(self, material: Material) -> int:
+        Raises:
+            InputError: when a material names an unknown reflection model, or does not fit its model.
+        """
+        self.materials: list[Material] = []
+        self._numbers: dict[int, int] = {}
+        self.of_shapes = [self._add(material) for material in materials]
+        simple = [material for material in self.materials if not material.parts]
+        self.models = tuple(sorted({model_name(material) for material in simple}))
+        values = [value for material in self.materials for value in (*material.slots, material.opacity)]
+        varying = [value for value in (*values, *emissions) if _varies(value)]
+        self.textured = bool(varying)
+        self.uv2_alpha = any(_needs_uv2_alpha(value) for value in varying)
+        self.mipmapped = any(isinstance(value, ImageTexture) and value.has_levels for value in varying)
+        self.opacity = any(material.opacity != 1.0 for material in self.materials)
+        self.composite = "none"
+        if not self.opacity and len(simple) < len(self.materials):
+            mixed = any(isinstance(material, Mix) for material in self.materials)
+            self.composite = "mixed" if mixed else "sides"
+        self.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
+        k = current_backend().kernels("wrt.kernels.core.scene_data")
+        self._slots = _Slots()
+        self._records = packed([self._record(material) for material in self.materials], k.MaterialRecord)
+        self.emission_slots = [self._slots.add(emission) if _varies(emission) else -1 for emission in emissions]
+        self._texels = Texels(self._slots.pixels)
+
+    def _add(self, material: Material) -> int:
         """Return the number of a material, which is added if new."""
-        if id(material) not in self.numbers:
-            self.numbers[id(material)] = len(self.materials)
+        if id(material) not in self._numbers:
+            self._numbers[id(material)] = len(self.materials)
             self.materials.append(material)
             for part in material.parts:
-                self.add(part)
-        return self.numbers[id(material)]
+                self._add(part)
+        return self._numbers[id(material)]
+
+    def _record(self, material: Material) -> dict[str, Any]:
+        """Return the record of a material, still without its table, and add its values to the slots."""
+        from wrt.kernels.core.registry import model_number
+
+        k = current_backend().kernels("wrt.kernels.core.scene_data")
+        record: dict[str, Any] = {"first_slot": len(self._slots.rows)}
+        for value in material.slots:
+            self._slots.add(value)
+        record["opacity_slot"] = -1 if material.opacity == 1.0 else self._slots.add(material.opacity)
+        if material.parts:
+            if not isinstance(material, (Mix, TwoSided)):
+                raise InputError(f"{type(material).__name__}: only a Mix or a TwoSided can be made of other materials")
+            record["kind"] = k.MATERIAL_MIX if isinstance(material, Mix) else k.MATERIAL_SIDES
+            record["first"], record["second"] = (self._numbers[id(part)] for part in material.parts)
+            return record
+        name = model_name(material)
+        try:
+            model = _bsdf("model_of", name)
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
+        if len(material.slots) != model.slots:
+            count = f"{type(material).__name__} gives {len(material.slots)} values"
+            raise InputError(f"{count}, but {material.model} reads {model.slots}")
+        record |= {"kind": k.MATERIAL_MODEL, "model": model_number(name), "matt": model.matt, "normal_map": -1}
+        if material.normal_map is not None:
+            filtered = material.normal_map.filter and model.widens
+            record["normal_map"] = self._slots.add_normal_map(material.normal_map, filtered)
+            along = k.NORMALS_FILTERED_ALONG_TEXTURE if material.needs_tangents else k.NORMALS_FILTERED
+            record["normal_filter"] = along if filtered else k.NORMALS_AT_POINT
+        return record
 
     @property
     def bytes(self) -> int:
         """Bytes that materials and images will take on a device, without the tables of reflection models."""
-        k = current_backend().kernels("wrt.kernels.core.scene_data")
-        slots, records, texels = self._prepared()
+        k, slots = current_backend().kernels("wrt.kernels.core.scene_data"), self._slots
         tables = (slots.rows, k.ColorSlot), (slots.images, k.ImageRecord), (slots.normal_maps, k.NormalMapRecord)
         sizes = (len(rows) * int(np.dtype(struct.numpy_dtype()).itemsize) for rows, struct in tables)
-        return records.nbytes + texels.bytes + sum(sizes)
-
-    def _prepared(self) -> tuple[_Slots, NDArray[Any], Texels]:
-        """Return all values, records still without tables, and the texels of all images; made once."""
-        if self._made is None:
-            k = current_backend().kernels("wrt.kernels.core.scene_data")
-            slots, records = _Slots(), np.zeros(len(self.materials), k.MaterialRecord.numpy_dtype())
-            for record, material in zip(records, self.materials, strict=True):
-                self._describe(record, material, slots)
-            self.emission_slots = [slots.add(emission) if _varies(emission) else -1 for emission in self.emissions]
-            self._made = slots, records, Texels(slots.pixels)
-        return self._made
+        return self._records.nbytes + self._texels.bytes + sum(sizes)
 
     def upload(self, data: Any, device: Device) -> None:
         """Fill the tables of a SceneData struct: materials, slots, images, texels, normal maps, tables."""
         backend = current_backend()
-        k = backend.kernels("wrt.kernels.core.scene_data")
-
-        slots, records, texels = self._prepared()
+        k, slots, texels = backend.kernels("wrt.kernels.core.scene_data"), self._slots, self._texels
         tables, places = pack_tables([material.table_key for material in self.materials], device)
-        for record, material in zip(records, self.materials, strict=True):
+        for record, material in zip(self._records, self.materials, strict=True):
             record["table"] = 0 if material.table_key is None else places[material.table_key]
         data.aligns_tangents = int(self.tangents)
-        data.materials = backend.array(records, k.MaterialRecord, device.name)
+        data.materials = backend.array(self._records, k.MaterialRecord, device.name)
         data.slots = backend.array(packed(slots.rows, k.ColorSlot), k.ColorSlot, device.name)
         data.tables = backend.array(tables, float, device.name)
         if slots.images:
@@ -112,36 +139,7 @@ class MaterialTable:
         if slots.normal_maps:
             normal_maps = packed(slots.normal_maps, k.NormalMapRecord)
             data.normal_maps = backend.array(normal_maps, k.NormalMapRecord, device.name)
-        self._made = None  # release the pixels
-
-    def _describe(self, record: Any, material: Material, slots: _Slots) -> None:
-        from wrt.kernels.core.registry import model_number
-
-        k = current_backend().kernels("wrt.kernels.core.scene_data")
-        record["first_slot"] = len(slots.rows)
-        for value in material.slots:
-            slots.add(value)
-        record["opacity_slot"] = -1 if material.opacity == 1.0 else slots.add(material.opacity)
-        if material.parts:
-            if not isinstance(material, (Mix, TwoSided)):
-                raise InputError(f"{type(material).__name__}: only a Mix or a TwoSided can be made of other materials")
-            record["kind"] = k.MATERIAL_MIX if isinstance(material, Mix) else k.MATERIAL_SIDES
-            record["first"], record["second"] = (self.numbers[id(part)] for part in material.parts)
-            return
-        name = model_name(material)
-        model = _bsdf("model_of", name)
-        if len(material.slots) != model.slots:
-            count = f"{type(material).__name__} gives {len(material.slots)} values"
-            raise InputError(f"{count}, but {material.model} reads {model.slots}")
-        record["kind"] = k.MATERIAL_MODEL
-        record["model"] = model_number(name)
-        record["matt"] = model.matt
-        record["normal_map"] = -1
-        if material.normal_map is not None:
-            filtered = material.normal_map.filter and model.widens
-            record["normal_map"] = slots.add_normal_map(material.normal_map, filtered)
-            along = k.NORMALS_FILTERED_ALONG_TEXTURE if material.needs_tangents else k.NORMALS_FILTERED
-            record["normal_filter"] = along if filtered else k.NORMALS_AT_POINT
+        del self._slots, self._texels  # release the pixels
 
 
 def _bsdf(function: str, *arguments: Any) -> Any:
@@ -155,34 +153,6 @@ def model_name(material: Material) -> str:
     if material.normal_map is not None and material.normal_map.filter:
         name = _bsdf("filtered_name", name)
     return name
-
-
-def describe_materials(materials: list[Material], emissions: Sequence[ColorSource] = ()) -> MaterialTable:
-    """Return the table of the shapes' materials and emissions.
-
-    Raises:
-        InputError: when a material names an unknown reflection model.
-    """
-    table = MaterialTable(emissions=list(emissions))
-    table.of_shapes = [table.add(material) for material in materials]
-    simple = [material for material in table.materials if not material.parts]
-    table.models = tuple(sorted({model_name(material) for material in simple}))
-    for material in simple:
-        try:
-            _bsdf("model_of", model_name(material))
-        except (KeyError, TypeError, ValueError):
-            raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
-    values = [value for material in table.materials for value in (*material.slots, material.opacity)]
-    varying = [value for value in (*values, *emissions) if _varies(value)]
-    table.textured = bool(varying)
-    table.uv2_alpha = any(_needs_uv2_alpha(value) for value in varying)
-    table.mipmapped = any(isinstance(value, ImageTexture) and value.has_levels for value in varying)
-    table.opacity = any(material.opacity != 1.0 for material in table.materials)
-    if not table.opacity and any(material.parts for material in table.materials):
-        mixed = any(isinstance(material, Mix) for material in table.materials)
-        table.composite = "mixed" if mixed else "sides"
-    table.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
-    return table
 
 
 def _varies(value: ColorSource) -> bool:
@@ -235,7 +205,11 @@ class _Slots:
         nearest = isinstance(mapping, ImageTexture) and mapping.filter == "nearest"
         wraps = (WRAPS.index(wrap) for wrap in mapping.wrap)
         record = (number, *wraps, nearest, *(tuple(row) for row in placement.tolist()))
-        levels = self._add_levels(number) if isinstance(mapping, ImageTexture) and mapping.has_levels else []
+        levels: list[int] = []
+        if isinstance(mapping, ImageTexture) and mapping.has_levels:
+            if number not in self._levels:
+                self._levels[number] = [self._add_pixels(level) for level in pyramid(pixels)]
+            levels = self._levels[number]
         key = (*record, len(levels))
         if key not in self._image_numbers:
             self._image_numbers[key] = len(self.images)
@@ -249,12 +223,6 @@ class _Slots:
         if number == len(self.pixels):
             self.pixels.append(pixels)
         return number
-
-    def _add_levels(self, number: int) -> list[int]:
-        """Return the numbers of the mip levels: the pixels at half the size, a quarter, and so on."""
-        if number not in self._levels:
-            self._levels[number] = [self._add_pixels(level) for level in pyramid(self.pixels[number])]
-        return self._levels[number]
 
     def add_normal_map(self, normal_map: NormalMap, filtered: bool) -> int:
         """Add a normal map and the images for filtering it, and return its number."""

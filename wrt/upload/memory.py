@@ -60,29 +60,26 @@ class SceneMemory:
     scratch_if_cut: int
 
     @property
-    def kept(self) -> int:
+    def lasting(self) -> int:
         """Bytes of the built scene."""
         return self.geometry + self.trees + self.materials + self.lights
 
 
 def scene_memory(prepared: PreparedScene, *, is_cpu: bool, texture_coordinates: bool = False) -> SceneMemory:
-    """Return what the upload of a scene will take.
+    """Return what the upload of a scene will take; on the CPU builders of trees work in larger pieces.
 
-    Args:
-        prepared: the scene.
-        is_cpu: whether the device is the CPU, where builders work in larger pieces.
-        texture_coordinates: whether to upload these even if no material needs them.
+    `texture_coordinates` is as for `build_scene`.
     """
     materials = prepared.materials
     textured = materials.textured or materials.tangents or texture_coordinates
     trees = tree_memory(prepared.layout, is_cpu=is_cpu)
     return SceneMemory(
         geometry=_geometry(prepared.layout, textured=textured, uv2_alpha=materials.uv2_alpha),
-        trees=trees.kept,
+        trees=trees.lasting,
         materials=materials.bytes + _environment(prepared.environment) + _grids(prepared.scene.media),
         lights=_lights(prepared),
-        scratch=trees.most - trees.kept,
-        scratch_if_cut=trees.most_if_cut - trees.kept,
+        scratch=trees.most - trees.lasting,
+        scratch_if_cut=trees.most_if_cut - trees.lasting,
     )
 
 
@@ -145,12 +142,12 @@ class TreeMemory(NamedTuple):
     """Bytes of ray trees.
 
     Attributes:
-        kept: those of all trees.
-        most: the most that they and their builder take at once.
+        lasting: bytes of all trees.
+        most: the most that trees and their builder take at once.
         most_if_cut: the same if the builder cuts large triangles.
     """
 
-    kept: int
+    lasting: int
     most: int
     most_if_cut: int
 
@@ -161,20 +158,20 @@ def tree_memory(layout: Layout, *, is_cpu: bool) -> TreeMemory:
     binary_node = _size("wrt.kernels.accel.build.split", "BinaryNode")
     bins = 3 * constants.BINS * (32 + 4)
     builder = _Builder(4 * constants.NODE_FLOATS, 4 * constants.LEAF_FLOATS, binary_node, bins, is_cpu)
-    kept = most = most_if_cut = 0
+    lasting = most = most_if_cut = 0
     world = sum(len(mesh.faces) for mesh in layout.world_meshes)
     shared = [(len(mesh.keys[0].faces), len(mesh.keys)) for mesh in layout.shared]
     for triangles, keys in ([(world, 1)] if world else []) + shared:
-        before = kept + 12 * triangles * bool(layout.shared)
+        before = lasting + 12 * triangles * bool(layout.shared)
         most = max(most, before + builder.scratch(triangles))
         most_if_cut = max(most_if_cut, before + builder.scratch_if_cut(triangles))
-        kept += keys * builder.tree(triangles)
-        most = max(most, kept + (builder.tree(triangles) if keys > 1 else 0))  # a tree, and its copies for each key
+        lasting += keys * builder.tree(triangles)
+        most = max(most, lasting + (builder.tree(triangles) if keys > 1 else 0))  # a tree, and its copies for each key
     if layout.instances:
         count = len(layout.instances) + bool(world)
-        kept += count * _size("wrt.kernels.core.ray_tree", "InstanceRecord")
-        kept += builder.node * math.ceil(count / INSTANCES_IN_NODE)
-    return TreeMemory(kept, max(most, kept), max(most_if_cut, most, kept))
+        lasting += count * _size("wrt.kernels.core.ray_tree", "InstanceRecord")
+        lasting += builder.node * math.ceil(count / INSTANCES_IN_NODE)
+    return TreeMemory(lasting, max(most, lasting), max(most_if_cut, most, lasting))
 
 
 def _environment(environment: ConstantEnvironment | ImageEnvironment | None) -> int:

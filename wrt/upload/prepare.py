@@ -22,7 +22,7 @@ from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 from wrt.upload.accel.instancing import Layout, lay_out
 from wrt.upload.lights.environment import resolve_environment
 from wrt.upload.lights.table import texture_of
-from wrt.upload.materials import MaterialTable, describe_materials
+from wrt.upload.materials import MaterialTable
 
 UP_TO_ONE = frozenset(
     ["reflectance", "base_color", "specular_reflectance", "specular_transmittance", "sheen_color", "opacity", "weight"]
@@ -70,7 +70,7 @@ def prepare_scene(scene: Scene) -> PreparedScene:
     environment, sky_lights = resolve_environment(scene.environment)
     lights = [*scene.lights, *sky_lights]
     textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
-    materials = describe_materials(
+    materials = MaterialTable(
         [shape.material for shape in scene.shapes],
         [*(shape.emission for shape in scene.shapes), *textures.values()],
     )
@@ -110,19 +110,16 @@ def check_attributes(shapes: Iterable[Shape]) -> None:
     for shape in alike.values():
         if id(shape.material) not in varying:
             varying[id(shape.material)] = [*_varying(shape.material)]
-        values = varying[id(shape.material)]
+        values = [*varying[id(shape.material)], ("emission", shape.emission)]
         for name, value in values:
-            if isinstance(value, VertexColor) and name in UP_TO_ONE:
-                _check_colors(shape, value)
+            if isinstance(value, VertexColor):
+                _check_colors(shape, name, value)
             elif isinstance(value, ImageTexture) and name in UP_TO_ONE and id(value) not in bright:
                 bright.add(id(value))
                 most = float(value.pixels.max()) * max(value.factor)  # type: ignore[arg-type]
                 if most > VISIBLE:
                     warn(f"texture {value.name}: as {name} it must be at most 1, but it reaches {most:g}")
-        if isinstance(shape.emission, VertexColor) and (low := _range(shape, shape.emission)[0]) < 0.0:
-            raise InputError(f"{shape.name}: vertex colors that shine must be at least 0, not {low:g}")
-        read = (*(value for _, value in values), shape.emission)
-        if shape.mesh.uvs is None and any(isinstance(value, (ImageTexture, NormalMap)) for value in read):
+        if shape.mesh.uvs is None and any(isinstance(value, (ImageTexture, NormalMap)) for _, value in values):
             warn(f"{shape.name}: its material has an image, but its mesh no texture coordinates; it shows one texel")
 
 
@@ -136,20 +133,17 @@ def _varying(material: Material) -> Iterator[tuple[str, object]]:
         yield from _varying(part)
 
 
-def _range(shape: Shape, value: VertexColor) -> tuple[float, float]:
-    """Return the least and the greatest number that a value reads of vertex colours; a mesh without any is white."""
+def _check_colors(shape: Shape, name: str, value: VertexColor) -> None:
+    """Raise InputError unless the vertex colours that an attribute of a material reads are in its range."""
     colors = shape.mesh.colors
-    if colors is None or (value.alpha and colors.shape[1] < 4):
-        return 1.0, 1.0
+    if colors is None or (value.alpha and colors.shape[1] < 4):  # 1 everywhere
+        return
     bounds = box_around(colors)
-    read = bounds[:, 3:] if value.alpha else bounds[:, :3] * np.asarray(value.factor)
-    return float(read.min()), float(read.max())
-
-
-def _check_colors(shape: Shape, value: VertexColor) -> None:
-    """Raise InputError unless the vertex colours that a value reads are from 0 to 1."""
-    low, high = _range(shape, value)
-    if low < 0.0 or high > 1.0 + TOLERANCE:
+    bounds = bounds[:, 3:] if value.alpha else bounds[:, :3] * np.asarray(value.factor)
+    low, high = float(bounds.min()), float(bounds.max())
+    if name == "emission" and low < 0.0:
+        raise InputError(f"{shape.name}: vertex colors that shine must be at least 0, not {low:g}")
+    if name in UP_TO_ONE and (low < 0.0 or high > 1.0 + TOLERANCE):
         raise InputError(f"{shape.name}: vertex colors must be linear, from 0 to 1; they are from {low:g} to {high:g}")
 
 
@@ -158,26 +152,24 @@ def _check_colors(shape: Shape, value: VertexColor) -> None:
 
 def _with_exact_shapes(scene: Scene) -> Scene:
     """Return a scene in which exact shapes whose transform does not keep them are triangles."""
-    cut: dict[int, Mesh] = {}
-
-    def tessellated_if_needed(shape: Shape) -> Shape:
-        if not isinstance(shape.mesh, Analytic) or shape.transform is None:
-            return shape
-        motion = shape.transform
-        if shape.mesh.keeps(motion.transforms if isinstance(motion, Motion) else motion[None]):
-            return shape
-        mesh = cut.setdefault(id(shape.mesh), shape.mesh.tessellated())
-        return dataclasses.replace(shape, mesh=mesh)
-
-    shapes = [tessellated_if_needed(shape) for shape in scene.shapes]
-    return dataclasses.replace(scene, shapes=shapes) if cut else scene
+    triangles: dict[int, Mesh] = {}
+    shapes = list(scene.shapes)
+    for i, shape in enumerate(shapes):
+        mesh, motion = shape.mesh, shape.transform
+        if not isinstance(mesh, Analytic) or motion is None:
+            continue
+        if not mesh.keeps(motion.transforms if isinstance(motion, Motion) else motion[None]):
+            if id(mesh) not in triangles:
+                triangles[id(mesh)] = mesh.tessellated()
+            shapes[i] = dataclasses.replace(shape, mesh=triangles[id(mesh)])
+    return dataclasses.replace(scene, shapes=shapes) if triangles else scene
 
 
 def _mark_exact(layout: Layout) -> str:
     """Return which exact shapes a layout has, as `Features.exact` names them.
 
-    See to it that no triangle is taken for one: a triangle whose third corner is its first is never hit; where there
-    are exact shapes, its second becomes the same.
+    A triangle whose third corner is its first is never hit. So that it is not taken for an exact shape, its second
+    corner becomes the same.
     """
     shared = [key for mesh in layout.shared for key in mesh.keys]
     exact = [mesh for mesh in (*layout.world_meshes, *shared) if isinstance(mesh, Analytic)]
@@ -194,11 +186,11 @@ def _without_needles(keys: list[Mesh]) -> list[Mesh]:
     if isinstance(keys[0], Analytic):
         return keys
     faces = keys[0].faces
-    found = np.zeros(len(faces), bool)
+    needles = np.zeros(len(faces), bool)
     for mesh in keys:
-        found |= (mesh.vertices[faces[:, 0]] == mesh.vertices[faces[:, 2]]).all(axis=1)
-    if not found.any():
+        needles |= (mesh.vertices[faces[:, 0]] == mesh.vertices[faces[:, 2]]).all(axis=1)
+    if not needles.any():
         return keys
     faces = faces.copy()
-    faces[found] = faces[found][:, :1]
+    faces[needles] = faces[needles][:, :1]
     return [dataclasses.replace(mesh, faces=faces) for mesh in keys]

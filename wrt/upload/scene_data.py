@@ -19,10 +19,10 @@ from wrt.upload.accel.bvh import build_bvh
 from wrt.upload.accel.geometry import joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
-from wrt.upload.bodies import BodyTable, describe_bodies, set_camera_bodies
+from wrt.upload.bodies import BodyTable, set_camera_bodies
 from wrt.upload.lights.choice import upload_lights
 from wrt.upload.lights.environment import environment_kind, upload_environment
-from wrt.upload.lights.table import LightTable, light_table
+from wrt.upload.lights.table import LightTable
 from wrt.upload.materials import MaterialTable
 from wrt.upload.memory import scene_memory, tree_memory
 from wrt.upload.prepare import PreparedScene, prepare_scene
@@ -69,7 +69,7 @@ def _require_memory(prepared: PreparedScene, device: Device, texture_coordinates
             return
     else:
         memory = scene_memory(prepared, is_cpu=False, texture_coordinates=texture_coordinates)
-        most = memory.kept + memory.scratch
+        most = memory.lasting + memory.scratch
     triangles = sum(len(shape.mesh.faces) for shape in prepared.scene.shapes)
     device.require_memory(most, f"building a scene of {triangles:,} triangles", advice=MEMORY_ADVICE)
 
@@ -107,12 +107,12 @@ def build_scene(
     places = _places(layout)
     first_triangles = places.of_shapes
     materials.upload(data, device)
-    bodies = describe_bodies(scene)
+    bodies = BodyTable(scene)
     bodies.upload(data, device)
 
     data.environment, flux = upload_environment(environment, device.name)
     slots = dict(zip(textures, materials.emission_slots[len(scene.shapes) :], strict=True))
-    table = light_table(scene.shapes, lights, layout, first_triangles, flux, slots)
+    table = LightTable(scene.shapes, lights, layout, first_triangles, flux, slots)
     light_tree = upload_lights(data, table, device, light_choice)
     records = _shape_records(scene, materials, bodies, table, first_triangles)
     data.shapes = backend.array(records, scene_data.ShapeRecord, device.name)
@@ -217,8 +217,8 @@ def _upload_geometry(
         data.uvs = upload(joined(copies, "uvs", 2, 0.0, name), "vec2", name)
         data.colors = upload(joined(copies, "colors", 3, 1.0, name), "vec3", name)
     if uv2_alpha:
-        more = [(columns(m, "uvs", 2, 4, 0.0), columns(m, "colors", 3, 4, 1.0)) for m in copies]
-        data.uv2_alpha = upload(np.concatenate([np.concatenate(each, axis=1) for each in more]), "vec3", name)
+        rows = [np.hstack([columns(m, "uvs", 2, 4, 0.0), columns(m, "colors", 3, 4, 1.0)]) for m in copies]
+        data.uv2_alpha = upload(np.concatenate(rows), "vec3", name)
     shape_numbers = np.array([*layout.world_shapes, *[-1] * len(layout.shared)], np.int32)
     data.triangle_shape = upload(numbered(shape_numbers, places.counts), int, name)
 
@@ -234,4 +234,4 @@ def _build_trees(data: Any, layout: Layout, places: _Places, device: Device) -> 
         pools = list(zip(first_vertices[count:], places.first_triangles[count:].tolist(), strict=True))
         data.placed = place(layout, pools, tree, data.points, device)
     first = dict(zip(layout.world_shapes, first_vertices[:count], strict=True))
-    return WorldMeshes(device, data, tree, first, alone=not layout.instances)
+    return WorldMeshes(device, data, tree, first if not layout.instances else {})

@@ -35,36 +35,21 @@ def shape_number(scene: Scene, shape: Shape | int) -> int:
 class WorldMeshes:
     """The shapes in the world's tree, on a device."""
 
-    def __init__(
-        self, device: Device, data: Any, tree: BuiltBvh | None, first_vertices: dict[int, int], *, alone: bool
-    ) -> None:
-        """Keep the arrays of a scene.
-
-        Args:
-            device: the device.
-            data: the SceneData struct.
-            tree: the world's tree.
-            first_vertices: first vertex of each shape in the tree by the shape's number.
-            alone: whether it is the only tree, because there are no instances.
-        """
+    def __init__(self, device: Device, data: Any, tree: BuiltBvh | None, first_vertices: dict[int, int]) -> None:
+        """Keep a SceneData struct, the world's tree, and the first vertex of shapes that can be updated by number."""
         self._device, self._data, self._tree, self._first = device, data, tree, first_vertices
-        self._alone = alone
-        self._own = False
-        self._corners: dict[int, tuple[Any, Any]] = {}
+        self._has_copies = False
+        self._corners: dict[int, tuple[Any, ...]] = {}
 
     def update(self, number: int, shape: Shape, vertices: Any, normals: Any) -> None:
-        """Move a shape's vertices.
+        """Move a shape's vertices: (N, 3) in NumPy, or a Warp array of vec3; normals likewise, or None.
 
-        Args:
-            number: number of the shape.
-            shape: its description; faces and smoothness are kept.
-            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device.
-            normals: likewise; None recomputes those of a smooth mesh.
+        Without normals, those of a smooth mesh are recomputed.
 
         Raises:
             InputError: on arrays of other sizes, non-finite values, or shapes that cannot be updated.
         """
-        if number not in self._first or self._tree is None or not self._alone:
+        if number not in self._first or self._tree is None:
             raise InputError(
                 f"{shape.name}: vertices can be updated in scenes without instances and without shapes in motion; "
                 "make a new Renderer"
@@ -74,18 +59,16 @@ class WorldMeshes:
         if shape.emits:
             raise InputError(f"{shape.name}: vertices of an emitting shape cannot be updated; make a new Renderer")
         first, count = self._first[number], len(shape.mesh.vertices)
-        points = self._given(shape.name, "vertices", "vertex", vertices, count, limit=LARGEST)
-        given = None
+        points = self._checked(shape.name, "vertices", "vertex", vertices, count, limit=LARGEST)
         if normals is not None:
-            given = self._given(shape.name, "normals", "normal", normals, count, limit=FLOAT32_MAX)
-        if not self._own:  # the scene's meshes may share them
-            clone = self._device.backend.clone
-            self._data.points, self._data.normals = clone(self._data.points), clone(self._data.normals)
-            self._own = True
+            normals = self._checked(shape.name, "normals", "normal", normals, count, limit=FLOAT32_MAX)
         backend = self._device.backend
+        if not self._has_copies:  # the scene's meshes may share the arrays
+            self._data.points, self._data.normals = map(backend.clone, (self._data.points, self._data.normals))
+            self._has_copies = True
         backend.copy(self._data.points, points, first, count)
-        if given is not None:
-            backend.copy(self._data.normals, given, first, count)
+        if normals is not None:
+            backend.copy(self._data.normals, normals, first, count)
             if shape.mesh.normals is None:
                 shapes = backend.fetch(self._data.shapes)
                 shapes["smooth"][number] = True
@@ -95,7 +78,7 @@ class WorldMeshes:
             self._smooth(number, shape.mesh, first, count)
         refit_bvh(self._tree, self._data.points, self._data.indices, self._device)
 
-    def _given(self, name: str, several: str, one: str, values: Any, count: int, *, limit: float) -> Any:
+    def _checked(self, name: str, several: str, one: str, values: Any, count: int, *, limit: float) -> Any:
         """Return vectors on the device, or raise InputError unless there are `count`, all within a limit."""
         array = device_vectors(f"{name}: {several}", values, self._device.name)
         if len(array) != count:

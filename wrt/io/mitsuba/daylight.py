@@ -37,8 +37,8 @@ _DATE = {"year": 2010, "month": 7, "day": 10}
 _TIME = {"hour": 15.0, "minute": 0.0, "second": 0.0}
 
 
-def daylight(plugin: Plugin, textures: Textures) -> tuple[Environment, DirectionalLight | None]:
-    """Return the sky of a `sunsky`, and its sun; None and a black sky if the sun is below the horizon."""
+def daylight(plugin: Plugin, textures: Textures) -> list[Environment | DirectionalLight]:
+    """Return the sky of a `sunsky` and its sun; a black sky alone if the sun is below the horizon."""
     axes, _ = plugin.axes()
     if plugin.type != "sunsky" or plugin.document.old:
         plugin.warn("taken as a 'sunsky' of Mitsuba 3")
@@ -64,18 +64,18 @@ def daylight(plugin: Plugin, textures: Textures) -> tuple[Environment, Direction
     )
     if height <= 0.0:
         plugin.warn("the sun is below the horizon: no light")
-        return ConstantEnvironment(0.0), None
-    sun = None
+        return [ConstantEnvironment(0.0)]
+    made: list[Environment | DirectionalLight] = [sky]
+    if not np.allclose(upright, np.eye(3)):
+        image, _ = sky.image_and_sun()
+        axis, degrees = axis_and_degrees(upright.T)
+        made = [dataclasses.replace(image, rotation_degrees=degrees, rotation_axis=axis)]
     if sun_scale > 0.0 and plugin.type != "sky":
         # Keep radiance times solid angle, which grows as 1 − cos(diameter / 2); irradiance is radiance times π sin².
         share = (1.0 - math.cos(0.5 * math.radians(_DIAMETER))) * (1.0 + math.cos(0.5 * math.radians(diameter)))
         irradiance = sun_scale * math.pi * share * sun_radiance(math.asin(height), turbidity)
-        sun = DirectionalLight(vec3(-to_sun), vec3(irradiance), angle_degrees=diameter)
-    if np.allclose(upright, np.eye(3)):
-        return sky, sun
-    image, _ = sky.image_and_sun()
-    axis, degrees = axis_and_degrees(upright.T)
-    return dataclasses.replace(image, rotation_degrees=degrees, rotation_axis=axis), sun
+        made.append(DirectionalLight(vec3(-to_sun), vec3(irradiance), angle_degrees=diameter))
+    return made
 
 
 def sun_radiance(elevation: float, turbidity: float) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,93 +30,93 @@ _SMOOTH_ROWS = 512
 ON_SHAPES = ("area", "directionalarea")  # emitters that are part of a shape
 
 
-class Emitters:
-    """Turns `emitter` plugins into wrt's lights and environment."""
-
-    def __init__(self, textures: Textures) -> None:
-        self.textures = textures
-        self.lights: list[Light] = []
-        self.environment: Environment | None = None
-
-    def add(self, plugin: Plugin) -> None:
-        """Add an emitter."""
+def emitters_of(plugins: Iterable[Plugin], textures: Textures) -> tuple[list[Light], Environment | None]:
+    """Return the lights and the environment of `emitter` plugins."""
+    lights: list[Light] = []
+    environment: Environment | None = None
+    for plugin in plugins:
         plugin.ignore("sampling_weight")
         with plugin.locating():
-            made = self._made(plugin)
-        if made is None:
+            made = _made(plugin, textures)
+        if not made:
             plugin.warn("this kind of emitter is not known; left out")
-        elif isinstance(made, Light):
-            self.lights.append(made)
-        elif self.environment is not None:
-            plugin.warn("the scene already has an environment; left out")
-        else:
-            self.environment = made
+        for each in made:
+            if isinstance(each, Light):
+                lights.append(each)
+            elif environment is not None:
+                plugin.warn("the scene already has an environment; left out")
+            else:
+                environment = each
+    return lights, environment
 
-    def _made(self, plugin: Plugin) -> Light | Environment | None:
-        """Return the light or the environment of an emitter; None if its type is not known."""
-        if plugin.type == "constant":
-            return ConstantEnvironment(self._color(plugin, "radiance"))
-        if plugin.type == "envmap":
-            return self._image(plugin)
-        if plugin.type in ("sunsky", "sky", "sun"):
-            sky, sun = daylight(plugin, self.textures)
-            self.lights.extend([] if sun is None else [sun])
-            return sky
-        if plugin.type not in ("point", "directional", "spot", "projector"):
-            return None
-        matrix = plugin.transform()
-        position, up, forward = vec3(matrix[:3, 3]), matrix[:3, 1], vec3(matrix[:3, 2])
-        if plugin.type == "point":
-            return PointLight(plugin.point("position", position), intensity=self._color(plugin, "intensity"))
-        if plugin.type == "directional":
-            direction = plugin.point("direction", forward)
-            return DirectionalLight(direction, irradiance=self._color(plugin, "irradiance"))
-        if plugin.type == "spot":
-            cutoff = plugin.number("cutoff_angle", 20.0)
-            texture = self._texture(plugin, "texture")
-            return SpotLight(
-                position,
-                forward,
-                intensity=self._color(plugin, "intensity"),
-                inner_degrees=plugin.number("beam_width", 0.75 * cutoff),
-                outer_degrees=cutoff,
-                falloff="linear",
-                texture=_mirrored(texture, u=determinant(matrix[:3, :3]) > 0.0),
-                up=_across(up, forward),
-            )
-        texture = self._texture(plugin, "irradiance")
-        scale = plugin.number("scale", 1.0)
-        height, width = (1, 1) if texture is None else texture.pixels.shape[:2]
-        vertical = vertical_degrees(plugin, width / height)
-        return ProjectorLight(
+
+def _made(plugin: Plugin, textures: Textures) -> Sequence[Light | Environment]:
+    """Return the light or the environment of an emitter, or both; nothing if its type is not known."""
+
+    def color(name: str) -> Vec3:
+        return textures.constant(plugin, name, 1.0, emits=True)
+
+    if plugin.type == "constant":
+        return [ConstantEnvironment(color("radiance"))]
+    if plugin.type == "envmap":
+        return [_image(plugin)]
+    if plugin.type in ("sunsky", "sky", "sun"):
+        return daylight(plugin, textures)
+    if plugin.type not in ("point", "directional", "spot", "projector"):
+        return []
+    matrix = plugin.transform()
+    position, up, forward = vec3(matrix[:3, 3]), matrix[:3, 1], vec3(matrix[:3, 2])
+    if plugin.type == "point":
+        return [PointLight(plugin.point("position", position), intensity=color("intensity"))]
+    if plugin.type == "directional":
+        return [DirectionalLight(plugin.point("direction", forward), irradiance=color("irradiance"))]
+    if plugin.type == "spot":
+        cutoff = plugin.number("cutoff_angle", 20.0)
+        texture = _texture(plugin, textures, "texture")
+        spot = SpotLight(
             position,
             forward,
-            vec3(up),
-            texture=_mirrored(texture, v=True),  # v points down, as in a camera
-            color=scale if texture is not None else vec3(scale * np.array(self._color(plugin, "irradiance"))),
-            fov_degrees=2.0 * math.degrees(math.atan(math.tan(0.5 * math.radians(vertical)) * width / height)),
+            intensity=color("intensity"),
+            inner_degrees=plugin.number("beam_width", 0.75 * cutoff),
+            outer_degrees=cutoff,
+            falloff="linear",
+            texture=_mirrored(texture, u=determinant(matrix[:3, :3]) > 0.0),
+            up=_across(up, forward),
         )
+        return [spot]
+    texture = _texture(plugin, textures, "irradiance")
+    scale = plugin.number("scale", 1.0)
+    height, width = (1, 1) if texture is None else texture.pixels.shape[:2]
+    vertical = vertical_degrees(plugin, width / height)
+    projector = ProjectorLight(
+        position,
+        forward,
+        vec3(up),
+        texture=_mirrored(texture, v=True),  # v points down, as in a camera
+        color=scale if texture is not None else vec3(scale * np.array(color("irradiance"))),
+        fov_degrees=2.0 * math.degrees(math.atan(math.tan(0.5 * math.radians(vertical)) * width / height)),
+    )
+    return [projector]
 
-    def _color(self, plugin: Plugin, name: str) -> Vec3:
-        return self.textures.constant(plugin, name, 1.0, emits=True)
 
-    def _texture(self, plugin: Plugin, name: str) -> ImageTexture | None:
-        """Return the image of a lamp, or None if there is none."""
-        if plugin.named(name) is None:
-            return None
-        made = self.textures.color(plugin, name, 1.0)
-        return made if isinstance(made, ImageTexture) else ImageTexture(np.full((1, 1, 3), made, np.float32))
+def _texture(plugin: Plugin, textures: Textures, name: str) -> ImageTexture | None:
+    """Return the image of a lamp, or None if there is none."""
+    if plugin.named(name) is None:
+        return None
+    made = textures.color(plugin, name, 1.0)
+    return made if isinstance(made, ImageTexture) else ImageTexture(np.full((1, 1, 3), made, np.float32))
 
-    def _image(self, plugin: Plugin) -> ImageEnvironment:
-        file = plugin.file()
-        pixels = _rows_between(read_image(file))
-        axes, stretch = plugin.axes()
-        if stretch[0] < 0.0:  # mirrored along x
-            pixels = pixels[:, ::-1]
-        axis, degrees = axis_and_degrees(product(axes, _TURNED))
-        scale = plugin.number("scale", 1.0)
-        plugin.ignore("mis_compensation")
-        return ImageEnvironment(sealed(np.ascontiguousarray(pixels)), scale, degrees, file.name, axis)
+
+def _image(plugin: Plugin) -> ImageEnvironment:
+    file = plugin.file()
+    pixels = _rows_between(read_image(file))
+    axes, stretch = plugin.axes()
+    if stretch[0] < 0.0:  # mirrored along x
+        pixels = pixels[:, ::-1]
+    axis, degrees = axis_and_degrees(product(axes, _TURNED))
+    scale = plugin.number("scale", 1.0)
+    plugin.ignore("mis_compensation")
+    return ImageEnvironment(sealed(np.ascontiguousarray(pixels)), scale, degrees, file.name, axis)
 
 
 def _mirrored(texture: ImageTexture | None, *, u: bool = False, v: bool = False) -> ImageTexture | None:

@@ -229,15 +229,16 @@ def _facets(plugin: Plugin, textures: Textures) -> dict[str, Any]:
 
 def _two_channels(plugin: Plugin, along_u: ColorSource, along_v: ColorSource) -> ColorSource:
     """Return an image with the roughness along u in red and that along v in green."""
-    both = along_u, along_v
-    images = [value for value in both if isinstance(value, ImageTexture)]
+    images = [value for value in (along_u, along_v) if isinstance(value, ImageTexture)]
     placements = {
         (image.pixels.shape, *np.round(image.placement, 6).flat, image.wrap, image.filter) for image in images
     }
-    if any(isinstance(value, VertexColor) for value in both) or len(placements) != 1:
+    if any(isinstance(value, VertexColor) for value in (along_u, along_v)) or len(placements) != 1:
         plugin.warn("'alpha_u' and 'alpha_v' are mapped differently; 'alpha_u' is used for both")
         return along_u
-    channels: list[Any] = [value.pixels[..., 0] if isinstance(value, ImageTexture) else value for value in both]
+    channels: list[Any] = [
+        value.pixels[..., 0] if isinstance(value, ImageTexture) else value for value in (along_u, along_v)
+    ]
     red, green = np.broadcast_arrays(*channels)
     pixels = np.stack([red, green, np.zeros_like(red)], axis=-1).astype(np.float32)
     return dataclasses.replace(images[0], pixels=pixels)

@@ -13,7 +13,7 @@ from wrt.errors import InputError, did_you_mean
 from wrt.io.mitsuba.document import MOST_LEVELS, Document, Element
 from wrt.io.mitsuba.transforms import numbers_of, rotation_part, transform_of, vector_of
 from wrt.linalg import determinant
-from wrt.values import Vec3
+from wrt.values import Vec3, one_of
 
 OBJECTS = (
     *("shape", "bsdf", "emitter", "texture", "sensor", "film", "sampler", "rfilter", "integrator", "medium", "phase"),
@@ -123,11 +123,8 @@ class Plugin:
 
     def choice(self, name: str, *choices: str) -> str:
         """Return a string that must be one of `choices`, by default the first."""
-        result = self.text(name, choices[0]).lower()
-        if result not in choices:
-            options = ", ".join(choices)
-            raise self._values[name].error(f"{self.label}: {name!r} must be one of {options}, not {result!r}")
-        return result
+        with self.locating():
+            return one_of(self.text(name, choices[0]).lower(), choices, repr(name))
 
     def point(self, name: str, default: Vec3) -> Vec3:
         """Return a point or a vector."""

@@ -10,7 +10,7 @@ from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.mitsuba.cameras import camera_of, settings_of, warn_of_clipping
 from wrt.io.mitsuba.document import Document
-from wrt.io.mitsuba.lights import ON_SHAPES, Emitters
+from wrt.io.mitsuba.lights import ON_SHAPES, emitters_of
 from wrt.io.mitsuba.media import Media
 from wrt.io.mitsuba.plugin import Plugin, first_of, plugin_of
 from wrt.io.mitsuba.shapes import Shapes
@@ -45,14 +45,12 @@ def load_mitsuba(path: PathLike, *, parameters: Mapping[str, Any] | None = None,
 
     textures = Textures()
     media = Media(textures)
-    emitters = Emitters(textures)
-    for emitter in objects["emitter"]:
-        emitters.add(emitter)
+    lights, environment = emitters_of(objects["emitter"], textures)
     shapes = Shapes(textures, media, Detail(camera, settings.height))
     made = shapes.all_of(objects["shape"])
     if not made:
         raise InputError(f"{path}: it has no supported shapes; there is nothing to render")
-    scene = Scene(made, [*emitters.lights, *shapes.lights], emitters.environment, camera, settings)
+    scene = Scene(made, [*lights, *shapes.lights], environment, camera, settings)
     scene.medium = media.around(camera_plugin, scene)
     if settings.transparent and integrator is not None and any(shape.emits for shape in made):
         integrator.warn("'hide_emitters' hides environments and bare lights; surfaces that emit stay visible")

@@ -47,11 +47,9 @@ def read_sdfgrid(plugin: Plugin) -> Mesh:
 def isosurface(values: Array, parts: int, *, smooth: bool) -> Mesh:
     """Return the zero surface of a grid in the unit cube, facing growing values.
 
-    Args:
-        values: (z, y, x) values at the corners of cells, two at least along each axis.
-        parts: subdivisions of a cell along each axis.
-        smooth: whether normals are those of Hansson-Söderlund, Evans and Akenine-Möller (2022), section 4: at each
-            point the gradients of the eight cells around the nearest corner, interpolated; otherwise the triangles'.
+    The (z, y, x) values are those at corners of cells, which are cut into `parts` along each axis. Smooth normals are
+    those of Hansson-Söderlund, Evans and Akenine-Möller (2022), section 4: at each point the gradients of the eight
+    cells around the nearest corner, interpolated.
     """
     if min(values.shape) < 2:
         raise InputError("a grid of distances needs two values at least along each axis")
@@ -87,10 +85,7 @@ def isosurface(values: Array, parts: int, *, smooth: bool) -> Mesh:
 def _march(keys: NDArray[np.int64], at: Array, places: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return vertices on edges of tetrahedra, and triangles between them, in any order of corners.
 
-    Args:
-        keys: (N, 8) numbers of the corners of cubes.
-        at: (N, 8) values there.
-        places: (N, 8, 3) where they are.
+    Cubes have (N, 8) keys of their corners, values there, and (N, 8, 3) positions.
     """
     count = np.int64(keys.max()) + 1
     ends: list[Array] = []

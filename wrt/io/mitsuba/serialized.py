@@ -7,7 +7,6 @@ plugin `serialized` of Mitsuba 3.9 (`src/shapes/serialized.cpp`) for version 5.
 
 from __future__ import annotations
 
-import itertools
 import struct
 import zlib
 from dataclasses import dataclass, field
@@ -29,11 +28,6 @@ _NORMALS, _UVS, _COLORS, _FACE_NORMALS, _DOUBLE = 0x1, 0x2, 0x8, 0x10, 0x2000
 
 _PACKED_NORMALS, _PACKED_TANGENTS, _PACKED_UVS = 0x1, 0x2, 0x4
 """Flags of version 5, which has eight numbers for each vertex whatever they mean."""
-
-_LONGEST_NAME = 4096
-_MOST_ATTRIBUTES = 256
-_CHUNK = 2**16
-_DEFLATED = 1032  # most bytes that deflate can make of one byte
 
 
 @dataclass
@@ -83,34 +77,23 @@ def _offset(path: Path, data: bytes, index: int) -> int:
 
 
 class _Stream:
-    """A zlib stream within a file, decompressed only as far as it is read."""
+    """A zlib stream within a file."""
 
     def __init__(self, path: Path, data: bytes, start: int) -> None:
-        self._path, self._inflate = path, zlib.decompressobj()
-        self._data, self._place = memoryview(data), start
+        """Decompress it, but not beyond the limit of memory."""
+        self._path, self._place = path, 0
+        try:
+            most = max(memory_limits.remaining(memory_limits.MESHES), 1)
+            self._data = zlib.decompressobj().decompress(memoryview(data)[start:], most)
+        except zlib.error as error:
+            raise InputError(f"{path}: a mesh cannot be decompressed: {error}") from None
 
-    def require(self, size: int) -> None:
-        """Raise InputError if a mesh of `size` bytes cannot be in the rest of the file, or would take too much."""
-        if size > _DEFLATED * (len(self._data) - self._place + len(self._inflate.unconsumed_tail) + 1):
-            raise InputError(f"{self._path}: the file is too short for the mesh that it names; it is truncated")
-        memory_limits.require(memory_limits.MESHES, size)
-
-    def read(self, size: int) -> bytearray:
+    def read(self, size: int) -> bytes:
         """Return the next `size` bytes."""
-        result = bytearray()
-        while len(result) < size:
-            source: Any = self._inflate.unconsumed_tail
-            if not source and not self._inflate.eof:
-                source = self._data[self._place : self._place + _CHUNK]
-                self._place += len(source)
-            try:
-                # At the end of its input the decompressor may still hold some bytes.
-                result += self._inflate.decompress(source, size - len(result))
-            except zlib.error as error:
-                raise InputError(f"{self._path}: a mesh cannot be decompressed: {error}") from None
-            if len(result) < size and (self._inflate.eof or not len(source)):
-                raise InputError(f"{self._path}: a mesh ends too soon; the file is truncated")
-        return result
+        if size > len(self._data) - self._place:
+            raise InputError(f"{self._path}: a mesh ends too soon; the file is truncated")
+        self._place += size
+        return self._data[self._place - size : self._place]
 
     def number(self, kind: str) -> int:
         """Return an integer."""
@@ -119,14 +102,11 @@ class _Stream:
     def text(self, *, has_length: bool) -> str:
         """Return a name, with its length before it or a zero byte after it."""
         if has_length:
-            length = self.number("I")
-            name = self.read(length if length <= _LONGEST_NAME else 0)
-        else:
-            name = bytearray().join(itertools.islice(iter(lambda: self.read(1), b"\0"), _LONGEST_NAME + 1))
-            length = len(name)
-        if length > _LONGEST_NAME:
-            raise InputError(f"{self._path}: a name is longer than {_LONGEST_NAME} bytes; it is damaged")
-        return name.decode("utf-8", "replace")
+            return self.read(self.number("I")).decode("utf-8", "replace")
+        end = self._data.find(b"\0", self._place)
+        if end < 0:
+            raise InputError(f"{self._path}: a name does not end; the file is damaged")
+        return self.read(end + 1 - self._place)[:-1].decode("utf-8", "replace")
 
     def rows(self, kind: str, count: int, width: int) -> NDArray[Any]:
         """Return (count, width) numbers."""
@@ -140,9 +120,7 @@ def _plain(path: Path, stream: _Stream, version: int) -> SerializedMesh:
     name = stream.text(has_length=False) if version == 4 else ""
     count, triangles = stream.number("Q"), stream.number("Q")
     kind = "<f8" if flags & _DOUBLE else "<f4"
-    width = 3 + 3 * bool(flags & _NORMALS) + 2 * bool(flags & _UVS) + 3 * bool(flags & _COLORS)
     index = "<u4" if count <= 0xFFFFFFFF else "<u8"
-    stream.require(count * width * np.dtype(kind).itemsize + 3 * triangles * np.dtype(index).itemsize)
     vertices = stream.rows(kind, count, 3)
     normals = stream.rows(kind, count, 3) if flags & _NORMALS else None
     uvs = stream.rows(kind, count, 2) if flags & _UVS else None
@@ -158,25 +136,18 @@ def _packed(path: Path, stream: _Stream) -> SerializedMesh:
     flags = stream.number("I")
     name = stream.text(has_length=True)
     count, triangles, positions, groups = (stream.number("Q") for _ in range(4))
-    if positions > count or groups > count:
-        raise InputError(f"{path}: mesh {name!r} has more points than vertices; it is damaged")
-    stream.require(32 * count + 16 * triangles + 4 * count * (bool(positions) + bool(groups)))
     records = stream.rows("<f4", count, 8)
     faces = stream.rows("<u4", triangles, 4)[:, :3].astype(np.int64)
     for used in (positions, groups):  # which vertices share a place or a normal: of use for editing only
         if used:
             stream.read(4 * count)
     attributes = {}
-    number = stream.number("I")
-    if number > _MOST_ATTRIBUTES:
-        raise InputError(f"{path}: mesh {name!r} has {number} attributes; it is damaged")
-    for _ in range(number):
+    for _ in range(stream.number("I")):
         title = stream.text(has_length=True)
         coefficients, width = stream.number("B") & 1, stream.number("I")
         rows = triangles if title.startswith("face_") else count
         if not 1 <= width <= 4:
             raise InputError(f"{path}: the attribute {title!r} has {width} numbers; it may have 1 to 4")
-        stream.require(4 * rows * width)
         values = stream.rows("<f4", rows, width)
         if not coefficients:  # of a spectral variant: not colours
             attributes[title] = values

@@ -69,10 +69,8 @@ def color_of(element: Element, document: Document, *, emits: bool) -> Vec3:
     words = element.get("value").replace(",", " ").split()
     pairs = [word.split(":") for word in words]
     if all(len(pair) == 1 for pair in pairs):
-        if document.old and len(words) == 3:
-            return vec3(
-                numbers_of(element, " ".join(words), 3)
-            )  # what the usual build of version 0.6 took for a colour
+        if document.old and len(words) == 3:  # the usual build of version 0.6 took them for a colour
+            return vec3(numbers_of(element, " ".join(words), 3))
         value = numbers_of(element, " ".join(words), 1)[0]
         return (value,) * 3 if element.tag != "spectrum" else color_from(np.full(len(WAVELENGTHS), value))
     if any(len(pair) != 2 for pair in pairs):

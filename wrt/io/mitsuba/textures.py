@@ -40,21 +40,14 @@ class Textures:
         self, plugin: Plugin, name: str, default: float | Vec3, *, emits: bool = False, most: float = 1.0
     ) -> ColorSource:
         """Return a colour that may vary over the surface; constants above `most` are clipped with a warning."""
-        texture = plugin.named(name)
-        if texture is not None:
-            return self._texture(texture, "color")
-        element = plugin.value(name, *COLOR_TAGS)
-        if element is None:
-            return default
-        color = color_of(element, plugin.document, emits=emits)
+        color = self._source(plugin, name, "color", emits=emits)
+        if not isinstance(color, tuple):
+            return default if color is None else color
         if min(color) < 0.0:
-            raise element.error(f"{plugin.label}: {name!r} must not be negative")
-        if max(color) > most:
-            # Rounding can take a spectrum of ones slightly above 1.
-            if max(color) > 1.001 * most:
-                plugin.document.warn(element, f"{plugin.label}: {name!r} is clipped to {most:g}")
-            return vec3(np.minimum(color, most))
-        return color
+            raise plugin.error(f"{name!r} must not be negative")
+        if max(color) > 1.001 * most:  # rounding can take a spectrum of ones slightly above 1
+            plugin.warn(f"{name!r} is clipped to {most:g}")
+        return vec3(np.minimum(color, most))
 
     def constant(self, plugin: Plugin, name: str, default: float | Vec3, *, emits: bool = False) -> Vec3:
         """Return a colour that cannot vary; a texture is replaced by its mean, with a warning."""
@@ -69,16 +62,21 @@ class Textures:
         self, plugin: Plugin, name: str, default: float, *, least: float = 0.0, most: float = 1.0
     ) -> ColorSource:
         """Return a number that may vary, the luminance of a colour; constants are clipped to a range with a warning."""
+        color = self._source(plugin, name, "number")
+        if not isinstance(color, tuple):
+            return default if color is None else color
+        value = _luminance(color)
+        if not least <= value <= most:
+            plugin.warn(f"{name!r} is clipped to {least:g} up to {most:g}")
+        return min(max(value, least), most)
+
+    def _source(self, plugin: Plugin, name: str, use: str, *, emits: bool = False) -> ColorSource | Vec3 | None:
+        """Return the texture or the constant colour of a parameter, or None if it is not given."""
         texture = plugin.named(name)
         if texture is not None:
-            return self._texture(texture, "number")
+            return self._texture(texture, use)
         element = plugin.value(name, *COLOR_TAGS)
-        if element is None:
-            return default
-        value = _luminance(color_of(element, plugin.document, emits=False))
-        if not least <= value <= most:
-            plugin.document.warn(element, f"{plugin.label}: {name!r} is clipped to {least:g} up to {most:g}")
-        return min(max(value, least), most)
+        return None if element is None else color_of(element, plugin.document, emits=emits)
 
     def measurement(self, file: Path) -> Measurement:
         """Return a measured reflectance."""

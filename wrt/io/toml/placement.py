@@ -24,6 +24,7 @@ from wrt.io.toml.scene_keys import (
     KEYFRAME,
     KEYFRAMES,
     MATRIX_KEYFRAME,
+    TRANSFORM,
     TURN,
 )
 from wrt.io.toml.tables import Table, TableReader, numbers_of, table_of, text_of
@@ -52,8 +53,7 @@ def read_places(reader: TableReader, table: dict[str, Any]) -> list[Transform]:
 
     def add(place: dict[str, Any]) -> None:
         reader.check_table(place, INSTANCE)
-        matrix = reader.transform(place)
-        places.append(after(_motion(reader, place), np.eye(4) if matrix is None else matrix))
+        places.append(after(_motion(reader, place), reader.transform(place)))
 
     reader.each(table, "instances", add)
     if not places:
@@ -89,8 +89,7 @@ def read_motion(reader: TableReader, table: Table, center: Vec3) -> Motion:
             reader.check_table(key, MATRIX_KEYFRAME)
             matrices.append(_affine(key["matrix"]))
             return
-        matrix = reader.transform(key)
-        matrices.append(np.eye(4) if matrix is None else matrix)
+        matrices.append(reader.transform(key))
         matrices[-1][:3, 3] += pivot - product(matrices[-1][:3, :3], pivot)
 
     reader.each(table, "keys", add)
@@ -171,13 +170,12 @@ def read_density(reader: TableReader, table: dict[str, Any]) -> DensityGrid:
     """Return the density of a medium from files."""
     reader.check_table(table, DENSITY, fields=DENSITY_OWN)
     options = {key: table[key] for key in DENSITY_OWN if key in table}
-    for key in {"albedo", "emission"} & set(table):  # without them, the file's own count
+    for key in (each for each in ("albedo", "emission") if each in table):  # otherwise the file's own count
         options[key] = reader.read(table, key, lambda value: read_volume(reader.file(value)).values)
     grid = reader.read(table, "grid", text_of)
     with reader.at("file"):
         density = load_density(reader.file(table["file"]), grid=grid, **options)
-    matrix = reader.transform(table)
-    if matrix is None:
+    if not TRANSFORM.keys() & table.keys():
         return density
     in_file = np.eye(4) if density.transform is None else density.transform
-    return dataclasses.replace(density, transform=product(matrix, in_file))
+    return dataclasses.replace(density, transform=product(reader.transform(table), in_file))

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from wrt.errors import InputError, did_you_mean
 from wrt.io import memory_limits
 from wrt.io.file_type import hinting
-from wrt.io.images import read_image
-from wrt.io.safe_read import PathLike, naming_file, require_file
+from wrt.io.images import load_environment, read_image
+from wrt.io.safe_read import PathLike, require_file
 from wrt.io.toml.placement import after, joined, read_deformation, read_density, read_motion, read_places
 from wrt.io.toml.scene_keys import (
     BOOLEAN,
@@ -30,6 +30,7 @@ from wrt.io.toml.scene_keys import (
     SHAPE,
     TEXT,
     TEXTURE,
+    TRANSFORM,
     VERTEX_COLORS,
     Keys,
     array_of,
@@ -100,10 +101,7 @@ class _SceneReader(TableReader):
         self.materials: dict[str, Material] = {}
         self._material_tables: Table = {}
         self._open_materials: list[str] = []
-        self._pixels: dict[tuple[str, bool], NDArray[np.float32]] = {}
-        self._measurements: dict[str, Measurement] = {}
-        self._textures: dict[tuple[Path, bool, str], ImageTexture] = {}
-        self._mesh_files: dict[tuple[str, bool], list[Shape]] = {}
+        self._contents: dict[tuple[Any, ...], Any] = {}
         self._readers: dict[Any, Callable[[Any], Any]] = {
             Material: self.part,
             Medium: self.medium,
@@ -166,10 +164,7 @@ class _SceneReader(TableReader):
         keys = {key: value for key, value in table.items() if key != "type"}
         options = self.fields_of(keys, IMAGE_ENVIRONMENT, ImageEnvironment)
         with self.at("file"):
-            file = self.file(table["file"])
-            pixels = sealed(read_image(file))
-            with naming_file(file):
-                return ImageEnvironment(pixels, name=file.name, **options)
+            return load_environment(self.file(table["file"]), **options)
 
     def medium(self, name: Any) -> Medium:
         """Return a medium by its name."""
@@ -225,16 +220,18 @@ class _SceneReader(TableReader):
             file = self.file(table["texture"])
             pixels = self.image(file, linear=linear)
             key = (file, linear, repr(sorted(options.items())))
-            if key not in self._textures:
-                self._textures[key] = ImageTexture(pixels, file.name, **options)
-            return self._textures[key]
+            return self.once(lambda: ImageTexture(pixels, file.name, **options), "texture", *key)
+
+    def once(self, make: Callable[[], Result], *key: Any) -> Result:
+        """Return what `make` returned the first time for a key."""
+        if key not in self._contents:
+            self._contents[key] = make()
+        result: Result = self._contents[key]
+        return result
 
     def image(self, file: Path, *, linear: bool) -> NDArray[np.float32]:
         """Return an image; the same array for the same file, whichever path leads to it."""
-        key = os.path.realpath(file), linear
-        if key not in self._pixels:
-            self._pixels[key] = sealed(read_image(file, linear=linear))
-        return self._pixels[key]
+        return self.once(lambda: sealed(read_image(file, linear=linear)), "image", os.path.realpath(file), linear)
 
     def normal_map(self, table: Table) -> NormalMap:
         options = self.fields_of(table, NORMAL_MAP, NormalMap)
@@ -248,15 +245,12 @@ class _SceneReader(TableReader):
         from wrt.io.measured.measurement import load_measurement
 
         file = self.file(name)
-        key = os.path.realpath(file)
-        if key not in self._measurements:
-            self._measurements[key] = load_measurement(file)
-        return self._measurements[key]
+        return self.once(lambda: load_measurement(file), "measurement", os.path.realpath(file))
 
     def shape(self, table: Table) -> list[Shape]:
         """Return a shape, or the several of a mesh file that keeps its own materials."""
         made = self.meshes(table)
-        matrix = self.transform(table)
+        matrix = self.transform(table) if TRANSFORM.keys() & table.keys() else None
         material = self.read(table, "material", lambda name: found("materials", name, self.materials))
         places = read_places(self, table)
         if "deformation" in table or any(isinstance(place, Motion) and not place.is_rigid for place in places):
@@ -364,17 +358,17 @@ class _SceneReader(TableReader):
         """
         from wrt.io.load_mesh import load_file
 
+        def load() -> list[Shape]:
+            loaded = load_file(path, smooth_degrees=CREASE_DEGREES if smooth else None).shapes
+            if smooth:
+                return loaded
+            flat = {id(shape.mesh): replace(shape.mesh, normals=None) for shape in loaded}
+            return [replace(shape, mesh=flat[id(shape.mesh)]) for shape in loaded]
+
         boolean(smooth, "smooth")
         with self.at("file"):
             path = self.file(file)
-            key = os.path.realpath(path), smooth
-            if key not in self._mesh_files:
-                loaded = load_file(path, smooth_degrees=CREASE_DEGREES if smooth else None).shapes
-                if not smooth:
-                    flat = {id(shape.mesh): replace(shape.mesh, normals=None) for shape in loaded}
-                    loaded = [replace(shape, mesh=flat[id(shape.mesh)]) for shape in loaded]
-                self._mesh_files[key] = loaded
-            return self._mesh_files[key]
+            return self.once(load, "mesh", os.path.realpath(path), smooth)
 
     def many_triangles(self, triangles: Annotated[Any, {"type": "integer", "minimum": 1000}]) -> Mesh:
         """Return a mountain range.

@@ -146,7 +146,7 @@ def _made(make: Callable[..., Any], keys: Keys | None = None, only: list[str] | 
     table = _table(keys or {}, description=summary_of(make))
     for name in parameters if only is None else only:
         default = parameters[name].default
-        described = _described(_value(make, name, hints.get(name, Any)), _meaning(make, name))
+        described = _described(_value(name, hints.get(name, Any)), _meaning(make, name))
         if isinstance(default, (bool, int, float, str)) or (isinstance(default, tuple) and default):
             described["default"] = default
         elif default is inspect.Parameter.empty:
@@ -163,20 +163,19 @@ def _meaning(make: Callable[..., Any], name: str) -> str:
     return meaning
 
 
-def _value(make: Callable[..., Any], name: str, hint: Any) -> Schema:
-    """Return the schema of an argument."""
+def _value(name: str, hint: Any) -> Schema:
+    """Return the schema of an argument, whose type may be `Annotated` by its schema or by its check."""
+    note = None
     if typing.get_origin(hint) is typing.Annotated:
-        hint, *notes = typing.get_args(hint)
-        if schemas := [note for note in notes if isinstance(note, dict)]:
-            return dict(schemas[0])
+        hint, note, *_ = typing.get_args(hint)
+        if isinstance(note, dict):
+            return dict(note)
     kinds = [kind for kind in (typing.get_args(hint) or (hint,)) if kind is not type(None)]
-    for cls, schema in _OBJECTS.items():
-        if kinds[0] is cls:
-            return schema
+    if kinds[0] in _OBJECTS:
+        return _OBJECTS[kinds[0]]
     if "numpy" in str(hint):
         return array_of({"anyOf": [NUMBER, VECTOR]}, 1)
-    checks = checks_of(make) if inspect.isclass(make) else {}  # type: ignore[arg-type]
-    options = _of_check(checks.get(name)) or _UNCHECKED.get(name) or _of_type(name, hint, kinds)
+    options = _of_check(note) or _UNCHECKED.get(name) or _of_type(name, hint, kinds)
     if str in kinds and not any("enum" in each for each in options):
         options = [*options, TEXT]
     if ImageTexture in kinds:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, did_you_mean
 from wrt.io.safe_read import as_utf8, read_file
-from wrt.io.toml.scene_keys import TRANSFORM, TURN, Keys
+from wrt.io.toml.scene_keys import TURN, Keys
 from wrt.linalg import product
 from wrt.scene.motion import rotation_matrix
 from wrt.values import number, vector
@@ -187,10 +187,8 @@ class TableReader:
             raise InputError(f"{text!r}: a file's name has no NUL character")
         return self.path.parent / text
 
-    def transform(self, table: Table) -> NDArray[np.float64] | None:
+    def transform(self, table: Table) -> NDArray[np.float64]:
         """Return the (4, 4) matrix of scale, then rotations in order, then translation."""
-        if not any(key in table for key in TRANSFORM):
-            return None
         matrix = np.eye(4)
         scale = table.get("scale", 1.0)
         factors = vector(scale, "scale") if isinstance(scale, list) else [number(scale, "scale")] * 3

@@ -37,6 +37,11 @@ class Analytic(Mesh, ABC):
     interpolated over a triangle by u and v is interpolated over the shape by its texture coordinates.
     """
 
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {noun}{'s' * (count > 1)}" for noun, count in self.counts.items())
+        colors = ", colors" if self.colors is not None else ""
+        return f"<{type(self).__name__.lower()} {self.name}: {counts}{colors}>"
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.normals is None or len(self.vertices) != 3 * len(self.faces):
@@ -138,14 +143,7 @@ def stored(
 
 
 def stored_in(cls: type[A], boxes: ArrayLike, axes: ArrayLike, colors: ArrayLike | None, name: str) -> A:
-    """Return shapes from their own arrays, bit for bit.
-
-    Args:
-        cls: Spheres or Quadrics.
-        boxes: (N, 2, 3) first and second corners.
-        axes: (N, 3, 3).
-        colors: (N, 3) or (N, 4), or None.
-        name: for messages.
+    """Return shapes from first and second corners, (N, 2, 3), vectors, (N, 3, 3), and colours, bit for bit.
 
     Raises:
         InputError: where the arrays are not those of such shapes.

@@ -37,11 +37,6 @@ class Quadrics(Analytic):
     from its first vector; of a cylinder, the fraction of a turn, and the height in its length.
     """
 
-    def __repr__(self) -> str:
-        colors = ", colors" if self.colors is not None else ""
-        counts = ", ".join(f"{count} {noun}{'s' * (count > 1)}" for noun, count in self.counts.items())
-        return f"<quadrics {self.name}: {counts}{colors}>"
-
     @property
     def counts(self) -> dict[str, int]:
         disks = int(self.are_disks.sum())
@@ -189,13 +184,9 @@ def basis(z: FloatArray) -> FloatArray:
 
 
 def quadrics_of(are_disks: ArrayLike, centers: ArrayLike, axes: ArrayLike, name: str) -> Quadrics:
-    """Return disks and cylinders.
+    """Return N disks and cylinders from their middles, (N, 3), and their vectors in the rows of `axes`, (N, 3, 3).
 
-    Args:
-        are_disks: (N,) whether each is a disk.
-        centers: (N, 3) middles, metres.
-        axes: (N, 3, 3) rows: two radii, then the normal of a disk, or the vector from end to end of a cylinder.
-        name: for messages.
+    These are two radii, then the normal of a disk, or the vector from end to end of a cylinder.
 
     Raises:
         InputError: when float32 does not resolve one of them.

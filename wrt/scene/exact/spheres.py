@@ -28,10 +28,6 @@ class Spheres(Analytic):
     over π, as in Mitsuba.
     """
 
-    def __repr__(self) -> str:
-        colors = ", colors" if self.colors is not None else ""
-        return f"<spheres {self.name}: {len(self.faces)} spheres{colors}>"
-
     @property
     def counts(self) -> dict[str, int]:
         return {"sphere": len(self.faces)}

@@ -11,6 +11,7 @@ from __future__ import annotations
 # The built-in lights in the order in which lists show them. A line here makes a light known to `wrt`, scene files and
 # their schema, and the reference.
 # isort: off
+from wrt.scene.description import by_type_name
 from wrt.scene.lights.light import Light as Light
 from wrt.scene.lights.punctual import PointLight as PointLight
 from wrt.scene.lights.punctual import SpotLight as SpotLight
@@ -21,9 +22,5 @@ from wrt.scene.lights.area import DiskLight as DiskLight
 from wrt.scene.lights.area import SphereLight as SphereLight
 # isort: on
 
-LIGHTS: dict[str, type[Light]] = {
-    cls.type_name: cls
-    for cls in list(globals().values())
-    if isinstance(cls, type) and issubclass(cls, Light) and cls.type_name
-}
+LIGHTS: dict[str, type[Light]] = by_type_name(globals(), Light)
 """Lights by their `type` in scene files."""

@@ -66,11 +66,13 @@ class Light(Kind):
         """Whether it gives any light."""
         return bool(np.any(self.extent().amount))
 
-    def _set_amount(self, factors: dict[str, float]) -> None:
-        """Fill the first of several attributes from whichever is set, times its factor.
+    def _set_amount(self, factors: dict[str, float], default: float | None = None) -> None:
+        """Fill the first of several attributes from whichever is set, times its factor, or else with a default.
 
         That one stays set as well, so `dataclasses.replace` may pass both; they then agree.
         """
+        if default is not None and all(getattr(self, name) is None for name in factors):
+            self._set(**{next(iter(factors)): default})
         colors = {name: color(getattr(self, name), name) for name in factors if getattr(self, name) is not None}
         amounts = [tuple(x * factors[name] for x in value) for name, value in colors.items()]
         agree = all(math.isclose(a, b, rel_tol=1e-9) for each in amounts for a, b in zip(amounts[0], each, strict=True))

@@ -179,9 +179,7 @@ class ProjectorLight(Light):
     def __post_init__(self) -> None:
         super().__post_init__()
         axes_of(self.direction, self.up)
-        if self.irradiance is None and self.color is None:
-            self._set(irradiance=1.0)
-        self._set_amount({"irradiance": 1.0, "color": math.pi})
+        self._set_amount({"irradiance": 1.0, "color": math.pi}, default=1.0)
 
     @property
     def half_sizes(self) -> tuple[float, float]:
@@ -232,11 +230,9 @@ class DirectionalLight(Light):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.irradiance is None and self.color is None:
-            self._set(irradiance=1.0)
         if 0.0 < self.angle_degrees < 1e-3:
             raise InputError(f"angle_degrees must be 0 or at least 0.001, not {self.angle_degrees:g}")
-        self._set_amount({"irradiance": 1.0, "color": math.pi})
+        self._set_amount({"irradiance": 1.0, "color": math.pi}, default=1.0)
 
     @property
     def model(self) -> str:

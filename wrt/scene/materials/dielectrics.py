@@ -14,7 +14,7 @@ from wrt.linalg import gauss_legendre
 from wrt.scene.description import Flag, word_of
 from wrt.scene.materials.dispersion import SHARES, Dispersion, Dispersive, channel_indices
 from wrt.scene.materials.material import Material, Reflectance
-from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
+from wrt.scene.materials.microfacet import Microfacets
 from wrt.scene.materials.presets import by_name, dielectric_ior
 from wrt.scene.textures import ColorSource
 from wrt.values import Vec3, number
@@ -143,7 +143,7 @@ class ThinDielectric(_Boundary):
 
 
 @dataclass(frozen=True)
-class RoughDielectric(_BodyBoundary):
+class RoughDielectric(_BodyBoundary, Microfacets):
     """A rough boundary of a transparent body, such as ground glass, whose microfacets reflect and refract.
 
     The model of Walter, Marschner, Li and Torrance (2007). Triangles wind counter-clockwise seen from outside the
@@ -164,13 +164,6 @@ class RoughDielectric(_BodyBoundary):
 
     type_name: ClassVar[str] = "rough-dielectric"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
-        self._set(alpha=roughness(self.alpha, self.distribution))
-        if self.multiple_bounces:
-            albedo_table_key(self.alpha, self.distribution, self.masking)
-
     @property
     def model(self) -> str:
         options = ("multiple",) * self.multiple_bounces + ("dispersive",) * bool(self.dispersion)
@@ -179,17 +172,13 @@ class RoughDielectric(_BodyBoundary):
     @property
     def slots(self) -> tuple[ColorSource, ...]:
         """The shape of the distribution, then the values of a smooth boundary."""
-        return (shape_of(self.alpha, self.distribution), *super().slots)
+        return (self._shape, *super().slots)
 
     @property
     def table_key(self) -> tuple[Hashable, ...] | None:
         if not self.multiple_bounces:
             return None
-        _, *surface = albedo_table_key(self.alpha, self.distribution, self.masking)
+        _, *surface = self._albedo_table_key
         if self.dispersion:
             return ("dispersive", *surface, *self.relative_iors)
         return ("dielectric", *surface, self.relative_ior)
-
-    @property
-    def needs_tangents(self) -> bool:
-        return is_anisotropic(self.alpha, self.distribution)

@@ -26,12 +26,7 @@ MOST = 1000.0
 
 
 def channel_spread(ior: float, dispersion: float) -> Vec3:
-    """Return the index of each channel less that at 587.6 nm; no index falls below 1, or below `ior`, if that is less.
-
-    Args:
-        ior: the index at 587.6 nm, n_d.
-        dispersion: 20 over the Abbe number; 0 for none.
-    """
+    """Return the index of each channel less that at 587.6 nm, `ior`; no index falls below 1, or a lesser `ior`."""
     over_all = (ior - 1.0) * dispersion / 20.0  # n_F − n_C
     least = min(ior, 1.0)
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.scene.description import instance_of
+from wrt.scene.description import Description, Flag, instance_of
 from wrt.scene.materials.material import Material
-from wrt.values import boolean, owned
+from wrt.values import owned
 
 MOST_NUMBERS = 2**28
 """The most numbers in the tables of a measurement: 1 GB. The largest of the RGL database has 2 million as colours."""
@@ -22,8 +23,17 @@ LARGEST = 1e12
 """The greatest number in a table: products and quotients of several must fit single precision."""
 
 
+def _nodes(value: object, what: str, *, least: float) -> NDArray[np.float32]:
+    nodes = owned(value, what, np.float32)
+    if nodes.ndim != 1 or nodes.size == 0:
+        raise InputError(f"{what} must be a list of angles, not of shape {nodes.shape}")
+    if not (np.abs(nodes) <= 2.0 * math.pi).all() or (nodes < least).any() or (np.diff(nodes) <= 0.0).any():
+        raise InputError(f"{what} must be ascending angles in radians")
+    return nodes
+
+
 @dataclass(frozen=True, eq=False)
-class Measurement:
+class Measurement(Description):
     """Tables of a measured reflectance, in the adaptive parameterisation of Dupuy and Jakob (2018).
 
     A point (x, y) of the unit square stands for the direction θ = π/2 x², φ = π (2y − 1). Rows go along y and columns
@@ -46,20 +56,21 @@ class Measurement:
         InputError: when tables do not fit each other, or numbers in them cannot be used.
     """
 
-    phi_i: NDArray[np.float32]
-    theta_i: NDArray[np.float32]
+    phi_i: Annotated[NDArray[np.float32], partial(_nodes, least=-2.0 * math.pi)]
+    theta_i: Annotated[NDArray[np.float32], partial(_nodes, least=0.0)]
     ndf: NDArray[np.float32] = field(repr=False)
     sigma: NDArray[np.float32] = field(repr=False)
     vndf: NDArray[np.float32] = field(repr=False)
     luminance: NDArray[np.float32] = field(repr=False)
     rgb: NDArray[np.float32] = field(repr=False)
-    jacobian: bool = True
+    jacobian: Flag = True
     name: str = "measurement"
 
+    def _label(self, name: str) -> str:
+        return f"measurement {self.name}: {name}"
+
     def __post_init__(self) -> None:
-        what = f"measurement {self.name}"
-        for name, least in (("phi_i", -2.0 * math.pi), ("theta_i", 0.0)):
-            object.__setattr__(self, name, _nodes(getattr(self, name), f"{what}: {name}", least))
+        super().__post_init__()
         around, up, n = len(self.phi_i), len(self.theta_i), np.shape(self.luminance)[-1:]
         shapes: dict[str, tuple[object, ...]] = {
             "ndf": ("H", "W"),
@@ -69,14 +80,14 @@ class Measurement:
             "rgb": (around, up, 3, *n, *n),
         }
         for name, shape in shapes.items():
-            object.__setattr__(self, name, _table(getattr(self, name), f"{what}: {name}", shape))
+            self._set(**{name: _table(getattr(self, name), self._label(name), shape)})
         if min(*self.ndf.shape, *self.sigma.shape, *self.vndf.shape[2:], *self.luminance.shape[2:]) < 2:
-            raise InputError(f"{what}: tables must have at least two nodes along each axis of the square")
+            raise InputError(self._label("tables must have at least two nodes along each axis of the square"))
         if sum(getattr(self, name).size for name in shapes) > MOST_NUMBERS:
-            raise InputError(f"{what}: its tables have more than {MOST_NUMBERS} numbers")
-        boolean(self.jacobian, f"{what}: jacobian")
+            raise InputError(self._label(f"its tables have more than {MOST_NUMBERS} numbers"))
         if self.reduction not in (1, 2, 4):
-            raise InputError(f"{what}: phi_i must cover the circle, a half or a quarter of it, not 1/{self.reduction}")
+            part = f"phi_i must cover the circle, a half or a quarter of it, not 1/{self.reduction}"
+            raise InputError(self._label(part))
 
     @property
     def is_isotropic(self) -> bool:
@@ -89,15 +100,6 @@ class Measurement:
         if self.is_isotropic:
             return 1
         return round(2.0 * math.pi / float(self.phi_i[-1] - self.phi_i[0]))
-
-
-def _nodes(value: object, what: str, least: float) -> NDArray[np.float32]:
-    nodes = owned(value, what, np.float32)
-    if nodes.ndim != 1 or nodes.size == 0:
-        raise InputError(f"{what} must be a list of angles, not of shape {nodes.shape}")
-    if not (np.abs(nodes) <= 2.0 * math.pi).all() or (nodes < least).any() or (np.diff(nodes) <= 0.0).any():
-        raise InputError(f"{what} must be ascending angles in radians")
-    return nodes
 
 
 def _table(value: object, what: str, shape: tuple[object, ...]) -> NDArray[np.float32]:

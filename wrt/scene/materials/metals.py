@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -12,7 +11,7 @@ from wrt.errors import InputError
 from wrt.linalg import gauss_legendre
 from wrt.scene.description import Flag
 from wrt.scene.materials.material import Filmed, Reflectance, color_source
-from wrt.scene.materials.microfacet import albedo_table_key, is_anisotropic, masking_for, roughness, shape_of
+from wrt.scene.materials.microfacet import Microfacets
 from wrt.scene.materials.presets import by_name, has_reflectance_only, metal_f0, metal_ior, reflectance_f0
 from wrt.scene.textures import ColorSource
 from wrt.values import ColorLike, Vec3, color
@@ -56,12 +55,7 @@ class _Metal(Filmed):
 
 
 def average_reflectance(eta: Vec3, k: Vec3) -> Vec3:
-    """Return the hemispherical mean of a metal's Fresnel reflectance, 2 ∫ F(μ) μ dμ, per channel.
-
-    Args:
-        eta: real part of the refractive index.
-        k: extinction coefficient.
-    """
+    """Return the hemispherical mean of the reflectance of a metal of index η + ik, 2 ∫ F(μ) μ dμ, per channel."""
     nodes, weights = gauss_legendre(64)
     mu = 0.5 * (nodes[:, None] + 1.0)
     index = np.asarray(eta, np.float64) + 1j * np.asarray(k, np.float64)
@@ -109,7 +103,7 @@ class Conductor(_Metal):
 
 
 @dataclass(frozen=True)
-class RoughConductor(_Metal):
+class RoughConductor(_Metal, Microfacets):
     """A rough metal: microfacets that are perfect mirrors.
 
     f = F D G / (4 cosθi cosθo) (Torrance and Sparrow 1967; Cook and Torrance 1982; Walter et al. 2007). The metal is
@@ -145,10 +139,7 @@ class RoughConductor(_Metal):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
-        self._set(alpha=roughness(self.alpha, self.distribution))
         if self.multiple_bounces:
-            albedo_table_key(self.alpha, self.distribution, self.masking)
             self._refuse_film()
 
     @property
@@ -160,15 +151,7 @@ class RoughConductor(_Metal):
     @property
     def slots(self) -> tuple[ColorSource, ...]:
         """The shape of the distribution, `reflectance`, η and k or F0; then a film, or the mean reflectance."""
-        values = (shape_of(self.alpha, self.distribution), self.reflectance, *self._index_or_f0, *self.film_slots)
+        values = (self._shape, self.reflectance, *self._index_or_f0, *self.film_slots)
         if self.multiple_bounces and self.f0 is None:
             return *values, average_reflectance(self.eta, self.k)  # type: ignore[arg-type]
         return values
-
-    @property
-    def table_key(self) -> tuple[Hashable, ...] | None:
-        return albedo_table_key(self.alpha, self.distribution, self.masking) if self.multiple_bounces else None
-
-    @property
-    def needs_tangents(self) -> bool:
-        return is_anisotropic(self.alpha, self.distribution)

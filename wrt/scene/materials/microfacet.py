@@ -1,4 +1,4 @@
-"""Roughness: distributions of microfacet normals, and checks of their parameters."""
+"""Roughness: distributions of microfacet normals, and the base of materials that have them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.linalg import gauss_legendre
+from wrt.scene.materials.material import Material
 from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
-from wrt.values import Vec3, number
+from wrt.values import number
 
 LEAST_ALPHA = 1e-4
 """The least roughness; smoother surfaces look like mirrors (kernels/microfacet)."""
@@ -100,16 +101,6 @@ def _parameters(value: ColorSource, distribution: str) -> ColorSource:
     return a, b
 
 
-def shape_of(alpha: ColorSource, distribution: str) -> ColorSource:
-    """Return the kernels' `shape`: three numbers (see kernels/microfacet), or the texture."""
-    if isinstance(alpha, (ImageTexture, VertexColor)):
-        return alpha
-    first, second = (alpha, alpha) if isinstance(alpha, float) else alpha
-    if distribution == "sgd":
-        return first, second, sgd_normalization(first, second)
-    return first, second, 0.0
-
-
 def sgd_normalization(alpha: float, p: float) -> float:
     """Return K = 1 / (α² exp(α) E_p(α)), the third number of the shape of a shifted gamma distribution.
 
@@ -129,30 +120,59 @@ def sgd_normalization(alpha: float, p: float) -> float:
     return 1.0 / (alpha * alpha * integral)
 
 
-def is_anisotropic(alpha: ColorSource, distribution: str) -> bool:
-    """Return whether a surface is anisotropic.
+class Microfacets(Material):
+    """Base of rough materials whose facets are distributed along u and along v; not used by itself."""
 
-    An image has the roughness along x in red and along y in green; a grey image or a single channel is isotropic.
-    """
-    if distribution not in _ANISOTROPIC or isinstance(alpha, float):
-        return False
-    if isinstance(alpha, ImageTexture):
-        return alpha.channel is None and bool((alpha.pixels[..., 0] != alpha.pixels[..., 1]).any())
-    if isinstance(alpha, VertexColor):
-        return True
-    first, second = alpha
-    return bool(first != second)
+    alpha: ColorSource
+    distribution: str
+    masking: str | None
+    multiple_bounces: bool
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
+        self._set(alpha=roughness(self.alpha, self.distribution))
+        _ = self.table_key  # which may refuse the roughness
 
-def albedo_table_key(alpha: ColorSource, distribution: str, masking: str | None) -> tuple[Hashable, ...]:
-    """Return the key of the table of the energy that a single bounce loses (wrt/upload/tables/albedo.py).
+    @property
+    def _shape(self) -> ColorSource:
+        """The kernels' `shape`: three numbers (see kernels/microfacet), or the texture."""
+        alpha = self.alpha
+        if isinstance(alpha, (ImageTexture, VertexColor)):
+            return alpha
+        first, second = (alpha, alpha) if isinstance(alpha, float) else alpha
+        return first, second, sgd_normalization(first, second) if self.distribution == "sgd" else 0.0
 
-    Raises:
-        InputError: if the roughness is an anisotropic texture, for which there is no table.
-    """
-    if not is_anisotropic(alpha, distribution) and distribution in _BY_ALPHA:
-        return ("reflection", distribution, masking, None)
-    if isinstance(alpha, (ImageTexture, VertexColor)):
-        raise InputError("multiple_bounces needs an alpha that is a number, two numbers or a grey image")
-    shape: Vec3 = shape_of(alpha, distribution)  # type: ignore[assignment]
-    return ("reflection", distribution, masking, shape)
+    @property
+    def needs_tangents(self) -> bool:
+        """Whether it is anisotropic.
+
+        An image has the roughness along x in red and along y in green; a grey image or a single channel is isotropic.
+        """
+        alpha = self.alpha
+        if self.distribution not in _ANISOTROPIC or isinstance(alpha, float):
+            return False
+        if isinstance(alpha, ImageTexture):
+            return alpha.channel is None and bool((alpha.pixels[..., 0] != alpha.pixels[..., 1]).any())
+        if isinstance(alpha, VertexColor):
+            return True
+        first, second = alpha
+        return bool(first != second)
+
+    @property
+    def table_key(self) -> tuple[Hashable, ...] | None:
+        return self._albedo_table_key if self.multiple_bounces else None
+
+    @property
+    def _albedo_table_key(self) -> tuple[Hashable, ...]:
+        """The key of the table of the energy that a single bounce loses (wrt/upload/tables/albedo.py).
+
+        Raises:
+            InputError: if the roughness is an anisotropic texture, for which there is no table.
+        """
+        surface = "reflection", self.distribution, self.masking
+        if not self.needs_tangents and self.distribution in _BY_ALPHA:
+            return (*surface, None)
+        if isinstance(self.alpha, (ImageTexture, VertexColor)):
+            raise InputError("multiple_bounces needs an alpha that is a number, two numbers or a grey image")
+        return (*surface, self._shape)

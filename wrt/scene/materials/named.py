@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import typing
 from typing import Any
 
@@ -58,7 +59,7 @@ def named_material(text: str) -> Material:
     parameters = _parameters(cls, assignments, text)
     if parameters.keys() & {"eta", "k", "f0", "metal"}:  # a metal is given in one way only
         values = {name: value for name, value in values.items() if name != "metal"}
-    required = [each.name for each in dataclasses.fields(cls) if not _has_default(each)]
+    required = [each.name for each in inspect.signature(cls).parameters.values() if each.default is each.empty]
     if missing := [name for name in required if name not in parameters]:
         raise InputError(f"material {text!r} needs a {missing[0]}, which only scene files and Python can give")
     try:
@@ -67,16 +68,12 @@ def named_material(text: str) -> Material:
         raise InputError(f"material {text!r}: {error}") from None
 
 
-def _has_default(field: dataclasses.Field[Any]) -> bool:
-    return field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
-
-
 def _parameters(cls: type[Material], assignments: str, text: str) -> dict[str, Any]:
     """Return the parameters that the part of a text after the colon assigns."""
     types = typing.get_type_hints(cls)
     fields = [field.name for field in dataclasses.fields(cls)]
     plain = [name for name in fields if types[name] is not Material and name not in ("interior", "normal_map")]
-    found: dict[str, Any] = {}
+    parameters: dict[str, Any] = {}
     for part in filter(None, (part.strip() for part in assignments.split(";"))):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals:
@@ -88,10 +85,10 @@ def _parameters(cls: type[Material], assignments: str, text: str) -> dict[str, A
         if name not in plain:
             hint = did_you_mean(name, plain)
             raise InputError(f"material {text!r}: there is no parameter {name!r}{hint}; there are {', '.join(plain)}")
-        if name in found:
+        if name in parameters:
             raise InputError(f"material {text!r}: {name} is given twice")
-        found[name] = _value(value)
-    return found
+        parameters[name] = _value(value)
+    return parameters
 
 
 def _value(text: str) -> Any:

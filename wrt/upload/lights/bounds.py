@@ -53,16 +53,7 @@ class LightBounds:
         cos_falloff: ArrayLike = 0.0,
         two_sided: ArrayLike = False,
     ) -> LightBounds:
-        """Return the bounds of N lights, each the hull of its corners.
-
-        Args:
-            corners: (N, K, 3) points.
-            axis: (N, 3) or (3,) unit vectors.
-            power: see the class; one value may stand for all lights, here and below.
-            cos_spread: see the class.
-            cos_falloff: see the class.
-            two_sided: see the class.
-        """
+        """Return the bounds of N lights, each the hull of its corners, (N, K, 3); other values may be one for all."""
         points = np.asarray(corners, np.float64)
         n = len(points)
         axes = np.array(np.broadcast_to(np.asarray(axis, np.float64), (n, 3)))

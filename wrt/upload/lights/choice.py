@@ -23,11 +23,7 @@ FEW_LIGHTS = 4
 def upload_lights(data: Any, lights: LightTable, device: Device, choice: str = "auto") -> bool:
     """Fill the lights of a SceneData struct and the tables for selecting one; return whether these include a tree.
 
-    Args:
-        data: the struct.
-        lights: the lights of the scene; the probabilities of their records are filled in.
-        device: the device.
-        choice: one of LIGHT_CHOICES.
+    The probabilities of the lights' records are filled in; `choice` is one of LIGHT_CHOICES.
     """
     backend = current_backend()
     k = backend.kernels("wrt.kernels.core.scene_data")

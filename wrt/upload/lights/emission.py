@@ -102,9 +102,9 @@ def _look_up(texture: ImageTexture, pixels: NDArray[np.float32], uv: NDArray[np.
     x, y = u * width - 0.5, (1.0 - v) * height - 0.5
     if texture.filter == "nearest":
         x, y = np.floor(x + 0.5), np.floor(y + 0.5)
-    left, top = np.floor(x), np.floor(y)
-    fx, fy = (x - left)[..., None], (y - top)[..., None]
-    columns, rows = _neighbors(left, width, texture.wrap[0]), _neighbors(top, height, texture.wrap[1])
+    column, row = np.floor(x), np.floor(y)
+    fx, fy = (x - column)[..., None], (y - row)[..., None]
+    columns, rows = _neighbors(column, width, texture.wrap[0]), _neighbors(row, height, texture.wrap[1])
     upper = pixels[rows[0], columns[0]] * (1.0 - fx) + pixels[rows[0], columns[1]] * fx
     lower = pixels[rows[1], columns[0]] * (1.0 - fx) + pixels[rows[1], columns[1]] * fx
     result: NDArray[np.float64] = upper * (1.0 - fy) + lower * fy
@@ -120,8 +120,8 @@ def _inside(t: NDArray[np.float64], wrap: str) -> NDArray[np.float64]:
 
 
 def _neighbors(first: NDArray[np.float64], size: int, wrap: str) -> list[NDArray[np.int64]]:
-    both = [first.astype(np.int64), first.astype(np.int64) + 1]
-    return [i % size if wrap == "repeat" else np.clip(i, 0, size - 1) for i in both]
+    pair = [first.astype(np.int64), first.astype(np.int64) + 1]
+    return [i % size if wrap == "repeat" else np.clip(i, 0, size - 1) for i in pair]
 
 
 def _means_around(

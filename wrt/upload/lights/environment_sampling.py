@@ -55,12 +55,7 @@ class EnvironmentTables:
 
 
 def environment_tables(luminance: NDArray[np.floating], image_to_world: NDArray[np.float64]) -> EnvironmentTables:
-    """Return the tables of an image.
-
-    Args:
-        luminance: (H, W) luminance of the texels.
-        image_to_world: (3, 3) rotation.
-    """
+    """Return the tables of an image from the luminance of its texels, (H, W), and its rotation, (3, 3)."""
     light = bin_light(luminance, finest_side(luminance.shape))
     solid_angle = np.broadcast_to(solid_angles(*light.shape), light.shape)
     flux = float(light.sum())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -47,109 +46,94 @@ def texture_of(light: Light) -> ImageTexture | None:
     return texture if isinstance(texture, ImageTexture) else None
 
 
-@dataclass(frozen=True)
 class LightTable:
     """All lights of a scene.
-
-    Attributes:
-        records: (N,) LightRecord, still without probabilities.
-        shapes: (S,) LightShape: first those that rays can hit, then suns, then spots.
-        shape_models: names of the light models that the kernel needs.
-        solid_count, sun_count: number of shapes that rays can hit, and of suns.
-        first_lights: (shapes,) number of each emitting mesh's first light, −1 for other meshes.
-        environment: number of the environment's light, or −1.
-        weights: (N,) selection weights, independent of position.
-        bounds: the bounds of the N lights.
-    """
-
-    records: NDArray[Any]
-    shapes: NDArray[Any]
-    shape_models: tuple[str, ...]
-    solid_count: int
-    sun_count: int
-    first_lights: NDArray[np.int32]
-    environment: int
-    weights: Array
-    bounds: LightBounds
-
-
-def light_table(
-    shapes: list[Shape],
-    lights: list[Light],
-    layout: Layout,
-    first_triangles: NDArray[np.int64],
-    environment_flux: float,
-    texture_slots: dict[int, int],
-) -> LightTable:
-    """Return the table of a scene's lights.
 
     Finite lights are weighted by power, lights infinitely far away by irradiance. If a scene has both, each group gets
     half, because no length relates power to irradiance.
 
-    Args:
-        shapes: shapes of the scene; each triangle of an emitting shape is a light.
-        lights: all other lights.
-        layout: the layout of the shapes.
-        first_triangles: (shapes,) number of each shape's first triangle.
-        environment_flux: luminance of the environment integrated over directions; 0 leaves it out.
-        texture_slots: slot of a light's texture by the number of the light in `lights`.
-
-    Raises:
-        InputError: when there are more solid lights than MOST_SOLID_LIGHTS, or a light's model is not registered.
+    Attributes:
+        records: (N,) LightRecord, still without probabilities.
+        shapes: (S,) LightShape: solid lights, which rays can hit, then suns, then spots.
+        shape_models: names of the light models that the kernel needs.
+        solid_count, sun_count: number of solid lights and of suns.
+        first_lights: (shapes,) number of each emitting mesh's first light, −1 for other meshes.
+        environment: number of the environment's light, or −1.
+        bounds: the bounds of the N lights.
+        weights: (N,) selection weights, independent of position.
     """
-    backend = current_backend()
-    k = backend.kernels("wrt.kernels.core.scene_data")
-    records: list[NDArray[Any]] = [np.zeros(0, k.LightRecord.numpy_dtype())]
-    bounds = [LightBounds.of(np.zeros((0, 1, 3)), np.zeros((0, 3)), np.zeros(0))]
-    first_lights = np.full(len(shapes), -1, np.int32)
-    count = 0
-    instances = layout.instance_numbers
-    for i, shape in enumerate(shapes):
-        if shape.emits:
-            first_lights[i] = count
-            record, extent = _emissive_mesh(shape, i, int(first_triangles[i]), layout.shutter)
-            record["instance"] = instances.get(i, 0)
-            records.append(record)
-            bounds.append(extent)
-            count += len(record)
 
-    names, orders = _light_models(lights)
-    order_of = [orders.get(name) for name in names]
-    solid_count = order_of.count(SOLID)
-    if solid_count > MOST_SOLID_LIGHTS:
-        raise InputError(
-            f"the scene has {solid_count} rectangle, disk and sphere lights, and each ray is tested against every one; "
-            f"make all but {MOST_SOLID_LIGHTS} of them shapes with an emission"
-        )
-    built_in = backend.kernels("wrt.kernels.lights.shapes").BUILT_IN
-    models = (*built_in, *sorted(set(orders) - set(built_in))) if orders else ()
-    kinds = {"point": int(k.LIGHT_POINT), "directional": int(k.LIGHT_DIRECTIONAL)}
-    kinds |= {name: backend.call("wrt.kernels.lights.shapes", "light_kind", name) for name in models}
-    shaped = sorted((i for i, order in enumerate(order_of) if order is not None), key=lambda i: orders[names[i]])
-    light_shapes = [
-        {"kind": kinds[names[i]], "light": count + i, "slot": texture_slots.get(i, -1), **(lights[i].shape() or {})}
-        for i in shaped
-    ]
-    shape_numbers = {i: {"shape": number} for number, i in enumerate(shaped)}
-    rows = [{**light.record(), **shape_numbers.get(i, {}), "kind": kinds[names[i]]} for i, light in enumerate(lights)]
-    bounds += [_extent(light) for light in lights]
-    environment = -1
-    if environment_flux > 0.0:
-        environment = count + len(lights)
-        rows.append({"kind": k.LIGHT_ENVIRONMENT})
-        bounds.append(_far((0.0, 1.0, 0.0), environment_flux))
-    joined = LightBounds.joined(bounds)
-    return LightTable(
-        np.concatenate([*records, packed(rows, k.LightRecord)]),
-        packed(light_shapes, k.LightShape),
-        models,
-        solid_count,
-        order_of.count(SUN),
-        first_lights,
-        environment,
-        _shares(joined),
-        joined,
-    )
+    def __init__(
+        self,
+        shapes: list[Shape],
+        lights: list[Light],
+        layout: Layout,
+        first_triangles: NDArray[np.int64],
+        environment_flux: float,
+        texture_slots: dict[int, int],
+    ) -> None:
+        """List the lights of a scene.
+
+        Args:
+            shapes: shapes of the scene; each triangle of an emitting shape is a light.
+            lights: all other lights.
+            layout: the layout of the shapes.
+            first_triangles: (shapes,) number of each shape's first triangle.
+            environment_flux: luminance of the environment integrated over directions; 0 leaves it out.
+            texture_slots: slot of a light's texture by the number of the light in `lights`.
+
+        Raises:
+            InputError: when there are more solid lights than MOST_SOLID_LIGHTS, or a light's model is not registered.
+        """
+        k = current_backend().kernels("wrt.kernels.core.scene_data")
+        records: list[NDArray[Any]] = [np.zeros(0, k.LightRecord.numpy_dtype())]
+        bounds = [LightBounds.of(np.zeros((0, 1, 3)), np.zeros((0, 3)), np.zeros(0))]
+        self.first_lights = np.full(len(shapes), -1, np.int32)
+        count = 0
+        instances = layout.instance_numbers
+        for i, shape in enumerate(shapes):
+            if shape.emits:
+                self.first_lights[i] = count
+                record, extent = _emissive_mesh(shape, i, int(first_triangles[i]), layout.shutter)
+                record["instance"] = instances.get(i, 0)
+                records.append(record)
+                bounds.append(extent)
+                count += len(record)
+        rows = self._list_lights(lights, count, texture_slots)
+        bounds += [_extent(light) for light in lights]
+        self.environment = -1
+        if environment_flux > 0.0:
+            self.environment = count + len(lights)
+            rows.append({"kind": k.LIGHT_ENVIRONMENT})
+            bounds.append(_far((0.0, 1.0, 0.0), environment_flux))
+        self.records: NDArray[Any] = np.concatenate([*records, packed(rows, k.LightRecord)])
+        self.bounds = LightBounds.joined(bounds)
+        self.weights = _shares(self.bounds)
+
+    def _list_lights(self, lights: list[Light], first: int, texture_slots: dict[int, int]) -> list[dict[str, Any]]:
+        """List the shapes of lights without triangles, of which the first has a number, and return their records."""
+        backend = current_backend()
+        k = backend.kernels("wrt.kernels.core.scene_data")
+        names, orders = _light_models(lights)
+        order_of = [orders.get(name) for name in names]
+        self.solid_count, self.sun_count = order_of.count(SOLID), order_of.count(SUN)
+        if self.solid_count > MOST_SOLID_LIGHTS:
+            raise InputError(
+                f"the scene has {self.solid_count} rectangle, disk and sphere lights, and each ray is tested against "
+                f"every one; make all but {MOST_SOLID_LIGHTS} of them shapes with an emission"
+            )
+        built_in = backend.kernels("wrt.kernels.lights.shapes").BUILT_IN
+        self.shape_models = (*built_in, *sorted(set(orders) - set(built_in))) if orders else ()
+        kinds = {"point": int(k.LIGHT_POINT), "directional": int(k.LIGHT_DIRECTIONAL)}
+        kinds |= {name: backend.call("wrt.kernels.lights.shapes", "light_kind", name) for name in self.shape_models}
+        shaped = sorted((i for i, order in enumerate(order_of) if order is not None), key=lambda i: orders[names[i]])
+        rows = [
+            {"kind": kinds[names[i]], "light": first + i, "slot": texture_slots.get(i, -1), **(lights[i].shape() or {})}
+            for i in shaped
+        ]
+        self.shapes = packed(rows, k.LightShape)
+        numbers = {i: {"shape": number} for number, i in enumerate(shaped)}
+        return [{**light.record(), **numbers.get(i, {}), "kind": kinds[names[i]]} for i, light in enumerate(lights)]
 
 
 def _light_models(lights: list[Light]) -> tuple[list[str], dict[str, int]]:

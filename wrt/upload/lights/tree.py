@@ -62,8 +62,8 @@ def build_light_tree(lights: LightBounds) -> LightTree:
         return LightTree(
             np.zeros((0, ROWS, WIDTH), np.float32), np.zeros(0, np.int32), np.full(len(lights), -1, np.int32), 0.0
         )
-    order, begin, end, left = _split(chosen)
-    nodes, parents, places, most = _collapse(chosen.take(order), begin, end, left)
+    order, begin, end, left_child = _split(chosen)
+    nodes, parents, places, most = _collapse(chosen.take(order), begin, end, left_child)
     result = np.full(len(lights), -1, np.int32)
     result[shining[order]] = places
     children = nodes[:, -1].view(np.int32)
@@ -95,9 +95,9 @@ def _split(lights: LightBounds) -> tuple[Indices, Indices, Indices, Indices]:
     while True:
         begin, end = begins[-1], ends[-1]
         is_open = end - begin > WIDTH
-        left = np.full(len(begin), -1)
-        left[is_open] = total + 2 * np.arange(is_open.sum())
-        lefts.append(left)
+        left_child = np.full(len(begin), -1)
+        left_child[is_open] = total + 2 * np.arange(is_open.sum())
+        lefts.append(left_child)
         if not is_open.any():
             break
         begin, end = begin[is_open], end[is_open]
@@ -206,7 +206,7 @@ def _split_costs(columns: Array, key: Indices, nodes: int, bins: int) -> Array:
 
 
 def _collapse(
-    lights: LightBounds, begin: Indices, end: Indices, left: Indices
+    lights: LightBounds, begin: Indices, end: Indices, left_child: Indices
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.int32], float]:
     """Return the arrays of LightTree, with lights in tree order, and the largest power of the root's children."""
     power = np.concatenate([[0.0], np.cumsum(lights.power)])
@@ -216,7 +216,7 @@ def _collapse(
     frontier, parents = np.array([0]), np.array([-1])
     first, most = 0, 0.0
     while len(frontier):
-        slots = _children(frontier, begin, end, left, node_power)
+        slots = _children(frontier, begin, end, left_child, node_power)
         is_light = slots < -1
         used = slots != -1
         # Ranges of lights below each used slot.
@@ -247,26 +247,26 @@ def _collapse(
     return np.concatenate(levels), np.concatenate(parent_levels).astype(np.int32), places, most
 
 
-def _children(frontier: Indices, begin: Indices, end: Indices, left: Indices, power: Array) -> Indices:
+def _children(frontier: Indices, begin: Indices, end: Indices, left_child: Indices, power: Array) -> Indices:
     """Return (nodes, WIDTH) binary nodes that become the children of wide ones.
 
     −1 marks an unused slot, −2 − i light i. The child with the most power is opened until all slots are used.
     """
     slots = np.full((len(frontier), WIDTH), -1)
-    is_group = left[frontier] < 0
+    is_group = left_child[frontier] < 0
     group = frontier[is_group]
     lights = begin[group][:, None] + np.arange(WIDTH)
     slots[is_group] = np.where(lights < end[group][:, None], -2 - lights, -1)
     rows = np.flatnonzero(~is_group)
-    slots[rows, 0] = left[frontier[rows]]
+    slots[rows, 0] = left_child[frontier[rows]]
     slots[rows, 1] = slots[rows, 0] + 1
     for used in range(2, WIDTH):
         nodes = slots[rows, :used]
-        openable = np.where(left[nodes] >= 0, power[nodes], 0.0)
+        openable = np.where(left_child[nodes] >= 0, power[nodes], 0.0)
         widest = np.argmax(openable, axis=1)
         is_open = openable[np.arange(len(rows)), widest] > 0.0
         rows, widest = rows[is_open], widest[is_open]
-        child = left[slots[rows, widest]]
+        child = left_child[slots[rows, widest]]
         slots[rows, widest] = child
         slots[rows, used] = child + 1
     node = np.maximum(slots, 0)

@@ -142,12 +142,8 @@ def _roughness(distribution: str, shape: tuple[float, float, float]) -> tuple[fl
 def _masses(missing: Floats, logs: Floats, scale: Floats) -> Floats:
     """Return ∫ (1 − E) 2μ dμ between rows, of 1 − E as the kernels interpolate it.
 
-    With that average, a white surface reflects exactly 1 wherever 1 − E is exact.
-
-    Args:
-        missing: (rows, columns) 1 − E.
-        logs: (rows, columns) ln(1 + μ / scale), in which 1 − E is interpolated linearly.
-        scale: (columns,) scale of the cosines μ.
+    With that average, a white surface reflects exactly 1 wherever 1 − E is exact. 1 − E, (rows, columns), is linear in
+    `logs`, ln(1 + μ / scale), with a scale of the cosines μ for each column.
     """
     nodes, weights = gauss_legendre(8)
     x = 0.5 * (nodes[:, None, None] + 1.0)
@@ -159,11 +155,10 @@ def _masses(missing: Floats, logs: Floats, scale: Floats) -> Floats:
 
 
 def _averages(missing: Floats, along: tuple[float, float] | None) -> Floats:
-    """Return the mean of 1 − E over the hemisphere between columns, as the kernels read it.
+    """Return the mean of 1 − E, (rows, columns), over the hemisphere between columns, as the kernels read it.
 
-    Args:
-        missing: (rows, columns) 1 − E.
-        along: roughness along x and y if columns are azimuths. If None, they are roughnesses, and the mean is over α².
+    If columns are azimuths, `along` is the roughness along x and y. Otherwise they are roughnesses, and the mean is
+    over α².
     """
     albedo = current_backend().kernels("wrt.kernels.bsdf.lobes.albedo")
 

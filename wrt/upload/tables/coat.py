@@ -27,16 +27,10 @@ LEAST_COSINE = 1e-6
 def coat_table(
     distribution: str, masking: str, eta: float, alpha: float | None, multiple_bounces: bool, device: Device
 ) -> NDArray[np.float32]:
-    """Return the table of a rough coat.
+    """Return the table of a rough coat of relative index `eta`, for one roughness `alpha` or, without it, for all.
 
-    Args:
-        distribution: a name in `kernels.microfacet.DISTRIBUTIONS`, with a roughness α.
-        masking: a name in `kernels.microfacet.MASKINGS` that goes with it.
-        eta: refractive index of the coat relative to the outside.
-        alpha: the roughness of one surface; or None, for all roughnesses.
-        multiple_bounces: whether the base receives all light that the coat does not reflect in one bounce. Otherwise
-            it receives singly refracted light, and masked light is lost.
-        device: the device that computes it.
+    With `multiple_bounces` the base receives all light that the coat does not reflect in one bounce. Otherwise it
+    receives singly refracted light, and masked light is lost.
     """
     backend = current_backend()
     coat = backend.kernels("wrt.kernels.bsdf.lobes.coat_transmittance")

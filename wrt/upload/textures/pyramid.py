@@ -41,8 +41,8 @@ def _resized(pixels: FloatArray, axis: int, size: int) -> FloatArray:
     first = np.moveaxis(pixels.astype(np.float64), axis, 0)
     integral = np.concatenate([np.zeros_like(first[:1]), np.cumsum(first, axis=0)])
     edges = np.arange(size + 1) * (old / size)
-    whole = np.minimum(edges.astype(int), old - 1)
-    at_edges = integral[whole] + (edges - whole)[:, None, None] * first[whole]
+    texels = np.minimum(edges.astype(int), old - 1)
+    at_edges = integral[texels] + (edges - texels)[:, None, None] * first[texels]
     result: FloatArray = np.moveaxis(np.diff(at_edges, axis=0) * (size / old), 0, axis).astype(np.float32)
     return result
 

@@ -91,19 +91,14 @@ class Texels:
         return len(self.palettes) // 3 - 1
 
 
-def codes_of(values: FloatArray, known: FloatArray | None = None) -> tuple[Codes, FloatArray] | None:
-    """Return (N,) codes and their palette, exact to the bit; None if there are more than 256 values.
-
-    Args:
-        values: (N,) numbers.
-        known: values with which the palette begins.
-    """
+def codes_of(values: FloatArray, start: FloatArray | None = None) -> tuple[Codes, FloatArray] | None:
+    """Return (N,) codes and their palette, which begins with `start`; None if there are more than 256 values."""
     bits = values.view(np.uint32)
-    palette = np.zeros(0, np.uint32) if known is None else known.view(np.uint32)
+    palette = np.zeros(0, np.uint32) if start is None else start.view(np.uint32)
     factor, table = _hashed(palette)
     codes = np.empty(len(bits), np.uint8)
-    for start in range(0, len(bits), _CHUNK):
-        part = bits[start : start + _CHUNK]
+    for first in range(0, len(bits), _CHUNK):
+        part = bits[first : first + _CHUNK]
         found = table[_hash(part, factor)]
         new = part[palette[found] != part] if len(palette) else part
         if len(new):
@@ -112,7 +107,7 @@ def codes_of(values: FloatArray, known: FloatArray | None = None) -> tuple[Codes
                 return None
             factor, table = _hashed(palette)
             found = table[_hash(part, factor)]
-        codes[start : start + _CHUNK] = found
+        codes[first : first + _CHUNK] = found
     return codes, palette.view(np.float32)
 
 
