@@ -1,12 +1,8 @@
-"""Benchmark wrt: rendering beside other renderers, scaling, rays, compiling, loading, versions, lanes.
+"""Benchmark wrt: rendering and rays beside other programs, and beside other checkouts of wrt.
 
     python scripts/benchmark.py render [--quick] [--scenes NAME ...] [--peers NAME ...] [--times S ...] [--docs]
-    python scripts/benchmark.py scaling [--quick] [--only NAME ...] [--docs]
     python scripts/benchmark.py rays [--triangles N ...] [--threads N ...] [--repeats N]
-    python scripts/benchmark.py compile [--kernels TEXT ...] [--docs]
     python scripts/benchmark.py checkouts FOLDER ... [--scenes NAME ...] [--rounds N]
-    python scripts/benchmark.py loading [--cases NAME ...] [--repeats N] [--llvm FOLDER]
-    python scripts/benchmark.py widths [--lanes N ...] [--scenes NAME ...] [--rounds N] [--docs]
     python scripts/benchmark.py found [--scenes NAME ...] [--spp N ...] [--folder FOLDER] [--llvm FOLDER]
 
 Each command prints its results, and writes them as JSON with --json FILE. With --docs, results go to docs/measured, and
@@ -23,19 +19,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import checkouts, compiling, found, loading, rays, render, report, scaling, widths
+from benchmarks import checkouts, found, rays, render, report
 from benchmarks.measure import machine
 
-MODULES = {
-    "render": render,
-    "scaling": scaling,
-    "rays": rays,
-    "compile": compiling,
-    "loading": loading,
-    "found": found,
-    "widths": widths,
-    "checkouts": checkouts,
-}
+MODULES = {"render": render, "rays": rays, "found": found, "checkouts": checkouts}
 
 
 def command_line() -> argparse.ArgumentParser:

@@ -5,7 +5,7 @@
 The faults are in mutants.toml. First their tests run without them, since a test that fails anyway notices nothing. Then
 each fault is planted in a copy of the tree, with a copy of the kernel cache, so that its kernels reach no other run.
 Faults that the quick tests miss are tried again with the slow ones. Outcomes go to docs/measured/mutants.json and into
-the table of docs/proofs.md. The status is 1 if a fault survives.
+the list of docs/proofs.md. The status is 1 if a fault survives.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ else:
 ROOT = Path(__file__).resolve().parent.parent
 OUTCOMES = ROOT / "docs" / "measured" / "mutants.json"
 PAGE = ROOT / "docs" / "proofs.md"
-TABLE = "| fault | system | file | outcome |\n| --- | --- | --- | --- |\n"
-"""The head of the page's last table."""
+HEAD = "By system; all are noticed, unless another outcome is in brackets:\n\n"
+"""The line above the page's last list."""
 
 NOTICED, SURVIVED, NO_TESTS = "noticed", "survived", "no such tests"
 BROKEN, TIMED_OUT = "tests fail without it", "ran out of time"
@@ -128,12 +128,13 @@ def plant(mutant: Mutant, tree: Path) -> None:
 
 
 def page(text: str, results: dict[str, str]) -> str:
-    """Return the text of docs/proofs.md with a table of these outcomes at its end."""
-    rows = [
-        f"| {mutant.name} | {mutant.subject} | `{mutant.file}` | {results.get(mutant.name, 'not tried yet')} |\n"
-        for mutant in MUTANTS
-    ]
-    return text.partition(TABLE)[0] + TABLE + "".join(rows)
+    """Return the text of docs/proofs.md with a list of the faults and these outcomes at its end."""
+    by_subject: dict[str, list[str]] = {}
+    for mutant in MUTANTS:
+        result = results.get(mutant.name, "not tried yet")
+        by_subject.setdefault(mutant.subject, []).append(mutant.name + (f" ({result})" if result != NOTICED else ""))
+    items = [f"- {subject}: {', '.join(names)}\n" for subject, names in by_subject.items()]
+    return text.partition(HEAD)[0] + HEAD + "".join(items)
 
 
 def record(mutant: Mutant, result: str) -> None:

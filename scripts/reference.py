@@ -1,6 +1,6 @@
 """Write the generated parts of the reference: Python's public names, keys of scene files, options of the command line.
 
-    python scripts/reference.py            rewrite docs/python.md, docs/scene-format.md and docs/command-line.md
+    python scripts/reference.py            rewrite the generated pages and the schema of docs
     python scripts/reference.py --check    only report whether they are current
 
 Descriptions come from docstrings, from the JSON schema of scene files, which is made from the classes, and from
@@ -20,12 +20,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.measure import table, write_section
+from benchmarks.measure import write_section
 
 import wrt
 from wrt.cli.arguments.options import make_parser
+from wrt.cli.arguments.parser import commands_of
 from wrt.describe.docstrings import meanings_of, plain, summary_of
-from wrt.io.toml.schema import scene_schema
+from wrt.io.toml.schema import scene_schema, schema_text
 from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS
 from wrt.scene.lights import LIGHTS
@@ -61,7 +62,9 @@ GROUPS: dict[str, str] = {
 
 INTERNAL_MEMBERS = {
     "arguments_for",
+    "check",
     "has_updated_vertices",
+    "require_own_tone",
     "restore",
     "share",
     "with_backend",
@@ -73,25 +76,25 @@ def names_text() -> str:
     """Return signature, summary, arguments and errors of every public name, and the members of classes."""
     parts = []
     for title, listed in GROUPS.items():
-        names = listed.split()
-        links = ", ".join(f"[`{name}`](#wrt{name.lower()})" for name in names)
-        parts += [f"## {title}\n\n{links}\n", *(entry_of(name) for name in names)]
+        parts += [f"## {title}\n", *map(entry_of, listed.split())]
     return "\n".join(parts)
 
 
 def entry_of(name: str) -> str:
-    """Return the entry of a public name. Keys of scene files are explained on their own page."""
+    """Return the entry of a public name. Classes of scene files are explained on the page of these."""
     thing = getattr(wrt, name)
-    keys = scene_file_section(thing)
-    parts = [f"### wrt.{name}\n\n`wrt.{name}{signature_of(thing)}`\n\n{summary_of(thing)}\n"]
-    if keys:
-        parts.append(f"Fields: [keys of scene files]({keys}).\n")
-    for kind, documented in {"argument": getattr(thing, "__init__", None), "field": thing}.items():
-        if not keys and documented and (meanings := meanings_of(documented)):
-            parts.append(table([kind if inspect.isclass(thing) else "argument", "meaning"], rows_of(meanings)))
+    heading = f"### wrt.{name}\n\n`wrt.{name}{signature_of(thing)}`"
+    if place := scene_file_section(thing):
+        return f"{heading}: [its fields]({place}).\n"
+    parts = [f"{heading}\n\n{summary_of(thing)}\n"]
+    is_class = inspect.isclass(thing)
+    for kind, documented in {"Arguments": getattr(thing, "__init__", None), "Fields": thing}.items():
+        if documented and (meanings := meanings_of(documented)):
+            title = f"{kind}:\n\n" if is_class else ""
+            parts.append(title + listing({f"`{key}`": meaning for key, meaning in meanings.items()}))
     parts += [f"{title}: {text}\n" for title, text in results_of(thing).items()]
-    if inspect.isclass(thing) and not keys and not issubclass(thing, Exception) and (rows := members_of(thing)):
-        parts.append(table(["member", "meaning"], rows))
+    if is_class and not issubclass(thing, Exception) and (members := members_of(thing)):
+        parts.append("Members:\n\n" + listing(members))
     return "\n".join(parts)
 
 
@@ -128,20 +131,19 @@ def scene_file_section(thing: Any) -> str:
 
 
 def results_of(thing: Any) -> dict[str, str]:
-    """Return what a docstring says of results and errors."""
+    """Return what a docstring says of results; all functions raise InputError for what cannot be used."""
     text = inspect.getdoc(thing) or ""
     found = {}
-    for title in ("Returns", "Yields", "Raises"):
-        section = re.search(rf"^{title}:\n((?: +.*\n?|\n(?= ))+)", text, re.MULTILINE)
-        if section and "if an argument cannot be used." not in section[1]:  # which is true of all functions
-            found[title] = re.sub(r"^(\w+):", r"`\1`", plain(section[1]))
+    for title in ("Returns", "Yields"):
+        if section := re.search(rf"^{title}:\n((?: +.*\n?|\n(?= ))+)", text, re.MULTILINE):
+            found[title] = plain(section[1])
     return found
 
 
-def members_of(cls: type[Any]) -> list[list[str]]:
-    """Return a row for each public method and property of a class that is no field."""
+def members_of(cls: type[Any]) -> dict[str, str]:
+    """Return the meaning of each public method and property of a class that is no field."""
     fields = {field.name for field in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
-    rows = []
+    members = {}
     for name, member in inspect.getmembers(cls):
         is_data = isinstance(member, (property, functools.cached_property))
         if name.startswith("_") or name in fields | INTERNAL_MEMBERS or not (is_data or inspect.isroutine(member)):
@@ -150,41 +152,45 @@ def members_of(cls: type[Any]) -> list[list[str]]:
         summary = re.sub("^Return (.)", lambda found: found[1].upper(), summary_of(member))
         text = " ".join([summary, *(f"`{key}`: {meaning}" for key, meaning in meanings.items())])
         text += "".join(f" {title} {found}" for title, found in results_of(member).items())
-        rows.append([f"`{name}{'' if is_data else signature_of(member)}`", text.replace("|", "\\|")])
-    return rows
+        members[f"`{name}{'' if is_data else signature_of(member)}`"] = text
+    return members
 
 
-def rows_of(meanings: dict[str, str]) -> list[list[str]]:
-    """Return rows of names and their meanings."""
-    return [[f"`{name}`", meaning.replace("|", "\\|")] for name, meaning in meanings.items()]
+def listing(meanings: Mapping[str, str]) -> str:
+    """Return a list of names and their meanings."""
+    return "".join(f"- {name}: {meaning}\n" for name, meaning in meanings.items())
 
 
 # --- The command line ------------------------------------------------------------------------------
 
 
 def options_text() -> str:
-    """Return a table of options for each command."""
-    parser = make_parser()
+    """Return a list of options for each command; those of `wrt render` are explained there alone."""
+    commands = commands_of(make_parser())
+    options = {
+        name: dict(syntax_and_help(a) for a in command._actions if not isinstance(a, argparse._HelpAction))
+        for name, command in commands.items()
+    }
     parts = []
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            summaries = {choice.dest: choice.help or "" for choice in action._choices_actions}
-            for name, command in action.choices.items():
-                parts.append(f"### wrt {name}\n\n{(command.description or summaries[name]).strip()}\n")
-                rows = [row_of(a) for a in command._actions if not isinstance(a, argparse._HelpAction)]
-                if rows:
-                    parts.append(table(["argument", "meaning"], rows))
+    for name, command in commands.items():
+        parts.append(f"### wrt {name}\n\n{(command.description or '').strip()}\n")
+        same = [key for key, text in options[name].items() if name != "render" and options["render"].get(key) == text]
+        explained = {key: text for key, text in options[name].items() if key not in same}
+        if explained:
+            parts.append(listing(explained))
+        if same:
+            parts.append(f"As for render: {', '.join(same)}.\n")
     return "\n".join(parts)
 
 
-def row_of(action: argparse.Action) -> list[str]:
-    """Return the row of an argument: its syntax and its help."""
+def syntax_and_help(action: argparse.Action) -> tuple[str, str]:
+    """Return the syntax of an argument and its help."""
     metavar = action.metavar if isinstance(action.metavar, str) else ""
     if action.choices is not None and not metavar:
         metavar = "{" + ",".join(map(str, action.choices)) + "}"
     written = [f"{option} {metavar}".strip() for option in action.option_strings] or [metavar or action.dest]
-    meaning = (action.help or "").replace("%(default)s", str(action.default)).replace("%%", "%").replace("|", "\\|")
-    return [", ".join(f"`{text}`" for text in written), meaning]
+    meaning = (action.help or "").replace("%(default)s", str(action.default)).replace("%%", "%")
+    return ", ".join(f"`{text}`" for text in written), meaning
 
 
 # --- Scene files -----------------------------------------------------------------------------------
@@ -206,12 +212,12 @@ LINKS = {name: f"[{name.replace('_', ' ')}](#{anchor})" for name, anchor in TABL
 
 
 def keys_text(name: str) -> str:
-    """Return tables of the keys of a definition of the schema; each key of several types is explained once."""
+    """Return lists of the keys of a definition of the schema; each key of several types is explained once."""
     definitions = scene_schema()["definitions"]
     kinds = [key.removeprefix(f"{name}-") for key in definitions if key.startswith(f"{name}-")]
     if not kinds:
         return "\nor\n\n".join(
-            table_of_keys(keys_of(form)) for form in definitions[name].get("anyOf", [definitions[name]])
+            list_of_keys(keys_of(form)) for form in definitions[name].get("anyOf", [definitions[name]])
         )
     all_keys = {kind: keys_of(definitions[f"{name}-{kind}"]) for kind in kinds}
     first = all_keys[kinds[0]]
@@ -221,7 +227,7 @@ def keys_text(name: str) -> str:
                 first[key][2] if row[2] == "As the attribute." else row[2].replace("the attribute", f"for `{kinds[0]}`")
             )
     common = {key: row for key, row in first.items() if all(keys.get(key) == row for keys in all_keys.values())}
-    parts = [f"Keys of every type:\n\n{table_of_keys(common)}"] if common else []
+    parts = [f"Keys of every type:\n\n{list_of_keys(common)}"] if common else []
     explained: dict[str, tuple[str, list[str]]] = {}
     for kind, keys in all_keys.items():
         about = definitions[f"{name}-{kind}"].get("description", "").removeprefix("Return ")
@@ -233,7 +239,7 @@ def keys_text(name: str) -> str:
         shown = {key: row for key, row in keys.items() if key not in common and explained.get(key, ("", []))[1] != row}
         explained |= {key: (kind, row) for key, row in shown.items() if key not in explained}
         if shown:
-            parts.append(table_of_keys(shown))
+            parts.append(list_of_keys(shown))
         if likewise:
             listed = "; ".join(f"for `{type_name}`: {', '.join(names)}" for type_name, names in likewise.items())
             parts.append(f"As {listed}.\n")
@@ -253,9 +259,13 @@ def keys_of(found: dict[str, Any]) -> dict[str, list[str]]:
     return rows
 
 
-def table_of_keys(keys: dict[str, list[str]]) -> str:
-    """Return a table of keys."""
-    return table(["key", "value", "default", "meaning"], [[f"`{key}`", *row] for key, row in keys.items()])
+def list_of_keys(keys: dict[str, list[str]]) -> str:
+    """Return a list of keys, each with its value, default and meaning."""
+    meanings = {}
+    for key, (kind, default, meaning) in keys.items():
+        prefix = "" if default == "required" else "default "
+        meanings[f"`{key}` ({kind}{f'; {prefix}{default}' if default else ''})"] = meaning
+    return listing(meanings)
 
 
 def meaning_of(value: dict[str, Any], kind: str) -> str:
@@ -266,7 +276,7 @@ def meaning_of(value: dict[str, Any], kind: str) -> str:
     text = re.sub(r"\bNone (is|for)\b", "by default", text)
     text = re.sub(",? per channel", "", text) if kind.startswith("colour") else text
     text = re.sub(r", 0 (to|and at most) 1\b", "", text) if " 0 to 1" in kind else text
-    return (text[:1].upper() + text[1:]).replace("|", "\\|")
+    return text[:1].upper() + text[1:]
 
 
 def values_in_words(value: dict[str, Any], *, plural: bool = False) -> str:
@@ -348,6 +358,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             stale.append(name)
             if options.check:
                 page.write_text(before, encoding="utf-8")
+    schema = DOCS / "scene.schema.json"
+    if schema.read_text(encoding="utf-8") != schema_text():
+        stale.append(schema.name)
+        if not options.check:
+            schema.write_text(schema_text(), encoding="utf-8")
     print("\n".join(f"docs/{name}: {'not current' if options.check else 'written'}" for name in stale) or "all current")
     return 1 if options.check and stale else 0
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.develop.settings import names_file
-from wrt.errors import InputError, InputWarning, did_you_mean, name_of, warn
+from wrt.errors import InputError, InputWarning, did_you_mean, name_of
 from wrt.io.safe_read import PathLike, confined_to
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
@@ -183,8 +183,6 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
         from wrt.io.mesh.repair import bare_shape
 
         shapes = [bare_shape(source) if stage.material is None else Shape(source, name=source.name)]
-        if reading["up"] is None:
-            _warn_of_land(source.name, shapes, "y")
         return stage.present(source, Scene(shapes), reading["up"] or "y")
     from wrt.io.load_mesh import load_object
 
@@ -272,20 +270,9 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         from wrt.studio.orientation import guess_up
 
         up = "y" if kind in _Y_UP else guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
-        _warn_of_land(name, scene.shapes, up)
     if up not in (None, "y") and (scene.lights or scene.camera):
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
-
-
-def _warn_of_land(name: str, shapes: list[Shape], up: str) -> None:
-    """Warn if shapes stand on edge that look like land, in a file that does not name its up axis."""
-    from wrt.studio.orientation import land_axis
-
-    axis = land_axis(shapes, up)
-    if axis is not None:
-        looks = f"it is thin along {axis} and faces that way"
-        warn(f'{name}: {looks}; if it is land, which lies flat, use up="{axis}", or --up {axis}', UserWarning)
 
 
 def render(

@@ -103,7 +103,8 @@ def text(result: Row) -> str:
             first = ours.get("first_cpu_seconds")  # missing where the cache had the scene's kernel already
             if first is not None:
                 first_ratios.append(theirs / first)
-            lines.append([*line, *((f"{first:.2f}", f"{theirs / first:.2f}") if first is not None else ("", ""))])
+            if spp == result["rows"][0]["spp"]:  # of further numbers of samples the mean is enough
+                lines.append([*line, *((f"{first:.2f}", f"{theirs / first:.2f}") if first is not None else ("", ""))])
         mean = f"**{geometric_mean(row['ratio'] for row in rows):.2f}**"
         mean_of_first = f"**{geometric_mean(first_ratios):.2f}**" if first_ratios else ""
         means.append(["geometric mean", str(spp), "", "", mean, "", mean_of_first])

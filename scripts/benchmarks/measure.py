@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import multiprocessing
 import os
 import platform
 import re
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -90,14 +88,6 @@ def run_in_turn(
         medians[program] = {key: statistics.median(each[key] for each in repeated) for key in first}
         medians[program] |= {f"first_{key}": first[key] for key in ("seconds", "cpu_seconds")}
     return medians
-
-
-def with_empty_cache(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a function returns in a new process whose caches of kernels are empty."""
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ.update(XDG_CACHE_HOME=folder, WARP_CACHE_PATH=folder)
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
-            return pool.apply(function, arguments)
 
 
 def result_of(name: str) -> Row:

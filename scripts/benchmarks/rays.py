@@ -1,4 +1,4 @@
-"""`rays`: `wrt.Intersector` beside Embree and Warp's own mesh query."""
+"""`rays`: `wrt.Intersector` beside Embree."""
 
 from __future__ import annotations
 
@@ -67,36 +67,6 @@ def make_rays(kind: str, mesh: wrt.Mesh, count: int) -> tuple[np.ndarray, np.nda
     return np.ascontiguousarray(origins, np.float32), unit(directions).astype(np.float32)
 
 
-class WarpMesh:
-    """Warp's own mesh query, one thread."""
-
-    def __init__(self, mesh: wrt.Mesh) -> None:
-        """Build Warp's tree."""
-        import warp as wp
-
-        points = wp.array(mesh.vertices, dtype=wp.vec3, device="cpu")
-        self.mesh = wp.Mesh(points=points, indices=wp.array(mesh.faces.ravel(), dtype=int, device="cpu"))
-
-        @wp.kernel(enable_backward=False)
-        def query(
-            mesh: wp.uint64, o: wp.array(dtype=wp.vec3), d: wp.array(dtype=wp.vec3), face_out: wp.array(dtype=int)
-        ) -> None:
-            i = wp.tid()
-            hit = wp.mesh_query_ray(mesh, o[i], d[i], 1.0e30)
-            face_out[i] = wp.where(hit.result, hit.face, -1)
-
-        self.query = query
-
-    def closest(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return the triangle that each ray hits first, −1 for none."""
-        import warp as wp
-
-        face = wp.empty(len(origins), dtype=int, device="cpu")
-        rays = [wp.array(a, dtype=wp.vec3, device="cpu", copy=False) for a in (origins, directions)]
-        wp.launch(self.query, len(origins), [self.mesh.id, *rays], [face], device="cpu")
-        return face.numpy()
-
-
 def embree_scene(mesh: wrt.Mesh) -> Any:
     """Return embreex's scene, its tree built, or None where embreex is not installed."""
     try:
@@ -117,7 +87,6 @@ def benchmark(options: argparse.Namespace) -> Row:
     for triangles in options.triangles:
         mesh = bumpy_ball(triangles)
         embree = embree_scene(mesh)
-        warp_mesh = None if len(mesh.faces) > 1_000_000 else WarpMesh(mesh)
         builders: dict[str, Callable[[], Any]] = {"wrt": partial(wrt.Intersector, mesh)}
         if embree is not None:
             builders["embree"] = partial(embree_scene, mesh)
@@ -132,8 +101,6 @@ def benchmark(options: argparse.Namespace) -> Row:
                 actions[f"wrt {threads}"] = partial(tracer.closest_hit if query == "closest" else tracer.any_hit, *rays)
             if embree is not None:
                 actions["embree"] = partial(embree.run, *rays, query="INTERSECT" if query == "closest" else "OCCLUDED")
-            if warp_mesh is not None and query == "closest":
-                actions["wp.Mesh"] = partial(warp_mesh.closest, *rays)
             medians = seconds_in_turn(actions, options.repeats)
             rates = {name: len(rays[0]) / seconds / 1e6 for name, seconds in medians.items()}
             row = {"triangles": len(mesh.faces), "rays": kind, "query": query, "mrays_per_second": rates}

@@ -73,7 +73,7 @@ def measure_scene(name: str, file: Path | None, options: argparse.Namespace) -> 
     scene = CASES[name].scene(options.size, Budget(0.01 if options.quick else 1.0)) if file is None else wrt.load(file)
     about = CASES[name].about if file is None else file.name
     print(f"\n{name}: {about}", flush=True)
-    pythons = {"mitsuba": options.mitsuba_python, "cycles": options.cycles_python, "luxcore": options.luxcore_python}
+    pythons = {"mitsuba": options.mitsuba_python, "cycles": options.cycles_python}
     environments = Environments({name: python for name, python in pythons.items() if python}, options.llvm)
     chosen = options.peers or [peer for peer in PEERS if PEERS[peer].device[options.device]]
     triangles = sum(len(shape.mesh.faces) for shape in scene.shapes)
@@ -179,23 +179,15 @@ def errors_at_equal_time(sessions: dict[str, Session], row: Row, folder: Path, t
     for seconds, name in itertools.product(times, sessions):
         image, measured, spp = picture(name, seconds)
         # Samples come in whole numbers: brought to equal time by error² ∝ 1 / time.
-        squares = {key: s * measured / seconds for key, s in squared_errors(image, references).items()}
-        errors = {key: float(np.sqrt(max(square, 0.0))) for key, square in squares.items()}
-        renderers[name]["errors"].append({"seconds": seconds, "spp": spp, **errors})
-        print(f"  {name}: {seconds:g} s, {spp} spp: error {errors['rmse']:.5f} of the mean", flush=True)
+        error = max(squared_error(image, references) * measured / seconds, 0.0) ** 0.5
+        renderers[name]["errors"].append({"seconds": seconds, "spp": spp, "rmse": error})
+        print(f"  {name}: {seconds:g} s, {spp} spp: error {error:.5f} of the mean", flush=True)
 
 
-def squared_errors(image: Picture, references: Sequence[Picture]) -> dict[str, float]:
-    """Return unbiased estimates of squared errors, from two independent noisy estimates of the true picture.
-
-    "rmse" is over the picture's mean; "relative" divides by the pixel's radiance and a tenth of the mean.
-    """
+def squared_error(image: Picture, references: Sequence[Picture]) -> float:
+    """Return an unbiased estimate of the squared error over the squared mean, from two noisy pictures of the truth."""
     a, b = references
-    average = 0.5 * (a + b)
-    mean = float(average.mean())
-    product = (image - a) * (image - b)
-    relative = product / (average**2 + (0.1 * mean) ** 2)
-    return {"rmse": float(product.mean()) / mean**2, "relative": float(relative.mean())}
+    return float(((image - a) * (image - b)).mean()) / float(0.5 * (a + b).mean()) ** 2
 
 
 def start_seconds(peer: Peer, folder: Path, environments: Environments, device: str) -> Row:
@@ -240,5 +232,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="small pictures of small scenes, to see that all works")
     parser.add_argument("--resume", action="store_true", help="keep what --json FILE has; it is written scene by scene")
     parser.add_argument("--llvm", type=Path, help="folder below which libLLVM*.so is, for Mitsuba")
-    for name in ("mitsuba", "cycles", "luxcore"):
+    for name in ("mitsuba", "cycles"):
         parser.add_argument(f"--{name}-python", metavar="FILE", help="the Python that has it (default: this one)")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from peers.peer import OWN, PEERS
 
-from benchmarks import checkouts, compiling, found, loading, rays, scaling, widths
+from benchmarks import checkouts, found, rays
 from benchmarks.measure import MEASURED_FOLDER, ROOT, Row, geometric_mean, table, write_section
 
 PAGE = ROOT / "docs" / "performance.md"
@@ -63,13 +62,6 @@ def peers_of(rows: list[Row]) -> list[str]:
     return [name for name in PEERS if any("ratio" in row["renderers"].get(name, {}) for row in rows)]
 
 
-def error_ratio(row: Row, peer: str, seconds: float, key: str = "rmse") -> float:
-    """Return a renderer's error over wrt's error, NaN where it was not measured."""
-    found = [row["renderers"].get(name, {}).get("errors", []) for name in (peer, OWN.name)]
-    theirs, ours = ([error[key] for error in errors if error["seconds"] == seconds] for errors in found)
-    return theirs[0] / ours[0] if theirs and ours and ours[0] > 0.0 else float("nan")
-
-
 def paragraph(text: str) -> str:
     """Return a text in lines, and an empty one."""
     return textwrap.fill(text, 120, break_on_hyphens=False) + "\n\n"
@@ -107,22 +99,19 @@ def error_table(rows: list[Row]) -> str:
     times = sorted({e["seconds"] for row in rows for e in row["renderers"][OWN.name].get("errors", [])})
     if not times:
         return ""
-    peers = peers_of(rows)
+    columns = list(itertools.product((OWN.name, *peers_of(rows)), times))
     lines = []
     for row in rows:
-        ours = {e["seconds"]: e for e in row["renderers"][OWN.name]["errors"]}
-        line = [
-            f"{100.0 * ours[t]['rmse']:.2f} % ({100.0 * ours[t]['relative']:.2f} %)" if t in ours else "" for t in times
-        ]
-        for name, seconds in itertools.product(peers, times):
-            ratio, relative = (error_ratio(row, name, seconds, key) for key in ("rmse", "relative"))
-            line.append("" if math.isnan(ratio) else f"{ratio:.2f} ({relative:.2f})")
-        lines.append([f"`{row['scene']}`", *line])
-    intro = (
-        "Root mean square error of wrt after equal seconds, over the picture's mean, and how many times as large "
-        "that of others is; in brackets with every pixel over its own radiance:"
-    )
-    columns = itertools.product((OWN.name, *peers), times)
+        found = {(name, e["seconds"]): e["rmse"] for name, r in row["renderers"].items() for e in r.get("errors", [])}
+        line = [f"`{row['scene']}`"]
+        for name, seconds in columns:
+            error, ours = found.get((name, seconds)), found.get((OWN.name, seconds))
+            if error is None or not ours:
+                line.append("")
+            else:
+                line.append(f"{100.0 * error:.2f} %" if name == OWN.name else f"{error / ours:.2f}")
+        lines.append(line)
+    intro = "Root mean square error after equal seconds, of wrt over the picture's mean, of others over that of wrt:"
     return paragraph(intro) + table(["scene", *(f"{TITLES[name]}, {t:g} s" for name, t in columns)], lines)
 
 
@@ -130,15 +119,6 @@ def table_by_renderer(intro: str, rows: list[Row], names: Sequence[str], cell: C
     """Return an introduction and a table of scenes and renderers; `cell` is given what was measured of both."""
     lines = [[f"`{row['scene']}`", *(cell(row["renderers"].get(name, {})) for name in names)] for row in rows]
     return paragraph(intro) + table(["scene", *(TITLES[name] for name in names)], lines)
-
-
-def memory_table(rows: list[Row]) -> str:
-    """Return the peak memory of each renderer."""
-
-    def cell(found: Row) -> str:
-        return f"{found['peak_bytes'] / 1e6:.0f}" if "peak_bytes" in found else ""
-
-    return table_by_renderer("Most memory at equal samples, MB:", rows, [OWN.name, *peers_of(rows)], cell)
 
 
 def start_table(rows: list[Row]) -> str:
@@ -176,7 +156,7 @@ def render_text(result: Row) -> str:
     """Return the tables of `render`."""
     rows = result["rows"]
     about = f"On {result['machine']}, {result['cores']} cores, {result['device']}; {versions_and_size(result)}"
-    tables = [speed_table(rows), error_table(rows), memory_table(rows), start_table(rows)]
+    tables = [speed_table(rows), error_table(rows), start_table(rows)]
     return paragraph(about) + "\n".join(tables)
 
 
@@ -215,12 +195,8 @@ SECTIONS = {
     ),
     "gpu": (Section(ROOT / "docs" / "gpu.md", "speed", gpu_text),),
     "files": (Section(NOTES / "comparison.md", "files", files_text),),
-    "scaling": (Section(NOTES / "scaling.md", "scaling", scaling.text),),
     "found": (Section(PAGE, "found", found.text),),
-    "widths": (Section(PAGE, "widths", widths.text),),
-    "compile": (Section(NOTES / "compiling.md", "compile", compiling.text),),
     "rays": (Section(None, "rays", rays.text),),
-    "loading": (Section(None, "loading", loading.text),),
     "checkouts": (Section(None, "checkouts", checkouts.text),),
 }
 """The tables of each benchmark."""

@@ -34,7 +34,6 @@ from typing import Any
 import numpy as np
 
 import wrt
-from peers.ply_files import write_ply
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
 from wrt.scene.materials.body import Body
@@ -393,3 +392,19 @@ def _environment(environment: wrt.ConstantEnvironment | wrt.ImageEnvironment) ->
         .rotate((axis / np.linalg.norm(axis)).tolist(), environment.rotation_degrees)
         .rotate([0, 1, 0], 180.0),
     }
+
+
+def write_ply(mesh: wrt.Mesh, path: Path) -> None:
+    """Write a mesh as a binary PLY file with its normals, texture coordinates and colours."""
+    groups = (("x y z", mesh.vertices), ("nx ny nz", mesh.normals), ("u v", mesh.uvs), ("r g b", mesh.colors))
+    names = [name for group, array in groups if array is not None for name in group.split()]
+    arrays = [array for _, array in groups if array is not None]
+    properties = "".join(f"property float {name}\n" for name in names)
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(mesh.vertices)}\n{properties}"
+        f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    faces = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("indices", "<i4", 3)])
+    faces["count"] = 3
+    faces["indices"] = mesh.faces
+    path.write_bytes(header.encode() + np.hstack(arrays).astype("<f4").tobytes() + faces.tobytes())

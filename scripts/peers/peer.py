@@ -30,9 +30,6 @@ CYCLES_HINT = """\
 pip install bpy, in an environment of the Python that it is made for (3.11 for bpy 4.2 to 5.0), and then
 --cycles-python THAT/bin/python"""
 
-LUXCORE_HINT = """\
-pip install pyluxcore numpy, in an environment of its own, and then --luxcore-python THAT/bin/python"""
-
 
 class PeerError(Exception):
     """A renderer that is missing, or that ended unexpectedly."""
@@ -71,7 +68,6 @@ PEERS = {
         _mitsuba("mitsuba-llvm", "llvm_ad_rgb", hint=f"pip install mitsuba. {LLVM_HINT}"),
         _mitsuba("mitsuba-scalar", "scalar_rgb"),
         _mitsuba("mitsuba-cuda", "cuda_ad_rgb", cuda=True, hint="pip install mitsuba, and a driver with OptiX"),
-        Peer("luxcore", "LuxCore", "luxcore_worker.py", {"cpu": "PATHCPU", "cuda": None}, False, LUXCORE_HINT),
         Peer("cycles", "Cycles", "cycles_worker.py", {"cpu": "CPU", "cuda": "GPU"}, False, CYCLES_HINT),
     )
 }

@@ -11,8 +11,6 @@ from pathlib import Path
 import pytest
 from support.commands import ENVIRONMENT
 
-from wrt.cli import main
-
 SCENES = ["cornell-box", "many-triangles", "still-life", "teapot"]
 COMMANDS = "compile completion convert develop info materials merge render scenes schema view"
 
@@ -74,13 +72,3 @@ def test_words_are_completed(shell: str, script: str, tmp_path: Path) -> None:
     assert done.stderr == ""
     answers = [sorted(w.partition("\t")[0].rstrip() for w in a.splitlines()) for a in done.stdout.split(".\n")[:-1]]
     assert dict(zip(EXPECTED, answers, strict=True)) == EXPECTED
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_shells_understand_what_is_printed(shell: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["completion", shell]) == 0
-    (tmp_path / "script").write_text(capsys.readouterr().out)
-    assert "wrt" in (tmp_path / "script").read_text()
-    if shutil.which(shell) is None:
-        pytest.skip(f"no {shell} here")
-    assert subprocess.run([shell, "-n", tmp_path / "script"], capture_output=True, check=True).stderr == b""

@@ -88,14 +88,6 @@ def test_files_that_are_written(name: str, folder: Path, capsys: pytest.CaptureF
     assert sorted(folder.iterdir()) == before
 
 
-@pytest.mark.parametrize("name", ODD.values(), ids=ODD)
-def test_a_developed_picture_is_named_in_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["develop", "radiance.npy", "-o", f"{name}.png"]) == 0
-    printed = capsys.readouterr().err
-    assert printed.count("\n") == 1
-    assert printed[:-1].isprintable()
-
-
 TOML = '[[shapes]]\ntype = "mesh"\nfile = {}\n', '[materials.m]\ntype = "diffuse"\nreflectance = {{ texture = {} }}\n'
 XML = '<shape type="obj"><string name="filename" value="{}"/></shape>', '<include filename="{}"/>'
 
@@ -110,17 +102,3 @@ def test_files_that_scenes_name(name: str) -> None:
         Path("a.xml").write_text(f'<scene version="3.0.0">{text.format(name)}</scene>', errors="ignore")
         with pytest.raises(wrt.InputError, match=r"a\.xml"):
             wrt.load("a.xml")
-
-
-@pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
-def test_from_python(name: str) -> None:
-    for read in (
-        wrt.load,
-        lambda path: wrt.load(f"{path}.ply", confined=True),
-        lambda path: wrt.load_image(f"{path}.png"),
-        lambda path: wrt.Renderer.resume(path, wrt.load("cornell-box")),
-        lambda path: wrt.merge([path]),
-        lambda path: wrt.develop_image(np.ones((2, 2, 3), np.float32), tone=f"ocio:{path}"),
-    ):
-        with pytest.raises(wrt.InputError):
-            read(name)

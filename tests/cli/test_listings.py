@@ -38,10 +38,10 @@ def test_the_list_has_every_material_and_every_parameter_in_columns(capsys) -> N
     columns = set()
     for name, rows in listed.items():
         cls = MATERIALS.get(name, wrt.Material)
-        own = {field.name for field in dataclasses.fields(cls)} - (set() if cls is wrt.Material else COMMON)
+        names = {field.name for field in dataclasses.fields(cls)} - (set() if cls is wrt.Material else COMMON)
         found = [re.fullmatch(r"  (\w+)(\*?) +(\S+) +(\S.*)", row) for row in rows]
         assert all(found), rows
-        assert {match[1] for match in found if match} == own
+        assert {match[1] for match in found if match} == names
         columns |= {match.start(group) for match in found if match for group in (3, 4)}
     assert len(columns) == 2, "defaults and meanings each begin in one column"
 

@@ -71,33 +71,15 @@ def test_renewals_take_a_fiftieth_of_the_time_at_most(cost: float) -> None:
 def test_intervals_can_be_given_and_turned_off() -> None:
     assert np.diff(times(0.01, 100.0, 0.5, 5.0)[0]) == pytest.approx(5.0, abs=0.6)
     assert times(0.01, 1e6, 1e3, float("inf"))[0] == []
-    cluster = {"is_watched": False, "longest": 3.0 * LONGEST_PASS}
+    unwatched = {"is_watched": False}
     for every, options, expected in (
         (5.0, {}, 5.0),
         (None, {}, None),
-        (float("inf"), {}, None),
-        (5.0, {"is_watched": False}, 5.0),
-        (None, {"is_watched": False}, UNWATCHED_PASS),
-        (float("inf"), {"is_watched": False}, LONGEST_PASS),
-        (20.0, cluster, 20.0),
-        (None, cluster, 3.0 * UNWATCHED_PASS),
-        (float("inf"), cluster, 3.0 * LONGEST_PASS),
+        (None, unwatched, UNWATCHED_PASS),
+        (float("inf"), unwatched, LONGEST_PASS),
+        (None, {**unwatched, "longest": 3.0 * LONGEST_PASS}, 3.0 * UNWATCHED_PASS),
     ):
         assert Renewal(every, **options).pass_seconds == expected
-
-
-def test_short_renders_and_the_last_second_are_left_alone() -> None:
-    clock = Clock()
-    plan = Renewal(None, clock=clock)
-    assert due(plan, 100.0) == (False, False)
-    clock.now += 1.9
-    assert due(plan, 100.0) == (False, False)
-    clock.now += 0.2
-    assert due(plan, 0.5) == (False, False)
-    assert due(plan, 5.0) == (True, False)
-    assert due(plan, None) == (True, False)
-    clock.now += 60.0
-    assert due(plan, 0.5) == (False, True)
 
 
 @pytest.fixture

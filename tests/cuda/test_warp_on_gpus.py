@@ -121,7 +121,7 @@ def test_other_errors_stay_what_they_are_and_a_launch_may_lack_memory_for_its_st
 
     monkeypatch.setattr(wp, "launch", fail)
     with pytest.raises(NotEnoughMemory, match="memory ran out on cuda:1; "):
-        Backend().queue(Kernel("", "", lambda: None), 0, 1, [], "cuda:1")
+        Backend().launch(Kernel("", "", lambda: None), 0, 1, [], "cuda:1")
 
 
 @pytest.mark.machinery

@@ -32,16 +32,16 @@ COLORS = (
 )
 
 
-def archive(folder: Path, model: str, **others: bytes | str) -> Path:
-    held = io.BytesIO()
-    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as opened:
-        for name, data in {"3D/3dmodel.model": model, **others}.items():
+def archive(folder: Path, model: str, **files: bytes | str) -> Path:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as opened:
+        for name, data in {"3D/3dmodel.model": model, **files}.items():
             opened.writestr(name, data)
-    return write(folder, "a.3mf", held.getvalue())
+    return write(folder, "a.3mf", buffer.getvalue())
 
 
-def loaded(folder: Path, model: str, **others: bytes | str) -> list[wrt.Shape]:
-    return load_file(archive(folder, model, **others)).shapes
+def loaded(folder: Path, model: str, **files: bytes | str) -> list[wrt.Shape]:
+    return load_file(archive(folder, model, **files)).shapes
 
 
 def item(objects: str, attributes: str = 'objectid="1"') -> str:
@@ -75,15 +75,15 @@ def test_colors_of_triangles_and_corners(tmp_path, parts, expected):
 
 
 def test_textures_and_properties_of_several_groups(tmp_path):
-    held = io.BytesIO()
-    Image.fromarray(np.array([[[255, 0, 0], [0, 255, 0]]], np.uint8)).save(held, "PNG")
+    buffer = io.BytesIO()
+    Image.fromarray(np.array([[[255, 0, 0], [0, 255, 0]]], np.uint8)).save(buffer, "PNG")
     resources = (
         COLORS + '<m:texture2d id="5" path="/3D/Textures/t.png" contenttype="image/png" tilestyleu="clamp"/>'
         '<m:texture2dgroup id="6" texid="5"><m:tex2coord u="0" v="0"/><m:tex2coord u="1" v="0.5"/></m:texture2dgroup>'
         '<m:multiproperties id="7" pids="3 6"><m:multi pindices="0 0"/><m:multi pindices="0 1"/></m:multiproperties>'
     )
     model = model_of('pid="7" p1="0" p2="1" p3="1"', resources=resources)
-    shapes = loaded(tmp_path, model, **{"3D/Textures/t.png": held.getvalue()})
+    shapes = loaded(tmp_path, model, **{"3D/Textures/t.png": buffer.getvalue()})
     plain, shape = sorted(shapes, key=lambda each: isinstance(each.material.reflectance, wrt.ImageTexture))
     assert area(plain.mesh) == pytest.approx(0.5)
     image = shape.material.reflectance
@@ -93,10 +93,10 @@ def test_textures_and_properties_of_several_groups(tmp_path):
 
 
 def test_components_in_another_part_are_placed(tmp_path):
-    other = '<component objectid="1" p:path="/3D/other.model"'
-    components = f'<components>{other} transform="0 1 0 -1 0 0 0 0 1 10 0 0"/>{other}/></components>'
+    component = '<component objectid="1" p:path="/3D/component.model"'
+    components = f'<components>{component} transform="0 1 0 -1 0 0 0 0 1 10 0 0"/>{component}/></components>'
     outer = item(f'<object id="9">{components}</object>', 'objectid="9" transform="2 0 0 0 2 0 0 0 2 0 0 5"')
-    shapes = loaded(tmp_path, outer, **{"3D/other.model": model_of("")})
+    shapes = loaded(tmp_path, outer, **{"3D/component.model": model_of("")})
     assert shapes[0].mesh is shapes[1].mesh
     plain, turned = sorted(shape.mesh_at(0.0).bounds.tolist() for shape in shapes)
     np.testing.assert_allclose(plain, [(0, 0, 5), (2, 2, 5)])
@@ -140,7 +140,7 @@ POSE = "skins and morph targets are shown in their bind pose"
 
 
 @pytest.mark.parametrize(
-    ("text", "told", "shift"),
+    ("text", "message", "shift"),
     [
         # Without a scene, the first is shown.
         (GEOMETRY.replace('<scene><instance_visual_scene url="#w"/></scene>', ""), NO_IMAGE, (0, 0, 7)),
@@ -151,14 +151,14 @@ POSE = "skins and morph targets are shown in their bind pose"
         (GEOMETRY.replace("geometry url='#g'", "controller url='#c'"), POSE, (5, 0, 0)),
     ],
 )
-def test_collada_geometry_is_there_whatever_else_is_told(tmp_path, text, told, shift):
+def test_collada_geometry_is_there_whatever_else_is_told(tmp_path, text, message, shift):
     pytest.importorskip("collada")
-    text = text.replace("</instance_geometry>", "</instance_controller>") if told == POSE else text
+    text = text.replace("</instance_geometry>", "</instance_controller>") if message == POSE else text
     assert text != GEOMETRY
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         (shape,) = load_file(write(tmp_path, "a.dae", text)).shapes
-    assert any(re.search(rf"a\.dae: .*{told}", str(each.message)) for each in caught)
+    assert any(re.search(rf"a\.dae: .*{message}", str(each.message)) for each in caught)
     assert len(shape.mesh.faces) == 2
     np.testing.assert_allclose(shape.mesh.bounds, np.add([[0, 0, 0], [1, 2, 3]], shift), atol=1e-6)
 
@@ -193,7 +193,7 @@ def test_a_ball_of_a_step_file_is_round_and_in_metres(tmp_path):
     out = shape.mesh.vertices / 1e-2 - np.array([5.0, 0.0, 0.0])
     np.testing.assert_allclose(np.linalg.norm(out, axis=1), 10.0, rtol=1e-5)
     np.testing.assert_allclose(shape.mesh.normals, out / 10.0, atol=1e-4)
-    # Between the vertices the surface is inside by at most the sagitta, so that the area is that of a ball to 1 %.
+    # Between the vertices the surface is inside by at most the sagitta: the area is a ball's to 1 %.
     assert area(shape.mesh) == pytest.approx(400.0 * np.pi * 1e-4, rel=0.01)
     np.testing.assert_allclose(shape.material.base_color, linear_from_srgb(np.array([0.8, 0.4, 0.2])), atol=1e-3)
 

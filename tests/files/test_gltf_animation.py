@@ -27,11 +27,11 @@ Channel = tuple[int, str, str, ArrayLike, ArrayLike]
 SLIDE: Channel = (0, "translation", "LINEAR", [0, 1], [[0, 0, 0], [6, 0, 0]])
 
 
-def box(*nodes: dict, **more: object) -> dict:
+def box(*nodes: dict, **fields: object) -> dict:
     """Return a box on node 0, and further nodes."""
     tree = gltf_box(POINTS, FACES)
     tree["nodes"] += nodes
-    return tree | more
+    return tree | fields
 
 
 def animated(*channels: Channel, tree: dict | None = None) -> dict:
@@ -178,8 +178,8 @@ def test_camera_and_studio_stay(tmp_path: Path, up: str | None) -> None:
 
 
 def test_a_camera_is_kept_or_framed_anew_for_all_times(tmp_path: Path) -> None:
-    def cameras(node: dict, **more: object) -> set[object]:
-        path = saved(tmp_path, animated(SLIDE, tree=box(node, **more)))
+    def cameras(node: dict, **fields: object) -> set[object]:
+        path = saved(tmp_path, animated(SLIDE, tree=box(node, **fields)))
         return {wrt.load(path, time=time).camera for time in (0.0, 0.5, 1.0)}
 
     (camera,) = cameras({"camera": 0, "translation": [3, 0, 12]}, cameras=CAMERAS)
@@ -195,9 +195,9 @@ def test_frames_of_a_file_are_its_scenes(tmp_path: Path, monkeypatch: pytest.Mon
     path = saved(tmp_path, animated(SLIDE))
     command = ["render", path.name, *("--size", "24x18", "--spp", "1", "--quiet", "--fps", "4", "-o", "box_%d.exr")]
     assert main([*command, "--frames", "0-1"]) == 0
-    kept = (tmp_path / "box_1.exr").stat().st_mtime_ns
+    written = (tmp_path / "box_1.exr").stat().st_mtime_ns
     assert main([*command, "--frames", "0-2", "--resume"]) == 0
-    assert (tmp_path / "box_1.exr").stat().st_mtime_ns == kept
+    assert (tmp_path / "box_1.exr").stat().st_mtime_ns == written
     for number in range(3):
         expected = wrt.render(wrt.load(path, time=number / 4, aspect=24 / 18), width=24, height=18, spp=1)
         np.testing.assert_array_equal(wrt.load_image(tmp_path / f"box_{number}.exr"), expected)
@@ -205,9 +205,9 @@ def test_frames_of_a_file_are_its_scenes(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_sources_without_animations_have_no_times(tmp_path: Path) -> None:
     check_refused("it has no animation", lambda path: wrt.load(path, time=0.0), saved(tmp_path, box()))
-    for other in ("cornell-box", wrt.Scene(), wrt.sphere()):
+    for source in ("cornell-box", wrt.Scene(), wrt.sphere()):
         with pytest.raises(wrt.InputError, match="a time is for glTF files with an animation"):
-            wrt.load(other, time=0.0)
+            wrt.load(source, time=0.0)
     with pytest.raises(wrt.InputError, match="time must be"):
         wrt.load(saved(tmp_path, animated(SLIDE)), time=math.nan)
 

@@ -84,8 +84,8 @@ def test_quantised_and_sparse_numbers_are_the_same_as_plain_ones(tmp_path):
 
 def test_primitives_that_are_no_triangles_are_told(tmp_path):
     tree = square()
-    whole = tree["meshes"][0]["primitives"][0]
-    without, line = {**whole, "attributes": {}}, {"attributes": {"POSITION": 0}, "mode": 3}
+    primitive = tree["meshes"][0]["primitives"][0]
+    without, line = {**primitive, "attributes": {}}, {"attributes": {"POSITION": 0}, "mode": 3}
     tree["meshes"][0]["primitives"] = [without, line, {"attributes": {"POSITION": 0}, "mode": 6}]  # at last a fan
     with (
         pytest.warns(InputWarning, match=r"a\.gltf: primitives without positions .* \(1\)"),
@@ -170,8 +170,8 @@ def test_indices_and_filters_of_meshoptimizer():
     sequence = bytes([0xD1, 5 << 2, 1 | 7 << 2, 3 << 1, 0, 0, 0, 0])
     assert np.frombuffer(decoded(sequence, 3, 4, "INDICES"), np.uint32).tolist() == [5, 7, 3]
 
-    ways = np.array([[0, 0, 127, 9], [127, 0, 127, 0], [-40, 60, 127, 1]], np.int8)  # the last with |x| + |y| < 1
-    out = decoded(pack_bytes(ways.view(np.uint8)), 3, 4, "ATTRIBUTES", "OCTAHEDRAL")
+    octahedral = np.array([[0, 0, 127, 9], [127, 0, 127, 0], [-40, 60, 127, 1]], np.int8)  # the last with |x| + |y| < 1
+    out = decoded(pack_bytes(octahedral.view(np.uint8)), 3, 4, "ATTRIBUTES", "OCTAHEDRAL")
     vectors = np.frombuffer(out, np.int8).reshape(3, 4)
     expected = np.array([[0, 0, 1], [1, 0, 0], [-40, 60, 27] / np.linalg.norm([-40, 60, 27])]) * 127
     np.testing.assert_allclose(vectors[:, :3], expected, atol=0.51)
@@ -185,8 +185,8 @@ def test_what_draco_compresses_may_be_colored_morphed_and_skinned(tmp_path, monk
     draco = pytest.importorskip("DracoPy")
     tree = square()
     colors = np.array([[65535, 0, 0], [0, 65535, 0], [0, 0, 65535], [13107, 13107, 13107]], np.uint32)  # of 16 bits
-    more = {1: colors, 2: JOINTS, 3: SHARES}
-    packed = draco.encode(POINTS, FACES.astype(np.uint32), preserve_order=True, generic_attributes=more)
+    generic = {1: colors, 2: JOINTS, 3: SHARES}
+    packed = draco.encode(POINTS, FACES.astype(np.uint32), preserve_order=True, generic_attributes=generic)
     numbers = {"POSITION": 4, "COLOR_0": 1, "JOINTS_0": 2, "WEIGHTS_0": 3}
     extension = {"bufferView": add_view(tree, packed), "attributes": numbers}
     for name, kind, shape in (("COLOR_0", 5123, "VEC3"), ("JOINTS_0", 5121, "VEC4"), ("WEIGHTS_0", 5126, "VEC4")):
@@ -222,11 +222,11 @@ LIGHTS = [
 ]
 
 
-def tree_with(nodes: list[dict], lights: list[dict] = LIGHTS, **more: object) -> dict:
+def tree_with(nodes: list[dict], lights: list[dict] = LIGHTS, **fields: object) -> dict:
     """Return a triangle on node 0, and further nodes."""
     tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     tree["nodes"] += nodes
-    return tree | {"cameras": CAMERAS, "extensions": {"KHR_lights_punctual": {"lights": lights}}} | more
+    return tree | {"cameras": CAMERAS, "extensions": {"KHR_lights_punctual": {"lights": lights}}} | fields
 
 
 def light(number: int) -> dict:
@@ -268,15 +268,15 @@ def test_lights(tmp_path):
 def test_a_file_with_lights_is_rendered_as_it_is_and_others_in_the_studio(tmp_path):
     scene = wrt.load(saved(tmp_path, tree_with([light(0)])))
     assert (len(scene.shapes), len(scene.lights), scene.environment) == (1, 1, None)
-    seen = saved(tmp_path, tree_with([{"camera": 0, "translation": [0.5, 0.5, 2]}]))
-    scene = wrt.load(seen)
+    path = saved(tmp_path, tree_with([{"camera": 0, "translation": [0.5, 0.5, 2]}]))
+    scene = wrt.load(path)
     assert len(scene.shapes) > 1
     assert scene.camera.origin == (0.5, 0.5, 2.0)
-    check_refused("an up axis is for files without lights and cameras", lambda path: wrt.load(path, up="z"), seen)
+    check_refused("an up axis is for files without lights and cameras", lambda path: wrt.load(path, up="z"), path)
 
 
 def test_dark_lights_light_nothing(tmp_path):
-    """Where they are all there is, the studio lights the mesh; beside meshes that shine they mean darkness."""
+    """Alone they count as missing, so the studio lights the mesh; beside meshes that emit they mean darkness."""
     off = [{"type": "point", "intensity": 0.0}, {"type": "directional", "color": [0, 0, 0]}]
     tree = tree_with([light(0), light(1)], off)
     path = saved(tmp_path, tree)
@@ -302,11 +302,11 @@ def test_versions(tmp_path):
     """Minor versions add to a major one; `minVersion` is what a file cannot be read without (section 3.2)."""
     for asset in ({"version": "2.3"}, {"version": "3.0", "minVersion": "2.0"}):
         assert load_file(saved(tmp_path, tree_with([], asset=asset))).shapes
-    for asset, more, refused in (
+    for asset, fields, refused in (
         ({"version": "2.3", "minVersion": "2.1"}, {}, "2.1"),
         ({"version": "1.0"}, {"meshes": {}}, "1.0"),
     ):
-        path = saved(tmp_path, tree_with([], asset=asset, **more))
+        path = saved(tmp_path, tree_with([], asset=asset, **fields))
         check_refused(f"a file of glTF {refused}, which is not supported", load_file, path)
 
 

@@ -95,7 +95,7 @@ RED, GREEN, BLUE = np.moveaxis(NUMBERS, 2, 0)
         (extensions(clearcoat=COAT), {"coat": 0.5, "coat_roughness": 0.2 * GREEN}),
         (extensions(sheen=SHEEN), {"sheen_color": COLORS * [0.1, 0.2, 0.3], "sheen_roughness": 0.6}),
         (extensions(anisotropy=BRUSHED), {"anisotropy": 0.7, "anisotropy_rotation": 0.2}),
-        # A volume is a body and no sheet; dispersion is that of a body.
+        # A volume is a body and no sheet; only bodies have dispersion.
         (extensions(**SHEET), {"transmission": 0.9 * RED, "thin_walled": True}),
         (extensions(**SHEET, **BODY), {"thin_walled": False, "interior": None, "dispersion": 0.0}),
         (extensions(**SHEET, **BODY, **DISPERSION), {"dispersion": 0.36}),
@@ -132,8 +132,8 @@ def test_samplers_normal_maps_and_interiors(tmp_path):
 
 
 def test_masks_and_textures_without_coordinates(tmp_path):
-    for more, cutoff in (({}, 0.5), ({"alphaCutoff": 0.2}, 0.2)):
-        opacity = made(tmp_path, {"pbrMetallicRoughness": BASE, "alphaMode": "MASK", **more}).opacity
+    for fields, cutoff in (({}, 0.5), ({"alphaCutoff": 0.2}, 0.2)):
+        opacity = made(tmp_path, {"pbrMetallicRoughness": BASE, "alphaMode": "MASK", **fields}).opacity
         assert opacity.cutoff == cutoff
         np.testing.assert_allclose(values_of(opacity), 0.75 * ALPHA, atol=1e-6)
     message = "the textures of material 0 are left out: its mesh has no texture coordinates"

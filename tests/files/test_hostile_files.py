@@ -27,7 +27,7 @@ from wrt.io.mesh.parts import Part, moved
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.npy import read_array
 
-# --- What a file is --------------------------------------------------------------------------------
+# --- Types of files --------------------------------------------------------------------------------
 
 TREE = json.dumps(gltf_box(np.eye(3), np.array([[0, 1, 2]]))).encode()
 
@@ -69,7 +69,7 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
 
 
 def test_right_content_needs_no_right_name_and_damage_is_told_as_such(tmp_path):
-    """Both forms of glTF are told apart by what is in them."""
+    """The content of a glTF file decides its form."""
     assert len(load_file(write(tmp_path, "a.gltf", joined(json.loads(TREE), b""))).shapes) == 1
     assert len(load_file(write(tmp_path, "a.glb", TREE)).shapes) == 1
     for kind in ("obj", "xml", "toml"):
@@ -110,10 +110,10 @@ def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, monkeypatc
     Path(f"{name}.toml").write_text(ROOM)
     assert main(["render", f"./{name}.toml", *SMALL]) == 0
     assert Path(f"{name}.png").is_file()
-    said = capfd.readouterr().err
-    assert without_progress(said).rstrip("\n").count("\n") == 0
+    messages = capfd.readouterr().err
+    assert without_progress(messages).rstrip("\n").count("\n") == 0
     assert main(["info", f"./{name}.toml"]) == 0
-    assert "\x1b" not in capfd.readouterr().out + said
+    assert "\x1b" not in capfd.readouterr().out + messages
 
 
 # --- Sizes and numbers -----------------------------------------------------------------------------

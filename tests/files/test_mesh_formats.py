@@ -25,21 +25,21 @@ from wrt.scene.srgb import linear_from_srgb
 
 def three_mf(vertices: np.ndarray, faces: np.ndarray) -> bytes:
     """Return a mesh as a 3MF file."""
-    held = io.BytesIO()
+    buffer = io.BytesIO()
     mesh = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in vertices.tolist())
     mesh = f"<vertices>{mesh}</vertices><triangles>"
     mesh += "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces.tolist()) + "</triangles>"
     model = f'<model><resources><object id="1"><mesh>{mesh}</mesh></object></resources>'
     model += '<build><item objectid="1"/></build></model>'
-    with zipfile.ZipFile(held, "w") as archive:
+    with zipfile.ZipFile(buffer, "w") as archive:
         archive.writestr("3D/3dmodel.model", '<?xml version="1.0"?>' + model)
-    return held.getvalue()
+    return buffer.getvalue()
 
 
-def usd(points: np.ndarray, faces: Sequence[Sequence[int]], more: str = "") -> str:
+def usd(points: np.ndarray, faces: Sequence[Sequence[int]], attributes: str = "") -> str:
     corners, counts = [k for face in faces for k in face], [len(face) for face in faces]
     text = f"point3f[] points = {list(map(tuple, points.tolist()))}\nint[] faceVertexIndices = {corners}\n"
-    text += f"int[] faceVertexCounts = {counts}\n{more}"
+    text += f"int[] faceVertexCounts = {counts}\n{attributes}"
     return f'#usda 1.0\n(\nmetersPerUnit = 1\nupAxis = "Y"\n)\ndef Mesh "M"\n{{\n{text}}}\n'
 
 
@@ -53,12 +53,12 @@ def written(folder: Path, files: dict[str, str | bytes]) -> list[Path]:
 
 
 def boxes_of_libraries() -> dict[str, str | bytes]:
-    box, held = wrt.box((0, 0, 0), (1, 2, 3)), io.BytesIO()
-    np.savez(held, vertices=box.vertices, faces=box.faces)
+    box, buffer = wrt.box((0, 0, 0), (1, 2, 3)), io.BytesIO()
+    np.savez(buffer, vertices=box.vertices, faces=box.faces)
     found = {
         "box.usda": usd(box.vertices, box.faces.tolist()),
         "box.3mf": three_mf(box.vertices, box.faces),
-        "box.npz": held.getvalue(),
+        "box.npz": buffer.getvalue(),
     }
     if find_spec("collada"):
         from trimesh.exchange.dae import export_collada
@@ -89,7 +89,7 @@ UVS = [(x / 2, y / 4) for x, y, _ in PLACES]
 
 
 def ply_house(order: str) -> bytes:
-    """Numbers of all kinds in any order, between others that nobody asked for."""
+    """Numbers of all kinds in any order, between unknown ones."""
     kinds = "double x", "uchar flag", "float y", "double z", "float nx", "float ny", "float nz", "float s", "float t"
     kinds += tuple(f"uchar {name}" for name in ("red", "green", "blue", "alpha"))
     rows = [(x, 7, y, z, 0.0, 0.6, 0.8, *uv, *c, 255) for (x, y, z), uv, c in zip(PLACES, UVS, CODES, strict=True)]
@@ -111,14 +111,14 @@ def houses() -> dict[str, str | bytes]:
         COLOR_0=add(tree, COLORS),
     )  # fmt: skip
     tree["materials"], tree["meshes"][0]["primitives"][0]["material"] = [{}], 0
-    more = f"normal3f[] normals = {[(0, 0.6, 0.8)] * 5}\n"
+    primvars = f"normal3f[] normals = {[(0, 0.6, 0.8)] * 5}\n"
     for name, array in (("texCoord2f[] primvars:st", UVS), ("color3f[] primvars:displayColor", COLORS.tolist())):
-        more += f'{name} = {list(map(tuple, array))} (interpolation = "vertex")\n'
+        primvars += f'{name} = {list(map(tuple, array))} (interpolation = "vertex")\n'
     return {
         "house.obj": obj,
         "house.off": f"STCNOFF\n5 2 0\n{off}4 0 1 2 3\n3 3 2 4\n",
         "house.gltf": json.dumps(tree),
-        "house.usda": usd(np.array(PLACES), FACES, more),
+        "house.usda": usd(np.array(PLACES), FACES, primvars),
         **{f"{order}.ply": ply_house(order) for order in ORDERS},
     }
 
@@ -169,7 +169,7 @@ def test_colors_that_are_codes_are_refused():
         with pytest.raises(wrt.InputError, match=r"mesh: colors must be linear numbers, not codes up to 2"):
             wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=codes)
     assert wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=np.eye(3, dtype=int)).colors is not None
-    bright = wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=np.full((3, 3), 1.5))  # it may be meant to shine
+    bright = wrt.Mesh(np.eye(3), [[0, 1, 2]], colors=np.full((3, 3), 1.5))  # it may be an emission
     with pytest.raises(wrt.InputError, match=r"mesh: colors must be linear, from 0 to 1; they are from 1.5 to 1.5"):
         wrt.load(bright)
 
@@ -184,7 +184,7 @@ def test_a_mesh_with_map_coordinates_is_shown_as_exactly_as_at_the_origin():
     shown = triangles(wrt.load(away, up="y", strict=True).shapes[0].mesh)
     expected = CORNERS[TRIANGLES]
     np.testing.assert_allclose(shown - shown[:, :1], expected - expected[:, :1], atol=1e-6)
-    with pytest.warns(InputWarning, match="move it to the origin"):  # in a scene of one's own it stays where it is
+    with pytest.warns(InputWarning, match="move it to the origin"):  # as part of a scene it stays where it is
         assert load_mesh(away).bounds[0, 1] > 5e6
 
 

@@ -43,7 +43,7 @@ def material_of(folder: Path, text: str, obj: str = OBJ) -> wrt.Material:
         # Without gloss it is matt.
         ("", wrt.Diffuse((0.5, 0.25, 0.1))),
         ("Ks 0 0 0\nNs 100\nillum 2", wrt.Diffuse((0.5, 0.25, 0.1))),
-        # Gloss is that of a dielectric, which straight on reflects Ks.
+        # Gloss is a dielectric's, which reflects Ks at normal incidence.
         (
             "Ks 0.5 0.25 1\nNs 250\nNi 1.45\nillum 2",
             {"base_color": (0.5, 0.25, 0.1), "metallic": 0.0, "ior": 1.45, "roughness": 0.5,
@@ -77,12 +77,12 @@ def test_statements(tmp_path, text, expected):
 def test_opacity_0_is_named_and_ignored_where_it_hides_everything(tmp_path):
     """Some exporters write a transparency, 0, for d."""
     path = write(tmp_path, "mesh.obj", OBJ + "usemtl n\nf 3/3 2/2 1/1\n")
-    for opacity, told, expected in (
+    for opacity, message, expected in (
         (1, "'m' is invisible: its opacity is 0", [0.0, 1.0]),
         (0, "all of it would be invisible, as the opacity of its materials is 0; it is shown opaque", [1.0, 1.0]),
     ):
         write(tmp_path, "m.mtl", f"newmtl m\nKd 1 0 0\nd 0\nnewmtl n\nKd 0 1 0\nd {opacity}\n")
-        with pytest.warns(InputWarning, match=rf"mesh\.obj: {told}"):
+        with pytest.warns(InputWarning, match=rf"mesh\.obj: {message}"):
             assert [shape.material.opacity for shape in load_shapes(path)] == expected
 
 
@@ -108,7 +108,7 @@ def test_a_bump_map_is_a_relief(tmp_path):
 
 
 def test_maps_in_floating_point(tmp_path):
-    """Linear as they are; only what shines may be brighter than 1."""
+    """Their values are linear; only emission may exceed 1."""
     values = np.random.default_rng(9).uniform(0.0, 3.0, (4, 4, 4)).astype(np.float32)
     channels = {name: np.ascontiguousarray(values[:, :, k]) for k, name in enumerate("RGBA")}
     OpenEXR.File({}, channels).write(str(tmp_path / "a map.exr"))
@@ -154,7 +154,7 @@ def test_without_coordinates_maps_are_left_out_and_the_color_is_the_mean(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("named", "place"),
+    ("name", "place"),
     [
         (r"Maps\Rgb.PNG", "meshes/maps/rgb.png"),
         (r"C:\work\maps\rgb.png", "meshes/rgb.png"),
@@ -163,15 +163,15 @@ def test_without_coordinates_maps_are_left_out_and_the_color_is_the_mean(tmp_pat
         ("rgb.png", "materials/textures/RGB.png"),
     ],
 )
-def test_images_are_found_in_any_case_and_where_programs_keep_them(named, place, tmp_path):
+def test_images_are_found_in_any_case_and_where_programs_keep_them(name, place, tmp_path):
     (tmp_path / "meshes").mkdir()
     save_rgb(tmp_path / place)
-    write(tmp_path / "meshes", "m.mtl", f"newmtl m\nKd 1 1 1\nmap_Kd {named}\n")
+    write(tmp_path / "meshes", "m.mtl", f"newmtl m\nKd 1 1 1\nmap_Kd {name}\n")
     path = write(tmp_path / "meshes", "mesh.obj", OBJ)
     with pytest.warns(InputWarning, match=r"is not there; '.*(?i:rgb\.png)' is taken"):
         (shape,) = load_shapes(path)
     np.testing.assert_allclose(shape.material.reflectance.pixels, COLORS, atol=1e-6)
-    if named == "rgb.png":
+    if name == "rgb.png":
         with pytest.warns(InputWarning, match="is taken" if place.startswith("meshes") else "no such file"):
             wrt.load(path, confined=True)  # looks into no other folder
 
@@ -194,17 +194,17 @@ def test_materials_split_the_mesh_and_may_be_in_several_files(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("named", "told"),
+    ("statement", "message"),
     [
         ("mtllib old name.mtl\n", r"'old name\.mtl', which it refers to, is not there; '.*renamed\.MTL' is taken"),
         ("", r"it names no file \(mtllib\) that describes its materials, 'x' and 1 more; '.*renamed\.MTL' is taken"),
     ],
 )
-def test_the_material_file_of_its_own_name_is_taken_where_there_is_no_other(tmp_path, named, told):
+def test_the_material_file_of_its_own_name_is_taken_where_there_is_no_other(tmp_path, statement, message):
     material_file = write(tmp_path, "renamed.MTL", "newmtl x\nKd 0.1 0.2 0.3\n")
-    path = write(tmp_path, "renamed.obj", named + SQUARE + "usemtl x\nf 1 2 3\nusemtl y\nf 1 3 4\n")
-    with pytest.warns(InputWarning, match=told):
+    path = write(tmp_path, "renamed.obj", statement + SQUARE + "usemtl x\nf 1 2 3\nusemtl y\nf 1 3 4\n")
+    with pytest.warns(InputWarning, match=message):
         assert load_shapes(path)[0].material.reflectance == pytest.approx((0.1, 0.2, 0.3))
     material_file.unlink()
-    with pytest.warns(InputWarning, match="it names no file" if not named else r"old name\.mtl'.*: no such file"):
+    with pytest.warns(InputWarning, match="it names no file" if not statement else r"old name\.mtl'.*: no such file"):
         assert load_shapes(path)[0].material.reflectance == DEFAULT_REFLECTANCE

@@ -32,21 +32,21 @@ def of_shape(**fields: Any) -> wrt.Scene:
 
 
 CASES: dict[str, tuple[np.ndarray, Callable[[Any], wrt.Scene]]] = {
-    "vertices": (TRIANGLE, lambda given: of_mesh(vertices=given)),
-    "faces": (FACES, lambda given: of_mesh(faces=given)),
-    "normals": (ROWS, lambda given: of_mesh(normals=given)),
-    "uvs": (UVS, lambda given: of_mesh(uvs=given)),
-    "colors": (ROWS, lambda given: of_mesh(colors=given)),
-    "transform": (np.eye(4), lambda given: of_shape(transform=given)),
-    "motion": (PLACES, lambda given: of_shape(transform=wrt.Motion(TIMES, given))),
-    "deformation": (FORMS, lambda given: of_shape(deformation=wrt.Deformation(TIMES, given))),
-    "deformation normals": (FORMS, lambda given: of_shape(deformation=wrt.Deformation(TIMES, FORMS, given))),
-    "texture": (PIXELS, lambda given: of_shape(material=wrt.Diffuse(wrt.ImageTexture(given)))),
-    "normal map": (PIXELS, lambda given: of_shape(material=wrt.Diffuse(normal_map=wrt.NormalMap(given)))),
-    "environment": (PIXELS, lambda given: wrt.Scene(environment=wrt.ImageEnvironment(given))),
+    "vertices": (TRIANGLE, lambda array: of_mesh(vertices=array)),
+    "faces": (FACES, lambda array: of_mesh(faces=array)),
+    "normals": (ROWS, lambda array: of_mesh(normals=array)),
+    "uvs": (UVS, lambda array: of_mesh(uvs=array)),
+    "colors": (ROWS, lambda array: of_mesh(colors=array)),
+    "transform": (np.eye(4), lambda array: of_shape(transform=array)),
+    "motion": (PLACES, lambda array: of_shape(transform=wrt.Motion(TIMES, array))),
+    "deformation": (FORMS, lambda array: of_shape(deformation=wrt.Deformation(TIMES, array))),
+    "deformation normals": (FORMS, lambda array: of_shape(deformation=wrt.Deformation(TIMES, FORMS, array))),
+    "texture": (PIXELS, lambda array: of_shape(material=wrt.Diffuse(wrt.ImageTexture(array)))),
+    "normal map": (PIXELS, lambda array: of_shape(material=wrt.Diffuse(normal_map=wrt.NormalMap(array)))),
+    "environment": (PIXELS, lambda array: wrt.Scene(environment=wrt.ImageEnvironment(array))),
     "harmonics": (
         np.full((4, 3), 0.5),
-        lambda given: wrt.Scene(environment=wrt.SphericalHarmonicsEnvironment(given)),
+        lambda array: wrt.Scene(environment=wrt.SphericalHarmonicsEnvironment(array)),
     ),
 }
 
@@ -56,9 +56,9 @@ def test_writing_to_what_was_given_changes_nothing(case):
     array, build = CASES[case]
     for writeable in (True, False):
         source = array.copy()
-        given = source.view()
-        given.flags.writeable = writeable
-        scene = build(given)
+        passed = source.view()
+        passed.flags.writeable = writeable
+        scene = build(passed)
         before = scene_fingerprint(scene)
         source[...] = 1
         assert scene_fingerprint(scene) == before
@@ -85,7 +85,7 @@ def test_scenes_can_be_pickled_and_copied_and_renderers_say_that_they_cannot(ren
     scene.lights.append(wrt.SphereLight((0.0, 3.0, 0.0), 0.1, 5.0))
     scene.medium = wrt.Medium.from_color((0.5, 0.6, 0.7), 3.0)
     renderer = wrt.Renderer(of_shape(emission=1.0), width=4, height=4)
-    for again in (lambda value: pickle.loads(pickle.dumps(value)), copy.copy, copy.deepcopy):
-        assert scene_fingerprint(again(scene)) == scene_fingerprint(scene)
+    for duplicate in (lambda value: pickle.loads(pickle.dumps(value)), copy.copy, copy.deepcopy):
+        assert scene_fingerprint(duplicate(scene)) == scene_fingerprint(scene)
         with pytest.raises(TypeError, match=r"^a Renderer cannot be copied or pickled.*Scene.*save_checkpoint[^\n]*$"):
-            again(renderer)
+            duplicate(renderer)

@@ -34,21 +34,21 @@ def open_edges(faces: np.ndarray) -> np.ndarray:
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     unique, counts = np.unique(edges, axis=0, return_counts=True)
     assert (counts == 1).all(), "two faces run the same way along an edge"
-    known = set(map(tuple, unique.tolist()))
-    return np.array([edge for edge in unique.tolist() if (edge[1], edge[0]) not in known]).reshape(-1, 2)
+    directed = set(map(tuple, unique.tolist()))
+    return np.array([edge for edge in unique.tolist() if (edge[1], edge[0]) not in directed]).reshape(-1, 2)
 
 
 def loops(edges: np.ndarray) -> list[list[int]]:
     """Follow open edges round and return the vertices of each hole; every vertex must lie on one hole only."""
-    after = dict(edges.tolist())
-    assert len(after) == len(edges)
+    following = dict(edges.tolist())
+    assert len(following) == len(edges)
     found = []
-    while after:
-        start, vertex = after.popitem()
+    while following:
+        start, vertex = following.popitem()
         loop = [start]
         while vertex != start:
             loop.append(vertex)
-            vertex = after.pop(vertex)
+            vertex = following.pop(vertex)
         found.append(loop)
     return found
 
@@ -125,9 +125,9 @@ def test_round_counts_are_met_exactly_and_others_within_two_percent():
 
 
 def test_terrain_is_an_upward_sheet_made_the_same_every_time():
-    mesh, again = many_triangles.terrain(54_321), many_triangles.terrain(54_321)
+    mesh, second = many_triangles.terrain(54_321), many_triangles.terrain(54_321)
     for name in ("vertices", "faces", "normals", "colors"):
-        assert np.array_equal(getattr(mesh, name), getattr(again, name)), name
+        assert np.array_equal(getattr(mesh, name), getattr(second, name)), name
     assert (face_normals(mesh)[:, 1] > 0.0).all()
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
     assert 0.0 <= mesh.colors.min() <= mesh.colors.max() <= 1.0

@@ -43,10 +43,10 @@ def square_of(scene: wrt.Scene) -> wrt.Shape:
 
 
 def test_meshes_are_in_metres_with_y_up_and_parted_by_material(scene):
-    square, other = square_of(scene), min(scene.shapes[:2], key=lambda shape: len(shape.mesh.faces))
+    square, triangle = square_of(scene), min(scene.shapes[:2], key=lambda shape: len(shape.mesh.faces))
     # (x, y, z) becomes (x, z, -y), moved by 2 and halved.
     np.testing.assert_allclose(square.mesh.bounds, [[1, 0, -1], [2, 0, 0]], atol=1e-6)
-    np.testing.assert_allclose(other.mesh.bounds, [[2, 0, -1], [3, 0, 0]], atol=1e-6)
+    np.testing.assert_allclose(triangle.mesh.bounds, [[2, 0, -1], [3, 0, 0]], atol=1e-6)
     assert len(square.mesh.faces) == 2
     corner = np.flatnonzero((square.mesh.vertices == (2, 0, -1)).all(axis=1))[0]
     np.testing.assert_allclose(square.mesh.uvs[corner], (1, 1))
@@ -55,8 +55,8 @@ def test_meshes_are_in_metres_with_y_up_and_parted_by_material(scene):
     assert (material.metallic, material.roughness) == (1.0, 0.25)
     assert (material.base_color.scale, material.base_color.wrap) == ((3.0, 2.0), ("mirror", "repeat"))
     assert material.base_color.pixels[0, 0] == pytest.approx((0.5, 0, 0), abs=0.01)
-    assert other.material.base_color == pytest.approx((0.1, 0.2, 0.3))
-    assert other.material.coat == 0.5
+    assert triangle.material.base_color == pytest.approx((0.1, 0.2, 0.3))
+    assert triangle.material.coat == 0.5
     balls = scene.shapes[2:]
     assert len({id(ball.mesh) for ball in balls}) == 1
     boxes = np.array([ball.mesh_at(0.0).bounds for ball in balls])
@@ -67,7 +67,7 @@ def test_meshes_are_in_metres_with_y_up_and_parted_by_material(scene):
 def test_lights_and_camera(scene):
     panel, ball, sun = scene.lights
     assert panel.radiance == pytest.approx((6, 6, 6))
-    np.testing.assert_allclose(np.cross(panel.edge_u, panel.edge_v), (0, -2, 0), atol=1e-9)  # it shines down
+    np.testing.assert_allclose(np.cross(panel.edge_u, panel.edge_v), (0, -2, 0), atol=1e-9)  # it emits downwards
     np.testing.assert_allclose(np.add(panel.origin, np.add(panel.edge_u, panel.edge_v) / 2), (1, 3, 0), atol=1e-9)
     area = 4 * math.pi * 0.25
     assert ball.radius == pytest.approx(0.5)
@@ -128,25 +128,13 @@ def test_materials_may_read_attributes_by_their_names(folder):
     assert np.ptp(laid.mesh.uvs) == 1.0
 
 
-def test_what_a_scene_lacks_is_told_and_values_of_other_types_are_left_out(folder):
+def test_missing_references_wrong_types_faces_and_a_missing_library_are_told(folder, monkeypatch):
     text = USD.replace('def Xform "World"', 'def Xform "World" (references = @look.usda@</World>)')
     with pytest.warns(InputWarning, match=r"look\.usda', which it refers to, cannot be opened"):
         load_file(write(folder, "all.usda", text))
     text = USD.replace(ST, "        int normals = 3\n        texCoord2f[] primvars:was")
     assert len(load_file(write(folder, "wrong.usda", text)).shapes) == 4
-
-
-def test_what_is_wrong_is_told_in_one_line(folder, monkeypatch):
-    path = write(folder, "bad.usda", "#usda 1.0\ndef Xform {")
-    with pytest.raises(wrt.InputError, match=r"bad\.usda: not a USD file that can be read"):  # and what Pixar's says
-        load_file(path)
     path = write(folder, "broken.usda", USD.replace("[0, 1, 2, 3, 1, 4, 2]", "[0, 1, 2, 3, 1, 9, 2]"))
     check_refused("/World/Square: a face names vertex 9, but there are 5", load_file, path)
-    write(folder, "other.usda", USD)
-    (folder / "inside").mkdir()
-    outside = '#usda 1.0\ndef "A" (references = @../other.usda@</World>)\n{\n}\n'
-    path = write(folder / "inside", "refers.usda", outside)
-    with pytest.raises(wrt.InputError, match="outside"):
-        wrt.load(path, confined=True)
     monkeypatch.setitem(sys.modules, "pxr", None)
     check_refused(r"USD files need Pixar's library: pip install 'wrt\[usd\]'", load_file, path)

@@ -1,4 +1,4 @@
-"""What would make a published figure wrong: scenes, verdicts, errors, laws, timings, tables; and planted faults."""
+"""What would make a published figure wrong: verdicts, errors, timings, tables; and planted faults."""
 
 from __future__ import annotations
 
@@ -18,36 +18,11 @@ from peers.picture_tests import image_z_test
 from support import statistics
 
 import wrt
-from wrt.backend.device import Device
-from wrt.upload.scene_data import build_scene
 
 SMALL = scenes.Budget(share=0.01, assets=Path("/nowhere"))
 
 
-# --- Scenes ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_peers_get_the_same_scene(tmp_path: Path) -> None:
-    pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
-    for name, case in scenes.CASES.items():
-        scene, folder = case.scene(16, SMALL), tmp_path / name
-        folder.mkdir()
-        peer.prepare(peer.OWN, scene, folder)
-        read = wrt.load(folder / "scene.toml")
-        assert read.settings == scene.settings
-        assert (scene.settings.width, scene.settings.filter) == (16, "box")
-        assert build_scene(read, Device("cpu")).features == build_scene(scene, Device("cpu")).features
-        if name == "motion":
-            with pytest.raises(NotImplementedError, match="motion"):
-                peer.prepare(peer.PEERS["mitsuba-llvm"], scene, folder)
-        else:
-            peer.prepare(peer.PEERS["mitsuba-llvm"], scene, folder)
-            tree = json.loads((folder / "scene.json").read_text(encoding="utf-8"))
-            assert tree["integrator"]["max_depth"] == case.depth
-
-
-# --- Verdicts, errors, laws and timings --------------------------------------------------------------
+# --- Verdicts, errors and timings --------------------------------------------------------------------
 
 
 def stack(factor: float, seed: int, count: int = 6, noise: float = 0.3) -> np.ndarray:
@@ -55,22 +30,14 @@ def stack(factor: float, seed: int, count: int = 6, noise: float = 0.3) -> np.nd
     return factor * truth * (1.0 + noise * np.random.default_rng(seed).normal(size=(count, 64, 64, 3)))
 
 
-@pytest.mark.parametrize(("exact", "other"), [(True, 1.02), (False, 1.08)])
-def test_same_pictures_agree_and_others_do_not(exact: bool, other: float) -> None:
+@pytest.mark.parametrize(("exact", "factor"), [(True, 1.02), (False, 1.08)])
+def test_same_pictures_agree_and_others_do_not(exact: bool, factor: float) -> None:
     assert statistics.image_z_test is image_z_test
     assert agreement.agreement(stack(1.0, 1), stack(1.0, 2), exact=exact).agrees
-    result = agreement.agreement(stack(1.0, 1), stack(other, 3), exact=exact)
+    result = agreement.agreement(stack(1.0, 1), stack(factor, 3), exact=exact)
     assert not result.agrees
-    assert result.mean_difference == pytest.approx(1.0 - other, abs=0.005)
-    assert result.block_difference == pytest.approx(other - 1.0, rel=0.3)
-
-
-def test_a_difference_in_one_place_is_seen_by_pixels() -> None:
-    theirs = stack(1.0, 4, noise=0.01)
-    theirs[:, 10:16, 10:18] *= 1.2
-    result = agreement.agreement(stack(1.0, 5, noise=0.01), theirs, exact=True)
-    assert not result.agrees
-    assert abs(result.mean_difference) < agreement.SMALL
+    assert result.mean_difference == pytest.approx(1.0 - factor, abs=0.005)
+    assert result.block_difference == pytest.approx(factor - 1.0, rel=0.3)
 
 
 def test_errors_are_free_of_the_noise_of_references(report: Report) -> None:
@@ -79,11 +46,11 @@ def test_errors_are_free_of_the_noise_of_references(report: Report) -> None:
     rng = np.random.default_rng(6)
     image = truth + 0.1 * rng.normal(size=truth.shape)
     references = [truth + 0.3 * rng.normal(size=truth.shape) for _ in range(2)]
-    errors = render.squared_errors(image, references)
-    report("squared error", errors["rmse"], 0.01)
+    error = render.squared_error(image, references)
+    report("squared error", error, 0.01)
     # Of each product the standard deviation is about sqrt(3 · 0.01² + 2 · 0.01 · 0.09 + 0.09²).
-    assert errors["rmse"] == pytest.approx(0.01, abs=4.0 * 0.1 / np.sqrt(truth.size))
-    assert render.squared_errors(truth, references)["rmse"] == pytest.approx(0.0, abs=4.0 * 0.09 / np.sqrt(truth.size))
+    assert error == pytest.approx(0.01, abs=4.0 * 0.1 / np.sqrt(truth.size))
+    assert render.squared_error(truth, references) == pytest.approx(0.0, abs=4.0 * 0.09 / np.sqrt(truth.size))
 
 
 @pytest.mark.slow
@@ -114,7 +81,7 @@ def test_commands_of_the_pages_are_understood() -> None:
     pages = [ROOT / "docs" / "performance.md", *sorted((ROOT / "docs" / "notes").glob("*.md"))]
     text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
     lines = re.findall(r"^python scripts/benchmark\.py (.*)$", text, re.MULTILINE)
-    assert len(lines) >= 7
+    assert len(lines) >= 5
     for line in lines:
         benchmark.command_line().parse_args(shlex.split(line, comments=True))
 
@@ -143,10 +110,3 @@ def test_every_fault_can_be_planted_and_the_page_has_its_outcome() -> None:
         assert all((ROOT / file).is_file() for file in files), mutant.name
     page = mutate.PAGE.read_text(encoding="utf-8")
     assert page == mutate.page(page, json.loads(mutate.OUTCOMES.read_text(encoding="utf-8")))
-
-
-def test_a_fault_is_noticed_only_by_tests_that_pass_without_it() -> None:
-    outcomes = {(0, 0): "survived", (0, 1): "noticed", (0, 2): "tests fail without it", (1, 1): "tests fail without it"}
-    outcomes |= {(5, None): "no such tests", (0, None): "ran out of time"}
-    for (without, planted), outcome in outcomes.items():
-        assert mutate.outcome(without, planted) == outcome

@@ -65,8 +65,8 @@ def test_python_examples_run_and_write_what_they_say(tmp_path: Path, monkeypatch
         start(self, scene, **options)
 
     def few_passes(self: wrt.Renderer, *, spp: int | None = None, noise: float | None = None, **_: Any) -> Any:
-        few = spp if spp is not None and spp <= 16 else (spp or 64) // 64
-        return passes(self, spp=few) if noise is None else passes(self, noise=noise)
+        samples = spp if spp is not None and spp <= 16 else (spp or 64) // 64
+        return passes(self, spp=samples) if noise is None else passes(self, noise=noise)
 
     monkeypatch.setattr(wrt.Renderer, "__init__", small_start)
     monkeypatch.setattr(wrt.Renderer, "passes", few_passes)
@@ -84,8 +84,8 @@ def test_python_examples_run_and_write_what_they_say(tmp_path: Path, monkeypatch
             for file in files:
                 if file.suffix in (".png", ".exr"):
                     assert wrt.load_image(file).any(), f"{page}: {name} is black"
-    said = capsys.readouterr().out
-    assert re.fullmatch(r"(\d+ of 4 samples per pixel\n)+\d+ samples per pixel, noise 0\.0\d+\n", said)
+    printed = capsys.readouterr().out
+    assert re.fullmatch(r"(\d+ of 4 samples per pixel\n)+\d+ samples per pixel, noise 0\.0\d+\n", printed)
 
 
 def test_names_of_wrt_in_python_examples_exist() -> None:
@@ -158,16 +158,16 @@ def test_commands_of_wrt_parse() -> None:
 
 def test_options_and_commands_of_the_repository_exist() -> None:
     of_tests = re.findall(r'addoption\(\s*"(--[a-z-]+)"', (ROOT / "tests" / "conftest.py").read_text())
-    known = options_of(make_parser()) | set(of_tests)
+    options = options_of(make_parser()) | set(of_tests)
     for page, text in PAGES.items():
         for command in commands(text):
-            program, _, rest = command.partition(" ")
+            program, _, arguments = command.partition(" ")
             if program.startswith("scripts/") and " " not in program:
                 assert (ROOT / program).exists(), f"{page}: {command}"
             if program.startswith(("scripts/", "--")):
                 script = (ROOT / program).read_text() if (ROOT / program).is_file() else ""
-                for option in re.findall(r"--[a-z][a-z-]*", program + " " + rest.partition("#")[0]):
-                    assert option in known or option in script, f"{page}: {command}: {option}"
+                for option in re.findall(r"--[a-z][a-z-]*", program + " " + arguments.partition("#")[0]):
+                    assert option in options or option in script, f"{page}: {command}: {option}"
 
 
 # --- References, paths and links -------------------------------------------------------------------
@@ -224,14 +224,16 @@ def test_architecture_names_every_folder() -> None:
     files = [path for top in ("wrt", "kernels") for path in (ROOT / top).rglob("*") if path.is_file()]
     folders = {path.parent.relative_to(ROOT).as_posix() for path in files if "__pycache__" not in path.parts}
     folders = {folder for folder in folders if not folder.startswith(("wrt/kernels", "wrt/meshes"))}
-    named = re.findall(r"^\| `([\w/]+)` \|", PAGES["docs/architecture.md"], re.MULTILINE)
-    assert sorted(named) == sorted(folders)
+    rooms = re.findall(r"^\| `([\w/]+)` \|", PAGES["docs/architecture.md"], re.MULTILINE)
+    assert sorted(rooms) == sorted(folders)
 
 
-def test_the_drawing_of_a_render_names_what_the_code_has() -> None:
+def test_developers_are_led_to_what_the_code_has() -> None:
+    """By the drawing of a render, and by the questions."""
     drawn = re.findall(r"^ *((?:wrt|kernels)/\S+\.py) +(\w+)", PAGES["docs/architecture.md"], re.MULTILINE)
-    assert len(drawn) >= 20
-    for path, name in drawn:
+    where = re.findall(r"^\| .+\? \| `(.+)` \| `(.+)` \|$", PAGES["docs/where-to-look.md"], re.MULTILINE)
+    assert min(len(drawn), len(where)) >= 12
+    for path, name in [*drawn, *where]:
         assert name in names_in(ROOT / path), f"{path}: {name}"
 
 
@@ -244,13 +246,6 @@ def names_in(path: Path) -> set[str]:
     names = {node.name for node in nodes if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
     targets = [target for node in nodes if isinstance(node, ast.Assign) for target in node.targets]
     return names | {target.id for target in targets if isinstance(target, ast.Name)}
-
-
-def test_questions_lead_to_what_answers_them() -> None:
-    where = re.findall(r"^\| (.+\?) \| `(.+)` \| `(.+)` \|$", PAGES["docs/where-to-look.md"], re.MULTILINE)
-    assert len(where) >= 12
-    for question, path, name in where:
-        assert name in names_in(ROOT / path), question
 
 
 def test_the_readme_shows_built_in_scenes_and_the_changelog_has_the_version() -> None:
@@ -273,7 +268,7 @@ def messages_of(path: Path) -> set[str]:
 
 
 def test_messages_that_are_explained_are_those_of_the_code() -> None:
-    """The parts between … of each message stand in one text of the code, in their order."""
+    """Each is a text of the code, with … for what is filled in."""
     shown = re.findall(r"^\| `([^`]*[…:][^`]*)` \|", PAGES["docs/troubleshooting.md"], re.MULTILINE)
     assert len(shown) >= 20
     texts = {text for path in (ROOT / "wrt").rglob("*.py") for text in messages_of(path)}

@@ -1,4 +1,4 @@
-"""The docs show the gallery's pictures, all materials and cameras among them; plots draw what models are to do."""
+"""The docs show the gallery's pictures, all materials and cameras among them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pictures
 import pictures.bodies
 import pictures.materials
 import pictures.tutorial
-import plot_figures
 import pytest
 from conftest import ROOT
 from PIL import Image
@@ -79,26 +78,3 @@ def test_every_camera_integrator_material_and_preset_has_its_picture() -> None:
     assert swatches <= set(PICTURES["presets"].tiles())
     kinds = [[shape.material.type_name for shape in pictures.tutorial.make_scene(step).shapes] for step in range(3)]
     assert kinds == [["diffuse", "diffuse"], ["plastic", "oren-nayar"], ["plastic", "oren-nayar"]]
-
-
-# --- Plots -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.machinery
-def test_curves_are_finite_and_told_apart() -> None:
-    shown = (ROOT / "docs" / "shading.md").read_text(encoding="utf-8")
-    for name, draw in plot_figures.FIGURES.items():
-        assert f"pictures/plots/{name}.png" in shown
-        assert (ROOT / "docs" / "pictures" / "plots" / f"{name}.png").is_file()
-        figure = draw()
-        most = 1.01 if figure.y_label.startswith(("reflectance", "share", "G")) else np.inf
-        for panel in figure.panels:
-            labels = [curve.label for curve in panel.curves if curve.label]
-            assert len(set(labels)) == len(labels) > 0
-            # Two curves of one panel that are the same would be a mistake in what is asked for.
-            assert len({curve.y.tobytes() for curve in panel.curves}) == len(panel.curves), panel.title
-            for curve in panel.curves:
-                assert np.isfinite(curve.y).all(), (panel.title, curve.label)
-                assert curve.y.shape == curve.x.shape
-                assert curve.y.min() >= 0.0
-                assert 0.0 < curve.y.max() < most

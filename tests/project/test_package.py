@@ -125,18 +125,6 @@ def test_every_public_name_can_be_imported_and_no_other() -> None:
         wrt.rendr  # noqa: B018
 
 
-@pytest.mark.slow
-def test_type_checkers_see_the_public_names(tmp_path: Path) -> None:
-    script = tmp_path / "uses.py"
-    script.write_text("from wrt import Scene\nreveal_type(Scene().shapes)\nimport wrt\nwrt.rendr\n")
-    cache = f"--cache-dir={tmp_path / 'cache'}"
-    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", cache, str(script)]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert 'note: Revealed type is "list[wrt.scene.scene.Shape]"' in result.stdout, result.stdout
-    assert 'error: Module has no attribute "rendr"' in result.stdout
-    assert "Found 1 error" in result.stdout
-
-
 # --- Dockerfile ------------------------------------------------------------------------------------
 
 DOCKERFILE = (ROOT / "Dockerfile").read_text()

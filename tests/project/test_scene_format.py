@@ -1,4 +1,4 @@
-"""The JSON schema, of which docs/scene-format.md has the keys, agrees with the code and with the reader."""
+"""The JSON schema, whose keys docs/scene-format.md explains, agrees with the code and with the reader."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ materials.sgd = { type = "rough-conductor", distribution = "sgd", alpha = [0.1, 
 materials.paint = { type = "principled", ior = "Diamond" }
 materials.wood = { type = "diffuse", reflectance = { texture = "wood.png", wrap = ["clamp", "mirror"] } }
 """
-"""Values at their limits, words and forms, all of which the reader takes."""
+"""Values at their limits, words and forms that the reader accepts."""
 
 
 def test_all_that_the_reader_reads_or_the_writer_writes_is_valid(tmp_path: Path) -> None:
@@ -137,7 +137,7 @@ def is_marked(text: str) -> bool:
 
 
 def test_mistakes_are_marked(report: Any) -> None:
-    """All but those that only somebody sees who reads the other files, or several keys at a time."""
+    """Except where other files, or several keys at a time, must be read."""
     unmarked = {text: message for text, message in MISTAKES.items() if not is_marked(text) and "0" * 400 not in text}
     report("mistakes that the schema marks", f"{len(MISTAKES) - len(unmarked)} of {len(MISTAKES)}")
     assert [m for m in unmarked.values() if not SEEN_BY_THE_READER_ALONE.search(m)] == []

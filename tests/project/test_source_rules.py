@@ -77,7 +77,7 @@ def test_kernels_import_warp_and_themselves_and_keep_their_annotations() -> None
 
 
 def test_kernels_are_declared_without_gradients() -> None:
-    """They are half of the compiled code, and nobody asks for them."""
+    """Gradients would be half of the compiled code, and nothing uses them."""
     count = 0
     for path in KERNEL_FILES:
         for function in nodes_of(path):
@@ -129,14 +129,14 @@ def test_imports_run_one_way(part: str) -> None:
 
 
 def circles(graph: dict[str, set[str]]) -> list[str]:
-    """Return the nodes that lie on circles or lead from one to another: what is left without first and last nodes."""
-    left = set(graph)
+    """Return the nodes on circles or between them: what remains without first and last nodes."""
+    nodes = set(graph)
     while True:
-        targets = {other for node in left for other in graph[node]}
-        inner = {node for node in left if graph[node] & left and node in targets}
-        if inner == left:
-            return sorted(left)
-        left = inner
+        targets = {target for node in nodes for target in graph[node]}
+        inner = {node for node in nodes if graph[node] & nodes and node in targets}
+        if inner == nodes:
+            return sorted(nodes)
+        nodes = inner
 
 
 def test_imports_make_no_circle() -> None:

@@ -234,7 +234,7 @@ def test_a_lost_scheduler_leaves_the_film(lost_scheduler, one, tmp_path):
 
 def test_the_command_line_saves_what_there_is_when_the_scheduler_is_lost(lost_scheduler, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("wrt.cli.load._client", lambda _: lost_scheduler)
+    monkeypatch.setattr("wrt.cli.options._client", lambda _: lost_scheduler)
     options = ("--dask", "there", "--spp", "64", "--size", "20x30", "--checkpoint", "a.ckpt", "-o", "a.png", "--quiet")
     assert main(["render", "cornell-box", *options]) == 1
     pattern = "wrt: error: the connection to the scheduler of Dask is lost; stopped at .*; a.png and a.ckpt saved\n"

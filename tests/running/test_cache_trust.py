@@ -18,7 +18,7 @@ from wrt.backend.kernel_cache import DIGEST
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache in a folder of its own, with no folders used or warned of before."""
-    monkeypatch.setattr(cache_folders, "_warned_of", set())
+    monkeypatch.setattr(cache_folders, "_warnings_given", set())
     monkeypatch.delenv("WARP_CACHE_PATH", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path / "cache"

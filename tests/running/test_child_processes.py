@@ -1,4 +1,4 @@
-"""Python processes that wrt starts import nothing from the current folder, where somebody's upload may lie."""
+"""Python processes that wrt starts import nothing from the current folder, where an upload may be."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SHADOWS = (
 
 def compile_in_another_process() -> None:
     # In a session of its own, as it lowers the priority of the whole session.
-    call = command("wrt.compiling.later", "no-such-notes", "nowhere")
+    call = command("wrt.compiling.later", "no-such-table", "nowhere")
     done = subprocess.run(call, check=False, capture_output=True, start_new_session=True)
     assert done.returncode == 1, done.stderr
 

@@ -1,4 +1,4 @@
-"""Kernels compiled for later renders: by a process that disturbs nobody, by `wrt compile`, by `wrt.precompile`."""
+"""Kernels compiled for later renders: by a process of low priority, by `wrt compile`, by `wrt.precompile`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MIRROR = Features(("mirror",), False, "constant", light_shapes=("disk", "sphere"
 
 @pytest.fixture
 def started(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
-    """Return the folders of the compilers that are started, none of which really is; they are wanted."""
+    """Return the folders for which compilers would be started."""
     folders: list[Path] = []
     monkeypatch.setattr(later, "_start", lambda _, kernels: folders.append(kernels))
     monkeypatch.setenv(SWITCH, "")
@@ -65,14 +65,14 @@ def request(features: Features, lanes: int, kernels: Path) -> Path | None:
 
 @pytest.fixture
 def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
-    """Return what `main` has compiled, which it only notes here; diffuse surfaces cannot be translated."""
+    """Return what `main` would have compiled; diffuse surfaces cannot be translated."""
     features: list[Features] = []
 
-    def compile_kernel(asked: Features, lanes: int, uses: Any) -> None:
-        assert (uses is not None) == is_general(asked)
-        if asked == DIFFUSE:
+    def compile_kernel(requested: Features, lanes: int, uses: Any) -> None:
+        assert (uses is not None) == is_general(requested)
+        if requested == DIFFUSE:
             raise Unsupported("diffuse")
-        features.append(asked)
+        features.append(requested)
 
     monkeypatch.setattr(later, "compile_kernel", compile_kernel)
     monkeypatch.setattr(later, "_give_way", lambda: None)
@@ -85,7 +85,7 @@ def serve(table: Path, kernels: Path) -> int:
 
 
 @pytest.mark.parametrize(
-    ("told", "machine", "wanted", "said"),
+    ("switch", "machine", "compiles", "text"),
     [
         ("", None, True, "for the next"),
         ("0", "true", False, f"as {SWITCH} says"),
@@ -95,43 +95,43 @@ def serve(table: Path, kernels: Path) -> int:
     ],
 )
 def test_build_machines_and_the_switch(
-    told: str, machine: str | None, wanted: bool, said: str, started, table: Path, tmp_path: Path, monkeypatch
+    switch: str, machine: str | None, compiles: bool, text: str, started, table: Path, tmp_path: Path, monkeypatch
 ) -> None:
-    monkeypatch.setenv(SWITCH, told)
+    monkeypatch.setenv(SWITCH, switch)
     monkeypatch.setenv(WIDE, "8")
     if machine is not None:
         monkeypatch.setenv(BUILD_MACHINE, machine)
     path = request(MIRROR, 8, tmp_path)
-    assert (path is not None, started) == (wanted, [tmp_path] * wanted)
-    assert said in system_text()
+    assert (path is not None, started) == (compiles, [tmp_path] * compiles)
+    assert text in system_text()
 
 
 def test_what_is_requested_is_compiled_once(started, table: Path, compiled, tmp_path: Path) -> None:
-    kernels, others = tmp_path / "kernels", tmp_path / "others"
+    kernels, elsewhere = tmp_path / "kernels", tmp_path / "elsewhere"
     path = request(MIRROR, 8, kernels)
-    other = request(dataclasses.replace(MIRROR, opacity=True), 8, others)
+    path_elsewhere = request(dataclasses.replace(MIRROR, composite="holes"), 8, elsewhere)
     general = general_features(DIFFUSE)[0]
     request(general, 8, kernels)
     assert path is not None
-    assert other is not None
+    assert path_elsewhere is not None
     assert not is_done(path)
     assert serve(table, kernels) == serve(table, kernels) == 0
     assert sorted(compiled, key=str) == sorted([MIRROR, general], key=str)
     assert is_done(path)
-    assert not is_done(other), "it belongs into another folder"
-    assert started == [kernels, others, kernels]
+    assert not is_done(path_elsewhere), "it belongs into another folder"
+    assert started == [kernels, elsewhere, kernels]
 
 
 def test_what_cannot_be_compiled_is_left_for_an_hour_and_damaged_requests_are_removed(
     started, table: Path, compiled, tmp_path: Path
 ) -> None:
-    path, other = request(DIFFUSE, 8, tmp_path), request(MIRROR, 8, tmp_path)
+    path, damaged = request(DIFFUSE, 8, tmp_path), request(MIRROR, 8, tmp_path)
     assert path is not None
-    assert other is not None
-    other.write_text("{")
+    assert damaged is not None
+    damaged.write_text("{")
     assert serve(table, tmp_path) == 0
     assert compiled == []
-    assert not other.exists()
+    assert not damaged.exists()
     assert request(DIFFUSE, 8, tmp_path) is None
     before = time.time() - RETRY_SECONDS - 1.0
     os.utime(path.with_suffix(BEGUN), (before, before))
@@ -142,7 +142,7 @@ def test_what_cannot_be_compiled_is_left_for_an_hour_and_damaged_requests_are_re
 def test_one_process_compiles_and_serves_what_comes_meanwhile(
     started, table: Path, compiled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    second = dataclasses.replace(MIRROR, opacity=True)
+    second = dataclasses.replace(MIRROR, composite="holes")
     paths = []
 
     def compile_kernel(features: Features, *_: object) -> None:
@@ -250,15 +250,15 @@ def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch
     monkeypatch.chdir(tmp_path)
     Path("bad.toml").write_text("shapes = 1")
     assert main(["compile", "none.obj", "cornell-box", "bad.toml", "--threads", "1"]) == 2
-    said = capsys.readouterr()
-    assert said.out.startswith("cornell-box: ")
-    none, bad = said.err.splitlines()
+    printed = capsys.readouterr()
+    assert printed.out.startswith("cornell-box: ")
+    none, bad = printed.err.splitlines()
     assert "none.obj" in none
     assert "bad.toml" in bad
     assert main(["compile", "cornell-box", "--threads", "1"]) == 0
     assert capsys.readouterr().out == "cornell-box: everything was compiled before; there is only the scalar kernel\n"
-    both = wrt.Precompiled(("a", "b"), 5.04, 16, 9.96)
-    assert str(both) == "2 modules of kernels compiled in 5.0 s; the wide kernel of 16 lanes compiled in 10.0 s"
+    result = wrt.Precompiled(("a", "b"), 5.04, 16, 9.96)
+    assert str(result) == "2 modules of kernels compiled in 5.0 s; the wide kernel of 16 lanes compiled in 10.0 s"
     assert main(["compile"]) == 2
     assert capsys.readouterr().err == "wrt: error: name a scene, or give --general\n"
 
@@ -266,17 +266,17 @@ def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch
 def test_general_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, capsys, tmp_path: Path) -> None:
     monkeypatch.setenv(WIDE, "8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    asked: list[Features] = []
-    monkeypatch.setattr(kernel, "compile_kernel", lambda features, *_: asked.append(features))
+    compiled: list[Features] = []
+    monkeypatch.setattr(kernel, "compile_kernel", lambda features, *_: compiled.append(features))
     assert main(["compile", "--general", "--sampler", "independent"]) == 0
     plain = Features(("diffuse",), False, "none", sampler="independent")
-    assert asked == general_features(plain) + general_features(guide_features(plain, wrt.RenderSettings()))
+    assert compiled == general_features(plain) + general_features(guide_features(plain, wrt.RenderSettings()))
     monkeypatch.setattr(kernel, "is_compiled", lambda *_: True)
     assert main(["compile", "--general"]) == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("general kernels: 5 general kernels compiled in ")
-    assert said[1:] == ["general kernels: everything was compiled before"]
-    assert len(asked) == 5
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("general kernels: 5 general kernels compiled in ")
+    assert second == "general kernels: everything was compiled before"
+    assert len(compiled) == 5
 
 
 @needs_lanes
@@ -289,11 +289,11 @@ def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
     if cache == "empty":
         del variables["WARP_CACHE_PATH"]
 
-    said = python(tmp_path, variables, "-m", "wrt", "compile", "cornell-box")
-    assert said.startswith("cornell-box: ")
+    printed = python(tmp_path, variables, "-m", "wrt", "compile", "cornell-box")
+    assert printed.startswith("cornell-box: ")
     if cache == "empty":
-        assert "modules of kernels compiled in" in said
-        assert f"the wide kernel of {LANES} lanes compiled in" in said
+        assert "modules of kernels compiled in" in printed
+        assert f"the wide kernel of {LANES} lanes compiled in" in printed
     assert python(tmp_path, variables, "-c", SHORT, "wide.npy").count("\n") == 1
     scalar = wrt.Renderer(wrt.load("cornell-box"), width=96, height=96)
     list(scalar.passes(spp=40))

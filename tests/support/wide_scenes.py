@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -267,19 +266,13 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
 """A scene, options of its renderer, and cameras, by name; each is one kernel."""
 
 
-@functools.cache
-def _made_once(features: Any, lanes: int) -> Any:
-    from wrt.spmd.kernel import make_wide_render_kernel
-
-    return make_wide_render_kernel(features, lanes)
-
-
 def wide_kernel(renderer: wrt.Renderer, lanes: int) -> tuple[Any, int]:
     """Return the wide kernel for a renderer's scene, and how many of its threads render the picture."""
     from wrt.kernels.native.constants import TILE
+    from wrt.spmd.kernel import make_wide_render_kernel
 
     threads = threads_of(renderer.film.width, renderer.film.height, TILE)
-    return _made_once(renderer._kernel._features, lanes), threads
+    return make_wide_render_kernel(renderer._kernel._features, lanes), threads
 
 
 Bits = dict[str, NDArray[Any]]

@@ -3,7 +3,6 @@
 import asyncio
 import base64
 import io
-import json
 from concurrent.futures import ThreadPoolExecutor
 from unittest import mock
 
@@ -13,7 +12,8 @@ from PIL import Image
 
 import wrt
 from wrt.develop.tones import CURVES
-from wrt.view.picture import Look, develop
+from wrt.view.controls import Look
+from wrt.view.picture import develop
 from wrt.view.session import Session
 
 
@@ -100,11 +100,8 @@ async def drive(renderer):
     def resting(message, buffers, serial=None):
         if message["type"] != "frame":
             return None
-        (content,) = buffers
-        size = int.from_bytes(content[:4], "little")
-        header = json.loads(content[4 : 4 + size])
-        viewer.receive({"type": "ack", "frame": header["frame"]})
-        return header if header["spp"] == 4 and not header["moving"] and header["serial"] == serial else None
+        viewer.receive({"type": "ack", "frame": message["frame"]})
+        return message if message["spp"] == 4 and not message["moving"] and message["serial"] == serial else None
 
     try:
         viewer.receive({"type": "open"})

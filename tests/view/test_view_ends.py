@@ -100,7 +100,6 @@ def test_a_tab_that_waits_for_an_answer_does_not_keep_the_server_open() -> None:
                 await asyncio.sleep(0.01)
             serving.cancel()
             ended, _ = await asyncio.wait([serving], timeout=30)
-            session.cancel_requests()
         assert ended
 
     with session_of(open_late) as session:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import warp as wp
@@ -15,7 +17,8 @@ pytestmark = pytest.mark.machinery
 
 # For each check what is done: `lanes` is the namespace of one of both. Names that end in `s` are vectors or matrices.
 # a, b, c: any floats; t: 0 to 1; x, y: floats that integers hold; d, e: doubles; i, j: integers, j not 0; k: 0 to 31;
-# u, w: unsigned, w not 0; n: long; m: a mask; v2 to v4, w2 to w4: vectors; q, r: matrices 3x3; g: 2x4.
+# k2, k4, i64, j64: integers from 0 to 1, 3, and 63; step: odd, from −7 to 7; u, w: unsigned, w not 0; n: long; m: a
+# mask; v2 to v4, w2 to w4: vectors; q, r: matrices 3x3; g: 2x4.
 CHECKS = [
     *(f"lanes::{name}({p}, {q})" for name in ("add", "sub", "mul", "min", "max") for p, q in ("ab", "ij", "uw", "de")),
     *(f"lanes::{name}({p}, {q})" for name in ("bit_and", "bit_or", "bit_xor") for p, q in ("ij", "uw", "nn")),
@@ -30,34 +33,27 @@ CHECKS = [
     "lanes::atan2(a, b)", "lanes::pow(a, b)", "lanes::erfinv(t)", "lanes::sqrt(d)",
     "lanes::lerp(a, b, t)", "lanes::lerp(v3, w3, t)", "lanes::isfinite(a)", "lanes::isfinite(v3)",
     "lanes::div(a, b)", "lanes::div(d, e)", "lanes::div(i, j)", "lanes::mod(i, j)", "lanes::mod(u, w)",
-    "lanes::floordiv(i, j)", "lanes::rshift(i, k)", "lanes::lshift(u, lanes::uint32_(k))",
-    "lanes::rshift(u, lanes::uint32_(k))", "lanes::invert(i)", "lanes::invert(u)",
+    "lanes::floordiv(i, j)", "lanes::rshift(i, k)", "lanes::lshift(u, lanes::to_uint32(k))",
+    "lanes::rshift(u, lanes::to_uint32(k))", "lanes::invert(i)", "lanes::invert(u)",
     "lanes::cross(v3, w3)", "lanes::mul(q, v3)", "lanes::mul(g, v4)", "lanes::mul(q, a)", "lanes::transpose(g)",
     "lanes::inverse(q)", "lanes::inverse(r)", "lanes::where(m, a, b)", "lanes::where(m, v3, w3)",
     "lanes::where(m, a, 2.0f)", "lanes::where(m, 1, i)",
-    "lanes::int32_(x)", "lanes::uint32_(y)", "lanes::float32_(i)", "lanes::float32_(u)", "lanes::float32_(n)",
-    "lanes::float32_(d)", "lanes::float64_(a)", "lanes::int64_(i)", "lanes::int32_(n)", "lanes::int32_(m)",
-    "lanes::float32_(m)",
-    "lanes::div(u, w)", "lanes::floordiv(u, w)", "lanes::div(n, lanes::int64_(j))", "lanes::mod(n, lanes::int64_(j))",
-    "lanes::sign(i)", "lanes::floor(d)", "lanes::abs(n)", "lanes::bool_(a)", "lanes::bool_(i)", "lanes::bool_(d)",
-    "lanes::vec3d(v3)", "lanes::mat2(a)", "lanes::total(lanes::mod64(i), lanes::mod64(j), lanes::some_step(k))",
-    "lanes::extract(v4, 0)", "lanes::extract(v4, -1)", "lanes::extract(v3, -3)", "lanes::extract(v4, lanes::mod4(k))",
+    "lanes::to_int32(x)", "lanes::to_uint32(y)", "lanes::to_float32(i)", "lanes::to_float32(u)", "lanes::to_float32(n)",
+    "lanes::to_float32(d)", "lanes::to_float64(a)", "lanes::to_int64(i)", "lanes::to_int32(n)", "lanes::to_int32(m)",
+    "lanes::to_float32(m)", "lanes::div(u, w)", "lanes::floordiv(u, w)",
+    "lanes::div(n, lanes::to_int64(j))", "lanes::mod(n, lanes::to_int64(j))",
+    "lanes::sign(i)", "lanes::floor(d)", "lanes::abs(n)", "lanes::to_bool(a)", "lanes::to_bool(i)", "lanes::to_bool(d)",
+    "lanes::vec3d(v3)", "lanes::mat2(a)", "lanes::total(i64, j64, step)",
+    "lanes::extract(v4, 0)", "lanes::extract(v4, -1)", "lanes::extract(v3, -3)", "lanes::extract(v4, k4)",
     "lanes::extract(q, 1, -1)", "lanes::extract(q, -2, 0)", "lanes::extract(g, -1)",
-    "lanes::extract(g, lanes::mod2(k))",
+    "lanes::extract(g, k2)",
 ]  # fmt: skip
 COMPARISONS = [f"({p} {op} {q})" for op in ("<", ">", "<=", ">=", "==", "!=") for p, q in ("ab", "ij", "uw", "de")]
 COMPARISONS += [f"({v} {op} {w})" for op in ("==",) for v, w in (("v3", "w3"), ("v2", "v2"))]
 
-# What differs by name: conversions, and indices that are within a vector or a matrix.
+# What Warp has by other names, and comparisons of results.
 HELPERS = """
 namespace lanes {
-#define CONVERSION(NAME) template<class T> LANES_INLINE auto NAME##_(T a) { return to_##NAME(a); }
-CONVERSION(int32) CONVERSION(uint32) CONVERSION(float32) CONVERSION(int64) CONVERSION(float64)
-LANES_INLINE Ints mod4(Ints k) { return bit_and(k, Ints(3)); }
-LANES_INLINE Ints mod2(Ints k) { return bit_and(k, Ints(1)); }
-LANES_INLINE Ints mod64(Ints k) { return bit_and(k, Ints(63)); }
-LANES_INLINE Ints some_step(Ints k) { return add(bit_and(k, Ints(14)), Ints(-7)); }
-template<class T> LANES_INLINE Mask bool_(T a) { return to_bool(a); }
 LANES_INLINE auto vec3d(Vector<3, Floats> a) { return make_vec<3, Doubles>(a); }
 LANES_INLINE auto mat2(Floats a) { return make_mat<2, 2, Floats>(a); }
 LANES_INLINE Ints total(Ints begin, Ints end, Ints step) {
@@ -68,16 +64,6 @@ LANES_INLINE Ints total(Ints begin, Ints end, Ints step) {
 }
 }
 namespace wp {
-template<class T> int32 int32_(T a) { return int32(a); }
-template<class T> uint32 uint32_(T a) { return uint32(a); }
-template<class T> float32 float32_(T a) { return float32(a); }
-template<class T> int64 int64_(T a) { return int64(a); }
-template<class T> float64 float64_(T a) { return float64(a); }
-inline int mod4(int k) { return k & 3; }
-inline int mod2(int k) { return k & 1; }
-inline int mod64(int k) { return k & 63; }
-inline int some_step(int k) { return (k & 14) - 7; }
-template<class T> bool bool_(T a) { return bool(a); }
 inline auto mat2(float a) { return mat_t<2, 2, float>(a); }
 inline int total(int begin, int end, int step) {
     range_t r = range(begin, end, step);
@@ -134,6 +120,11 @@ ARGUMENTS = {
     "i": ("int", "s.integer(0, l)"),
     "j": ("int", "s.integer(1, l) == 0 ? 7 : s.integer(1, l)"),
     "k": ("int", "s.integer(2, l) & 31"),
+    "k2": ("int", "k & 1"),
+    "k4": ("int", "k & 3"),
+    "i64": ("int", "i & 63"),
+    "j64": ("int", "j & 63"),
+    "step": ("int", "(k & 14) - 7"),
     "u": ("unsigned", "(unsigned)i"),
     "w": ("unsigned", "(unsigned)j"),
     "n": ("wp::int64", "(wp::int64)i * 1000003"),
@@ -166,7 +157,8 @@ def code(lanes: int, checks: list[str]) -> str:
     for k, check in enumerate(checks):
         call = f"lanes::Mask{check}" if check in COMPARISONS else check
         functions["Many"] += f"    auto check_{k}() const {{ return {call}; }}\n"
-        functions["One"] += f"    auto check_{k}() const {{ return {check.replace('lanes::', 'wp::')}; }}\n"
+        one = re.sub(r"lanes::(?:to_)?", "wp::", check).replace("wp::bool", "bool")
+        functions["One"] += f"    auto check_{k}() const {{ return {one}; }}\n"
         calls += f"    count(failed[{k}], many.check_{k}(), [&](int l) {{ return ones[l].check_{k}(); }});\n"
     sets = "".join(f"lanes::set_lane({name}, l, ones[l].{name}); " for name in ARGUMENTS)
     text = f"""{HELPERS}

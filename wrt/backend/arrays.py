@@ -231,25 +231,25 @@ def from_numpy(data: Any, dtype: Any, *, copy: bool) -> Array:
 def empty(shape: Any, dtype: Any) -> Array:
     """Return an uninitialised array; a large one is zero."""
     kind = numpy_type(dtype)
-    whole, number = (*dimensions(shape), *kind.shape), kind.base
-    size = math.prod(whole) * number.itemsize
+    numbers, number = (*dimensions(shape), *kind.shape), kind.base
+    size = math.prod(numbers) * number.itemsize
     try:
         if size >= LARGE:
-            return Array(zeros(whole, number), kind)
+            return Array(zeros(numbers, number), kind)
         block = np.empty(size + ALIGNMENT, np.uint8)
     except MemoryError:
-        needed = f"{size / 1e9:.2f} GB more were needed"
-        raise NotEnoughMemory(f"memory ran out on cpu: {needed}; {MEMORY_ADVICE}") from None
+        shortage = f"{size / 1e9:.2f} GB more were needed"
+        raise NotEnoughMemory(f"memory ran out on cpu: {shortage}; {MEMORY_ADVICE}") from None
     start = -block.__array_interface__["data"][0] % ALIGNMENT
-    return Array(block[start : start + size].view(number).reshape(whole), kind)
+    return Array(block[start : start + size].view(number).reshape(numbers), kind)
 
 
 def view(array: Array, dtype: Any, shape: Any) -> Array:
     """Return the memory of an array as one of another type and shape."""
     kind = numpy_type(dtype)
-    whole = (*dimensions(shape), *kind.shape)
+    numbers = (*dimensions(shape), *kind.shape)
     flat = array.rows.reshape(-1).view(kind.base)
-    return Array(flat[: math.prod(whole)].reshape(whole), kind)
+    return Array(flat[: math.prod(numbers)].reshape(numbers), kind)
 
 
 def dimensions(shape: Any) -> tuple[int, ...]:

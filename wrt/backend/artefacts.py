@@ -83,7 +83,7 @@ class Artefacts:
             path = folder / self.path.name
             with contextlib.suppress(OSError):
                 if (text := read_checked(path)) is None:
-                    warn_once(path, "the table of compiled kernels was damaged; it is replaced")
+                    warn_once(f"{path}: the table of compiled kernels was damaged; it is replaced")
                 else:
                     for part, entries in json.loads(text).items():
                         self.table[part] |= entries | self._added[part]
@@ -159,10 +159,10 @@ class Artefacts:
             clang.wp_load_obj.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_bool]
             clang.wp_lookup.argtypes = [ctypes.c_char_p, ctypes.c_char_p]
             clang.wp_lookup.restype = ctypes.c_uint64
-            # The library wants functions of warp.so (`wp_cpu_block_runtime_api`), which would take 96 MB more. Only
-            # cooperative kernels call them, of which wrt has none. Where Warp runs, users may have such kernels.
-            abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p)
-            if not _is_warp_running():
+            # The library expects functions of warp.so (`wp_cpu_block_runtime_api`), which would take 96 MB more. Only
+            # cooperative kernels call them, and wrt has none. If Warp runs, users may have such kernels.
+            if getattr(sys.modules.get("warp._src.context"), "runtime", None) is None:
+                abort = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p)
                 clang.wp_llvm_set_cpu_block_runtime((ctypes.c_void_p * 5)(*[abort.value] * 5))
             self._clang = clang
         return self._clang
@@ -181,9 +181,3 @@ class Artefacts:
                 write_checked(folder / self.path.name, text)
                 keep_latest(folder, "artefacts-*.json", KEPT)
                 return
-
-
-def _is_warp_running() -> bool:
-    """Return whether Warp has started in this process."""
-    context = sys.modules.get("warp._src.context")
-    return context is not None and getattr(context, "runtime", None) is not None

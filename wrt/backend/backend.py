@@ -1,8 +1,8 @@
 """Run kernels on the CPU and on GPUs; Warp compiles them.
 
-Kernels, structs and constants of `kernels/` come from the table of artefacts; what it lacks is asked of Warp, which is
-then imported, and added. On the CPU arrays are wrt's own, and compiled kernels are called without Warp. On GPUs arrays
-are Warp's, and Warp launches.
+Kernels, structs and constants of `kernels/` come from the table of artefacts. If one is missing, Warp is imported and
+provides it, and it is added. On the CPU arrays are wrt's own, and compiled kernels are called without Warp. On GPUs
+arrays are Warp's, and Warp launches.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from wrt.backend import arrays
 from wrt.backend.arrays import Array, Layout, Struct
 from wrt.backend.artefacts import Artefacts
 from wrt.backend.cache_folders import remove_leftovers
-from wrt.backend.cuda.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.gpus import CudaVersions
 from wrt.backend.cuda.staging import LARGEST_PINNED, Staging
 from wrt.backend.cuda.warp_errors import on_device, plain, ran_out
 from wrt.backend.describe import COOPERATIVE, call_name, describe, describe_arguments
 from wrt.backend.kernel_cache import Build
-from wrt.backend.memory import LARGE, forget_code, trim
-from wrt.backend.warp_start import initialize_warp, warp_libraries
+from wrt.backend.memory import LARGE, trim
+from wrt.backend.warp_start import initialize_warp
 
 LOAD_SECONDS = 0.2
-"""A module that takes longer was compiled, which leaves 40 MB in the heap, and 27 MB of the compiler's own code."""
+"""A module that takes longer was compiled, which leaves 40 MB in the heap."""
 
 FLAGS = (
     "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
@@ -42,7 +42,7 @@ FLAGS = (
 """Warp's flags for compiling for the CPU: what is compiled with others is not for other processes."""
 
 _NO_SUM = -1.0
-"""What stands in place of a sum until it is there."""
+"""A result that no sum has, to see whether Warp has written one."""
 
 _DESCRIBING = threading.RLock()
 """Held while Warp's structs are described."""
@@ -74,11 +74,6 @@ class Kernel:
     def declared(self) -> Any:
         """Return Warp's kernel."""
         return self._declare()
-
-
-def module_of(kernel: Any) -> str:
-    """Return the name of the module of a kernel, which may be Warp's."""
-    return kernel.module if isinstance(kernel, Kernel) else str(kernel.module.name)
 
 
 class KernelModule:
@@ -166,7 +161,7 @@ class Backend:
             if is_shared:
                 self.artefacts.add("values", name, entry)
             elif "kernel" in entry:
-                return self._kernel_of(value)
+                return self.kernel_of(value)
         return self._value(entry, result)
 
     def _describe(self, value: Any) -> dict[str, Any] | None:
@@ -185,7 +180,7 @@ class Backend:
         if kind == "struct":
             return self.struct(value)
         if kind == "fields":
-            return KernelFields(**value)
+            return SimpleNamespace(**value)
         return tuple(value) if isinstance(value, list) else value
 
     def struct(self, name: str) -> Layout:
@@ -195,8 +190,8 @@ class Backend:
             self._structs[name] = Layout(name, size, fields, self.struct)
         return self._structs[name]
 
-    def _kernel_of(self, kernel: Any) -> Kernel:
-        """Return a kernel, which may be Warp's: one that a user or a test has declared."""
+    def kernel_of(self, kernel: Any) -> Kernel:
+        """Return a kernel of Warp's, which a user or a test has declared, as one of this backend's."""
         if isinstance(kernel, Kernel):
             return kernel
         if kernel not in self._kernels:
@@ -208,14 +203,14 @@ class Backend:
 
     def is_loaded(self, kernel: Any, device: str) -> bool:
         """Return whether a kernel can be launched at once."""
-        kernel = self._kernel_of(kernel)
+        kernel = self.kernel_of(kernel)
         if device == "cpu" and self.artefacts.can_launch:
             return kernel.function is not None
         return Build(kernel.declared().module, device).is_loaded
 
     def load(self, kernel: Any, device: str) -> None:
         """Load a kernel's module, and compile it if necessary."""
-        kernel, start = self._kernel_of(kernel), time.perf_counter()
+        kernel, start = self.kernel_of(kernel), time.perf_counter()
         if device != "cpu" or not self.artefacts.can_launch:
             build = Build(kernel.declared().module, device)
             if not build.is_loaded:
@@ -228,7 +223,6 @@ class Backend:
             self._compile(kernel)
         if time.perf_counter() - start > LOAD_SECONDS:
             trim()
-            forget_code(*warp_libraries())
 
     def _compile(self, kernel: Kernel) -> None:
         """Compile a kernel's module for the CPU, load it, and add it to the table."""
@@ -254,18 +248,15 @@ class Backend:
             entry = {"file": str(file), "bytes": len(binary), "kernels": entries}
             self.artefacts.add("files", kernel.module, entry)
 
-    def launch(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
+    def launch(
+        self, kernel: Any, first: int, count: int, inputs: list[Any], device: str, *, waits: bool = True
+    ) -> None:
         """Run threads `first` to first + count − 1 of a loaded kernel, on this core or a GPU, and wait for them.
 
-        On a GPU they run on Warp's current stream, and nothing else is waited for.
+        On a GPU they run on Warp's current stream, and nothing else is waited for. With `waits` unset it returns at
+        once; later work on the stream finds them done.
         """
-        self.queue(kernel, first, count, inputs, device)
-        if device != "cpu":
-            self._wp.synchronize_stream(device)
-
-    def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
-        """Launch threads as `launch` does, but on a GPU return at once: later work on its stream finds them done."""
-        kernel = self._kernel_of(kernel)
+        kernel = self.kernel_of(kernel)
         if device == "cpu" and self.artefacts.can_launch:
             _call(kernel, count, [first, *inputs])
             return
@@ -273,6 +264,8 @@ class Backend:
             self._wp.launch(kernel.declared(), dim=count, inputs=[first, *map(_for_warp, inputs)], device=device)
         except RuntimeError as error:  # the stack of a kernel may need memory
             raise plain(error, device) from None
+        if waits and device != "cpu":
+            self._wp.synchronize_stream(device)
 
     def finish(self) -> None:
         """After the last render, keep what was compiled for later processes, and remove what killed ones left."""
@@ -313,9 +306,9 @@ class Backend:
         """Return the memory of an array as one of another type and shape, which keeps the array alive."""
         if isinstance(array, Array):
             return arrays.view(array, dtype, shape)
-        seen = self._wp.array(ptr=array.ptr, dtype=self._type(dtype), shape=shape, device=array.device)
-        seen._ref = array  # as Warp's own views do
-        return seen
+        view = self._wp.array(ptr=array.ptr, dtype=self._type(dtype), shape=shape, device=array.device)
+        view._ref = array  # as Warp's own views do
+        return view
 
     def to_warp(self, array: Any, dtype: str) -> Any:
         """Return an array as Warp's, of the type with this name, which shares its memory."""
@@ -359,7 +352,7 @@ class Backend:
             self._wp.utils.array_scan(counts, sums_out, inclusive=False)
 
     def total(self, values: Any) -> float:
-        """Return the sum of an array of float, none of which is negative."""
+        """Return the sum of an array of floats that are not negative."""
         if isinstance(values, Array):
             return float(values.rows.sum(dtype=np.float64))
         with on_device(values.device):
@@ -382,8 +375,8 @@ class Backend:
     def fetch(self, array: Any, *, beside: bool = False) -> Any:
         """Return an array as NumPy data, of a CPU its own memory; on a GPU only one stream is waited for.
 
-        That is the current one, which writes the array; or one for copies alone, if the array is complete and other
-        threads may launch kernels meanwhile.
+        That is the current one, which writes the array; or, with `beside` set, one for copies alone: the array must be
+        complete, and other threads may launch kernels at the same time.
         """
         if isinstance(array, Array) or array.device.is_cpu:
             return array.numpy()
@@ -407,13 +400,15 @@ class Backend:
         """Return the number of GPUs."""
         return int(self._wp.get_cuda_device_count())
 
-    def gpu(self, name: str) -> Gpu:
-        """Return what a GPU is."""
-        device = self._wp.get_device(name)
-        return Gpu(name, str(device.name), int(device.arch), int(device.total_memory), int(device.free_memory))
+    def describe_gpu(self, name: str) -> str:
+        """Return the model, the architecture and the memory of a GPU in words."""
+        gpu = self._wp.get_device(name)
+        memory = f"{gpu.total_memory / 1e9:.1f} GB of memory, {gpu.free_memory / 1e9:.1f} GB free"
+        return f"{gpu.name}, sm_{gpu.arch}, {memory}"
 
     def cuda_versions(self) -> CudaVersions:
         """Return the versions of CUDA of Warp and of the driver."""
+        _ = self._wp
         from warp._src.context import runtime
 
         toolkit = runtime.toolkit_version or (0, 0)
@@ -435,10 +430,6 @@ class Backend:
         if dtype == "vec8":
             return self._wp.types.vector(length=8, dtype=self._wp.float32)
         return getattr(self._wp, dtype) if isinstance(dtype, str) else dtype
-
-
-class KernelFields(SimpleNamespace):
-    """The numbers and names of a reflection model."""
 
 
 def names_user_model(call: str) -> bool:

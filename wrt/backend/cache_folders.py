@@ -21,9 +21,6 @@ ROOM = 32 << 20
 """Free bytes that a folder needs for kernels to be compiled in it: Warp's headers take 5 MB a thread, the code of a
 large kernel 4 MB. LLVM ends the process when the disk is full."""
 
-LOCK_SECONDS = 2.0
-"""Longest wait for a lock. Processes hold it for milliseconds, so a longer hold means that the process is stopped."""
-
 ABANDONED_SECONDS = 3600.0
 """Age from which a file that `put` has begun was left by a killed process."""
 
@@ -33,7 +30,7 @@ _PREFIX = "wrt-work-"
 _lock = threading.Lock()
 _work: tuple[int, Path] | None = None
 _locks_of_work: list[int] = []
-_warned_of: set[Path] = set()
+_warnings_given: set[str] = set()
 
 
 def user_folder() -> Path:
@@ -45,8 +42,8 @@ def user_folder() -> Path:
     Raises:
         FileNotFoundError: when this user has no home folder.
     """
-    if os.path.isabs(named := os.environ.get("XDG_CACHE_HOME", "")):
-        return Path(named, f"uid-{os.getuid()}") if _is_shared(named) else Path(named)
+    if os.path.isabs(cache := os.environ.get("XDG_CACHE_HOME", "")):
+        return Path(cache, f"uid-{os.getuid()}") if _is_shared(cache) else Path(cache)
     home = os.environ.get("HOME", "")
     if not os.path.isabs(home):
         import pwd
@@ -59,7 +56,7 @@ def user_folder() -> Path:
 
 
 def wrt_folder() -> Path:
-    """Return the folder of wrt's notes and precompiled headers.
+    """Return the folder of the table of artefacts, requests and precompiled headers.
 
     It is inside the work folder if the user has no home, or if others can write to the usual folder.
     """
@@ -81,20 +78,16 @@ def warp_folder() -> Path:
 
 
 def make_private(folder: Path) -> None:
-    """Create a folder of the cache that others cannot write to, whatever the umask, unless it is there.
+    """Create a folder of the cache that others cannot write to, whatever the umask, unless it exists.
 
     Raises:
         OSError: if it cannot be created.
     """
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-    except FileNotFoundError:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        folder.mkdir(mode=0o700, exist_ok=True)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
 
 
 def is_private(folder: Path) -> bool:
-    """Return whether nobody but this user and root can replace what lies in a folder."""
+    """Return whether only this user and root can replace what is in a folder."""
     try:
         return not _why_untrusted(folder.absolute())
     except OSError:
@@ -102,11 +95,10 @@ def is_private(folder: Path) -> bool:
 
 
 def _is_shared(folder: str) -> bool:
-    try:
+    with contextlib.suppress(OSError):
         mode = os.stat(folder).st_mode
-    except OSError:
-        return False
-    return bool(mode & stat.S_ISVTX and mode & stat.S_IWOTH)
+        return bool(mode & stat.S_ISVTX and mode & stat.S_IWOTH)
+    return False
 
 
 def _trusted(folder: Path, name: str) -> Path:
@@ -117,34 +109,36 @@ def _trusted(folder: Path, name: str) -> Path:
         return folder
     if not why:
         return folder
-    warn_once(folder, f"not used as a cache of machine code: {why}; {_kept_for_now()}")
+    warn_once(f"{folder}: not used as a cache of machine code: {why}; {_kept_for_now()}")
     return work_folder() / name
 
 
 def _why_untrusted(folder: Path) -> str:
-    """Return who besides this user and root could replace a folder or what lies in it, or what else is wrong; or "".
+    """Return why a folder must not be used: who else could replace it or what is in it, or a path that is not UTF-8.
 
-    As with sshd's StrictModes, each folder on the way must belong to the user or to root, and others must not be able
-    to write to it, unless it is sticky as /tmp is: there they cannot replace what belongs to the user.
+    Return "" if it may be. As with sshd's StrictModes, the folder and each above it must belong to the user or to root,
+    and others must not be able to write to it, unless it is sticky as /tmp is: there they cannot replace the user's
+    files.
     """
     resolved = Path(os.path.realpath(folder))
     if not is_utf8(folder) or not is_utf8(resolved):
         return "its path is not UTF-8, which the compiler needs"
     for place in (resolved, *resolved.parents):
         try:
-            found = place.stat()
+            status = place.stat()
         except FileNotFoundError:  # it will be created, by this user
             continue
-        if found.st_uid not in (0, os.getuid()):
-            return f"{place} belongs to another user (uid {found.st_uid})"
-        is_writable = found.st_mode & stat.S_IWOTH or (found.st_mode & stat.S_IWGRP and not _is_private(found.st_gid))
-        if is_writable and (place == resolved or not found.st_mode & stat.S_ISVTX):
+        if status.st_uid not in (0, os.getuid()):
+            return f"{place} belongs to another user (uid {status.st_uid})"
+        mode = status.st_mode
+        is_writable = mode & stat.S_IWOTH or (mode & stat.S_IWGRP and not _is_private(status.st_gid))
+        if is_writable and (place == resolved or not mode & stat.S_ISVTX):
             return f"others can write to {place}"
     return ""
 
 
 def _is_private(group: int) -> bool:
-    """Return whether a group is root's, or the user's own one without other members, as many systems have it."""
+    """Return whether a group is root's, or a group of this user alone, as many systems make."""
     import grp
     import pwd
 
@@ -163,8 +157,8 @@ def kernels_folder() -> Path:
         FileNotFoundError: see `user_folder`.
     """
     warp = sys.modules.get("warp")
-    known = warp and warp.config.kernel_cache_dir
-    return Path(known).parent if known else warp_folder()  # Warp adds its version to the path
+    folder = warp and warp.config.kernel_cache_dir
+    return Path(folder).parent if folder else warp_folder()  # Warp adds its version to the path
 
 
 def choose_warp_folder() -> None:
@@ -187,18 +181,18 @@ def choose_warp_folder() -> None:
 
 def say_unwritable(folder: Path, error: OSError) -> None:
     """Warn, once for each folder, that compiled kernels will not outlive this process."""
-    warn_once(folder, f"cannot be written: {error.strerror or error}; {_kept_for_now()}")
+    warn_once(f"{folder}: cannot be written: {error.strerror or error}; {_kept_for_now()}")
 
 
 def _kept_for_now() -> str:
     return f"compiled kernels are kept in {work_folder()} until this process ends"
 
 
-def warn_once(path: Path, text: str) -> None:
-    """Warn of a file or a folder, unless that was done before."""
-    if path not in _warned_of:
-        _warned_of.add(path)
-        warnings.warn(f"{path}: {text}", stacklevel=3)
+def warn_once(text: str) -> None:
+    """Give a warning, unless this process has given it before."""
+    if text not in _warnings_given:
+        _warnings_given.add(text)
+        warnings.warn(text, stacklevel=3)
 
 
 def require_writable(folder: Path) -> None:
@@ -265,35 +259,36 @@ def keep_latest(folder: Path, pattern: str, count: int) -> None:
 
 
 @contextlib.contextmanager
-def locked(folder: Path, *, seconds: float | None = None) -> Iterator[bool]:
+def locked(folder: Path, *, seconds: float) -> Iterator[bool]:
     """Within the context, hold an exclusive lock on a folder, if its file system has locks.
 
     Yields False if another process still held the lock after these seconds.
     """
-    import fcntl
-
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError:
         yield True
         return
     try:
-        is_free = True
-        until = time.monotonic() + (LOCK_SECONDS if seconds is None else seconds)
-        while True:
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                if time.monotonic() > until:
-                    is_free = False
-                    break
-                time.sleep(0.005)
-            except OSError:  # a file system without locks
-                break
+        until = time.monotonic() + seconds
+        while not (is_free := _lock_open(handle)) and time.monotonic() < until:
+            time.sleep(0.005)
         yield is_free
     finally:
         os.close(handle)
+
+
+def _lock_open(handle: int) -> bool:
+    """Lock an open folder; return False if another process holds the lock."""
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        pass
+    return True
 
 
 def work_folder() -> Path:
@@ -311,7 +306,6 @@ def work_folder() -> Path:
 
 
 def _make_work_folder() -> Path:
-    import fcntl
     import tempfile
 
     while True:
@@ -321,9 +315,7 @@ def _make_work_folder() -> Path:
         except FileNotFoundError:  # another process removed it as a leftover before it was locked
             continue
         # The lock shows that this process is alive; process ids would not, as they differ between containers.
-        with contextlib.suppress(OSError):
-            fcntl.flock(handle, fcntl.LOCK_EX)
-        if folder.is_dir():  # no other process removed it as a leftover before it was locked
+        if _lock_open(handle) and folder.is_dir():  # else another process is removing it as a leftover
             _locks_of_work.append(handle)
             return folder
         os.close(handle)
@@ -331,8 +323,9 @@ def _make_work_folder() -> Path:
 
 def _places() -> list[str]:
     """Return folders for temporary files, the best first."""
-    named = os.environ.get("TMPDIR", "")
-    return [*([named] if os.path.isabs(named) and is_utf8(named) else []), "/tmp", "/var/tmp", "/dev/shm"]
+    temporary = os.environ.get("TMPDIR", "")
+    usual = ["/tmp", "/var/tmp", "/dev/shm"]
+    return [temporary, *usual] if os.path.isabs(temporary) and is_utf8(temporary) else usual
 
 
 def _place_with_room() -> str:

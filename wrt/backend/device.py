@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from typing import Any
 
 from wrt.backend import current_backend
-from wrt.backend.backend import module_of
 from wrt.backend.cuda.gpus import require_gpus
 from wrt.backend.memory import memory_left
 from wrt.backend.slices import Threads, available_threads, finish, run_slices
@@ -24,12 +23,10 @@ _LOADING: dict[str, threading.Lock] = {}
 os.register_at_fork(after_in_child=_LOADING.clear)  # a fork lacks the threads that hold these locks
 
 _COMPILER = Threads(1, "wrt-compile")
-"""The thread that compiles in the background. A single thread, because Warp precompiles its headers once per thread,
-which takes nearly half the time of compiling an ordinary render kernel."""
+"""The thread that compiles for the CPU in the background."""
 
 _GPU_COMPILERS = Threads(min(available_threads(), 8), "wrt-nvrtc")
-"""The threads that compile for GPUs in the background: NVRTC needs no headers of a thread, and runs in several at
-once."""
+"""The threads that compile for GPUs in the background."""
 
 _LOADER = Threads(1, "wrt-load")
 """The thread that compiles while the caller waits, so that the caller can be interrupted; native code cannot."""
@@ -94,10 +91,11 @@ class Device:
         places = {"cpu": (size if self.is_cpu else 0) + copies}
         if not self.is_cpu:
             places[self.name] = size
-        for name, needed in places.items():
-            left = memory_left() if name == "cpu" else self.backend.memory_of(name)
-            if needed > left:
-                text = f"{what} needs {needed / 1e9:.1f} GB, more than the {left / 1e9:.1f} GB that {name} has left"
+        for name, required in places.items():
+            available = memory_left() if name == "cpu" else self.backend.memory_of(name)
+            if required > available:
+                need, room = required / 1e9, available / 1e9
+                text = f"{what} needs {need:.1f} GB, more than the {room:.1f} GB that {name} has left"
                 raise NotEnoughMemory(f"{text}; {advice}" if advice else text)
 
     def empty_large(self, count: int, dtype: Any = float) -> Any:
@@ -130,7 +128,7 @@ class Device:
 
     def _load(self, kernel: Any) -> None:
         """Load a kernel's module in this thread; see `compile`."""
-        with _LOADING.setdefault(module_of(kernel), threading.Lock()):
+        with _LOADING.setdefault(self.backend.kernel_of(kernel).module, threading.Lock()):
             self.backend.load(kernel, self.name)
 
     @contextmanager
@@ -173,13 +171,12 @@ class Device:
 
         The kernel's first argument is the index of its thread 0. On the CPU slices of the range run in parallel; for
         interrupts and for `least` see `run_slices`. A cancellable launch on the CPU ends early when `cancelled` is set.
-        On CUDA a launch with `waits` unset returns at once; launches run in their order.
+        On CUDA a launch with `waits` unset returns at once; launches run in order.
         """
         # Compile before the threads start: otherwise each would compile the kernel.
         self.compile(kernel)
         if not self.is_cpu:
-            run_all = self.backend.launch if waits else self.backend.queue
-            run_all(kernel, 0, count, inputs, self.name)
+            self.backend.launch(kernel, 0, count, inputs, self.name, waits=waits)
             return
 
         def run(start: int, size: int) -> None:

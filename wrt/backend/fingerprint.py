@@ -1,4 +1,4 @@
-"""Digests of everything that compiled kernels and their notes depend on, computed without importing Warp."""
+"""Digests of everything that compiled kernels and the table of artefacts depend on, without importing Warp."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def version_of(warp: Path) -> str:
 
 
 def fingerprint(warp: Path) -> str:
-    """Return a digest of everything that builds and notes depend on: code, Warp, processor, Python, environment."""
+    """Return a digest of all that the table of artefacts depends on: code, Warp, processor, Python, environment."""
     things: list[object] = []
     for package in ("wrt.kernels", "wrt.spmd", "wrt.backend"):
         folder = folder_of(package)

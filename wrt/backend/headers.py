@@ -19,7 +19,15 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from wrt.backend.cache_folders import keep_latest, make_private, read_checked, work_folder, write_checked, wrt_folder
+from wrt.backend.cache_folders import (
+    keep_latest,
+    make_private,
+    put,
+    read_checked,
+    work_folder,
+    write_checked,
+    wrt_folder,
+)
 from wrt.backend.fingerprint import TESTED, digest_of_warp, folder_of
 
 WRITTEN = "builtin_*.pch"
@@ -66,7 +74,7 @@ def _copy_from_cache(folder: Path) -> None:
     """Copy the headers in the cache: another process may remove them there, and Warp here would write into them."""
     for path in cached_folder().glob(WRITTEN):
         if (data := read_checked(path)) is not None:
-            (folder / path.name).write_bytes(data)
+            put(folder / path.name, data)
         else:  # they could crash the compiler, and this process with it
             warnings.warn(f"{path}: precompiled headers were damaged; they are compiled again", stacklevel=2)
             path.unlink()

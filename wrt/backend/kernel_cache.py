@@ -7,7 +7,7 @@ not match is compiled again.
 Kernels are compiled in this process's work folder, which is checked for free space first, because LLVM ends the process
 when the disk is full. The files are then copied into the cache: the old digests are removed first, and the new ones
 come last, so that a reader finds no digests while another process writes. One process at a time compiles a module; one
-that waits for the lock in vain keeps its build to itself.
+that does not get the lock in time keeps its build to itself.
 """
 
 from __future__ import annotations
@@ -52,16 +52,11 @@ def state(binary: Path, meta: Path | None = None) -> State:
     try:
         expected = Path(f"{binary}{DIGEST}").read_bytes().split(b" ")
         found = [digest(path.read_bytes()) for path in (binary, meta) if path is not None]
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         return State.UNKNOWN
     except OSError:
         return State.DAMAGED
     return State.WHOLE if len(expected) == 2 and expected[: len(found)] == found else State.DAMAGED
-
-
-def seal(binary: Path, meta: Path) -> None:
-    """Write the digests of a new build."""
-    put(Path(f"{binary}{DIGEST}"), b" ".join(digest(path.read_bytes()) for path in (binary, meta)))
 
 
 class Build:
@@ -134,7 +129,8 @@ class Build:
             if self._device.is_cpu:
                 share_headers(compile_nothing)
             self.run_compiler(folder)
-            seal(*self.files_in(folder))
+            digests = b" ".join(digest(path.read_bytes()) for path in self.files_in(folder))
+            put(Path(f"{self.files_in(folder)[0]}{DIGEST}"), digests)
         except Exception as error:
             room = os.statvfs(folder.parent)
             if room.f_bavail * room.f_frsize < ROOM // 4 and not isinstance(error, OSError):

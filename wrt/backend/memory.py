@@ -7,9 +7,7 @@ import ctypes
 import math
 import mmap
 import os
-import re
 import resource
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,9 +20,6 @@ LARGE = 1 << 21
 
 MEMORY_ADVICE = "'wrt info --memory SCENE' says what takes it"
 """The end of messages about memory that does not suffice."""
-
-_MADV_DONTNEED = 4  # of Linux's mman.h
-_MAPPING = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) \S+ \S+ \S+ +(/.*)")
 
 
 def memory_left(proc: Path = Path("/proc/self"), groups: Path = Path("/sys/fs/cgroup")) -> int:
@@ -41,28 +36,26 @@ def memory_left(proc: Path = Path("/proc/self"), groups: Path = Path("/sys/fs/cg
         space, resident, _, _, _, data, _ = (page * int(n) for n in (proc / "statm").read_text().split())
     except (OSError, ValueError):  # not Linux
         space = resident = data = 0
-    held = [os.sysconf("SC_PHYS_PAGES") * page, *_group_limits(proc, groups)]
-    left = min(held) - resident
+    available = min([os.sysconf("SC_PHYS_PAGES") * page, *_group_limits(proc, groups)]) - resident
     for kind, used in ((resource.RLIMIT_AS, space), (resource.RLIMIT_DATA, data)):
         limit, _ = resource.getrlimit(kind)
         if limit != resource.RLIM_INFINITY:
-            left = min(left, limit - used)
-    return max(left, 0)
+            available = min(available, limit - used)
+    return max(available, 0)
 
 
 def _group_limits(proc: Path, groups: Path) -> Iterator[int]:
     """Yield the memory limits of the process's control groups and all their parents, for versions 1 and 2.
 
-    In a container the path may be that of the host, whose upper part is not mounted; the process's group is then the
-    mounted root.
+    In a container the path may be the host's, whose upper part is not mounted; the process's group is then the mounted
+    root.
     """
     try:
         lines = (proc / "cgroup").read_text(encoding="utf-8", errors="surrogateescape").splitlines()
     except OSError:
         return
     for line in lines:
-        number, _, rest = line.partition(":")
-        controllers, _, path = rest.partition(":")
+        number, controllers, path = (*line.split(":", 2), "", "")[:3]
         if number == "0" and not controllers:
             roots, name = (groups, groups / "unified"), "memory.max"
         elif "memory" in controllers.split(","):
@@ -82,35 +75,14 @@ def trim() -> None:
         malloc_trim(0)
 
 
-def forget_code(*libraries: Path) -> None:
-    """Drop the code pages of libraries from this process's memory; the system maps them again when they run.
-
-    That is fast, because the file stays in the page cache. Mappings with modified pages, such as relocations by the
-    dynamic linker, are kept.
-    """
-    if not sys.platform.startswith("linux"):
-        return
-    names = {os.fspath(library) for library in libraries}
-    madvise = ctypes.CDLL(None).madvise
-    madvise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
-    with contextlib.suppress(OSError, UnicodeDecodeError):
-        start = size = 0
-        for line in Path("/proc/self/smaps").read_text(encoding="utf-8").splitlines():
-            if found := _MAPPING.fullmatch(line):
-                start, end = int(found[1], 16), int(found[2], 16)
-                size = end - start if found[4] in names and found[3] in ("r-xp", "r--p") else 0
-            elif size and line.startswith("Anonymous:") and int(line.split()[1]) == 0:
-                madvise(start, size, _MADV_DONTNEED)
-
-
-def zeros(shape: tuple[int, ...], dtype: Any, *, huge: int = LARGE) -> NDArray[Any]:
+def zeros(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
     """Return a NumPy array of zeros; a large one takes memory only where it is written to.
 
-    `np.zeros` clears a freed block of the C library's heap if there is one. From `huge` bytes on, the array is in huge
-    pages, if the system has them, and they are released with the array.
+    `np.zeros` clears a freed block of the C library's heap if there is one. Large arrays are in huge pages, if the
+    system has them, which are released with the array.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    if size < max(huge, 1) or not hasattr(mmap, "MADV_HUGEPAGE"):
+    if size < LARGE or not hasattr(mmap, "MADV_HUGEPAGE"):
         return np.zeros(shape, dtype)
     try:
         memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)

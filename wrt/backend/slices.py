@@ -10,8 +10,6 @@ from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from typing import Any
 
-from wrt.threads import is_lack_of_threads
-
 SLICES_PER_THREAD = 16
 """Slices of a CPU launch per thread: enough to respond to an interrupt, few enough that the 25 µs of each launch stay
 under 0.2 % of a 0.3 s pass."""
@@ -23,7 +21,7 @@ FIRST_SLICE = 1.0 / 256.0
 """Size of the first slices relative to the others, while the time of an index is still unknown."""
 
 SLICE_GROWTH = 8
-"""Largest ratio of a slice's size to that of a slice that has ended."""
+"""Largest growth of slices from one that has ended to a new one."""
 
 SLICE_SECONDS = 0.2
 """Longest time that a slice should take, estimated from earlier slices, because an interrupt waits for running slices.
@@ -55,8 +53,8 @@ class Slices:
     def take(self) -> tuple[int, int] | None:
         """Return the start and size of the next slice; None after the last."""
         with self._lock:
-            left = self._count - self._start
-            size = min(self._most, self._limit, max(self._smallest, left // self._threads), left)
+            remaining = self._count - self._start
+            size = min(self._most, self._limit, max(self._smallest, remaining // self._threads), remaining)
             start, self._start = self._start, self._start + size
             return (start, size) if size else None
 
@@ -69,27 +67,8 @@ class Slices:
             self._limit = max(self._least, min(in_time, SLICE_GROWTH * max(size, self._limit)))
 
 
-class _Call:
-    """A call that is made once, by whichever thread comes to it first."""
-
-    def __init__(self, work: Callable[[], Any]) -> None:
-        self.future: Future[Any] = Future()
-        self._work, self._is_taken = work, threading.Lock()
-
-    def __call__(self) -> None:
-        if not self._is_taken.acquire(blocking=False) or not self.future.set_running_or_notify_cancel():
-            return
-        try:
-            self.future.set_result(self._work())
-        except BaseException as error:  # noqa: BLE001  # raised where the result is asked for
-            self.future.set_exception(error)
-
-
 class Threads:
-    """A thread pool that starts with the first work, and again in a fork, which inherits no threads.
-
-    Where the system allows no more threads, the caller's thread does the work.
-    """
+    """A thread pool that starts with the first work, and again in a fork, which inherits no threads."""
 
     def __init__(self, count: int, name: str) -> None:
         self._count, self._name = count, name
@@ -100,21 +79,14 @@ class Threads:
         """Call `work` in one of the threads, in the context of the caller."""
         if self._pool is None or self._process != os.getpid():
             self._process, self._pool = os.getpid(), ThreadPoolExecutor(self._count, thread_name_prefix=self._name)
-        context = copy_context()
-        call = _Call(lambda: context.run(work, *arguments))
-        given = threading.stack_size(STACK_BYTES)
+        usual = threading.stack_size(STACK_BYTES)
         try:
-            self._pool.submit(call)
-        except RuntimeError as error:
-            if not is_lack_of_threads(error):
-                raise
-            call()  # the pool has it, too, for threads that it may have or get
+            return self._pool.submit(copy_context().run, work, *arguments)
         finally:
-            threading.stack_size(given)
-        return call.future
+            threading.stack_size(usual)
 
     def end(self) -> None:
-        """Wait for the work that has begun; none begins any more."""
+        """Wait for the work that has begun; no other begins."""
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
             self._pool = None
@@ -163,12 +135,12 @@ def run_slices(
     stop = threading.Event()
 
     def work() -> None:
-        while not stop.is_set() and (taken := slices.take()) is not None:
+        while not stop.is_set() and (piece := slices.take()) is not None:
             if cancelled is not None and cancelled.is_set():
                 return
             began = time.perf_counter()
-            run(*taken)
-            slices.ended(taken[1], time.perf_counter() - began)
+            run(*piece)
+            slices.ended(piece[1], time.perf_counter() - began)
 
     workers: set[Future[None]] = set()
     try:

@@ -7,6 +7,7 @@ Heavy modules are imported only when needed.
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from collections.abc import Sequence
 from wrt.cli.arguments.options import make_parser, parse
 from wrt.cli.exit_status import INTERRUPTED, complain, outcome
 from wrt.cli.process import settle_in
-from wrt.cli.streams import settle_streams
+from wrt.cli.streams import final_status, settle_streams
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,8 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         from wrt.cli.arguments.completion import complete
 
         complete(make_parser())
-    streams = settle_streams()
-    return streams.status(_status(sys.argv[1:], own_process=True))
+    out = settle_streams()
+    return final_status(out, _status(sys.argv[1:], own_process=True))
 
 
 def _status(arguments: list[str], *, own_process: bool) -> int:
@@ -48,6 +49,13 @@ def _run(arguments: list[str], *, own_process: bool) -> int:
         return int(end.code or 0)
     if own_process:
         settle_in()
-    run = options.pop("run")
-    status: int = run(own_process=own_process, **options)
+    from wrt.cli.signals import Interrupts  # not at the top: --help must import little
+
+    interrupts = Interrupts("before it was done", own_process=own_process)
+    module, function = options.pop("module"), options.pop("function")
+    status = interrupts.run(lambda: getattr(importlib.import_module(module), function)(interrupts, **options))
+    if "wrt.backend" in sys.modules:
+        from wrt.backend import current_backend
+
+        current_backend().finish()
     return status

@@ -1,13 +1,16 @@
-"""The short commands. Each function takes the options of its command and returns the exit status."""
+"""The short commands. Each takes what handles signals and the options of its command, and returns the exit status."""
 
 from __future__ import annotations
 
 import os
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wrt.cli.exit_status import complain, outcome, warn
+
+if TYPE_CHECKING:
+    from wrt.cli.signals import Interrupts
 
 
 def _print(text: str) -> int:
@@ -16,7 +19,7 @@ def _print(text: str) -> int:
     return 0
 
 
-def scenes(**_: object) -> int:
+def scenes(_: Interrupts) -> int:
     """List the built-in scenes."""
     from wrt.meshes import scene_descriptions
 
@@ -25,14 +28,14 @@ def scenes(**_: object) -> int:
     return _print("\n".join(f"{name:<{width}}  {description}" for name, description in descriptions.items()))
 
 
-def schema(**_: object) -> int:
+def schema(_: Interrupts) -> int:
     """Print the schema of scene files."""
     from wrt.io.toml.schema import schema_text
 
     return _print(schema_text().removesuffix("\n"))
 
 
-def materials(*, name: str | None, presets: bool, **_: object) -> int:
+def materials(_: Interrupts, *, name: str | None, presets: bool) -> int:
     """List the materials or the names of optical constants, or describe a material."""
     from wrt.describe.materials import explain_material, list_materials, list_presets
     from wrt.errors import InputError
@@ -44,7 +47,7 @@ def materials(*, name: str | None, presets: bool, **_: object) -> int:
     return _print(list_presets())
 
 
-def completion(*, shell: str, **_: object) -> int:
+def completion(_: Interrupts, *, shell: str) -> int:
     """Print the shell code for completion."""
     from wrt.cli.arguments.completion import shell_code
 
@@ -52,7 +55,13 @@ def completion(*, shell: str, **_: object) -> int:
 
 
 def info(
-    *, source: str | None, system: bool, memory: bool, size: tuple[int, int] | None, confined: bool, **_: object
+    _: Interrupts,
+    *,
+    source: str | None,
+    system: bool,
+    memory: bool,
+    size: tuple[int, int] | None,
+    confined: bool,
 ) -> int:
     """Show what a scene or mesh file contains, or what wrt finds on this machine."""
     from wrt.errors import InputError
@@ -93,90 +102,75 @@ def info(
 
 
 def develop(
+    interrupts: Interrupts,
     *,
     source: str,
     output: str | None,
     tone: str | None,
     exposure: float | str | None,
     force: bool,
-    own_process: bool,
 ) -> int:
     """Turn a picture of radiance into a PNG or a JPEG."""
-    from wrt.cli.signals import Interrupts
     from wrt.develop.exposure import stops
     from wrt.develop.settings import DEFAULT_TONE, DEVELOPED_SUFFIXES, check_exposure
     from wrt.errors import InputError, one_line
     from wrt.io.images import PICTURE, check_output, read_image, save_image
     from wrt.io.safe_write import free_path
 
-    name = Path(Path(source).stem + ".png")
-    path = free_path(name, PICTURE) if output is None else check_output(output, force=force)
+    default = Path(Path(source).stem + ".png")
+    path = free_path(default, PICTURE) if output is None else check_output(output, force=force)
     if path.suffix.lower() not in DEVELOPED_SUFFIXES:
         raise InputError(f"{path}: a developed picture is a PNG or a JPEG; give it a name that ends in .png or .jpg")
-
-    def work() -> int:
-        image = read_image(Path(source))
-        # The default name again: it may be the source, which must stay.
-        target = free_path(name, PICTURE) if output is None else path
-        chosen = stops(image, check_exposure(exposure))
-        developed = save_image(target, image, tone=tone or DEFAULT_TONE, exposure=chosen, force=force)
-        if developed is not None:
-            if developed.warning:
-                complain("warning", developed.warning)
-            warn(f"{one_line(str(target))}  tone {developed.tone}  exposure {developed.stops:+.2f} stops")
-        return 0
-
-    return Interrupts(f"{path} was not written", own_process=own_process).run(work)
+    interrupts.unfinished = f"{path} was not written"
+    image = read_image(Path(source))
+    if output is None:
+        path = free_path(default, PICTURE)  # again: it may be the source, which must stay
+    chosen = stops(image, check_exposure(exposure))
+    developed = save_image(path, image, tone=tone or DEFAULT_TONE, exposure=chosen, force=force)
+    if developed is not None:
+        if developed.warning:
+            complain("warning", developed.warning)
+        warn(f"{one_line(str(path))}  tone {developed.tone}  exposure {developed.stops:+.2f} stops")
+    return 0
 
 
-def convert(*, source: str, output: str, up: str | None, force: bool, confined: bool, own_process: bool) -> int:
+def convert(interrupts: Interrupts, *, source: str, output: str, up: str | None, force: bool, confined: bool) -> int:
     """Convert a scene or mesh to a scene file."""
-    from wrt.cli.signals import Interrupts
+    interrupts.unfinished = f"{output} was not written"
+    from wrt.api import load
+    from wrt.io.toml.writer import save_scene
+    from wrt.progress.bar import short_warnings
 
-    def work() -> int:
-        from wrt.api import load
-        from wrt.io.toml.writer import save_scene
-        from wrt.progress.bar import short_warnings
-
-        with short_warnings(warn):
-            save_scene(output, load(source, up=up, confined=confined), force=force)
-        return 0
-
-    return Interrupts(f"{output} was not written", own_process=own_process).run(work)
+    with short_warnings(warn):
+        save_scene(output, load(source, up=up, confined=confined), force=force)
+    return 0
 
 
-def compile(*, general: bool, own_process: bool, **arguments: Any) -> int:
+def compile(interrupts: Interrupts, *, general: bool, **arguments: Any) -> int:
     """Compile what renders of the scenes need; return the highest exit status.
 
     Raises:
         InputError: if nothing is to be compiled.
     """
-    from wrt.backend import current_backend
-    from wrt.cli.load import load_input, make_renderer
+    interrupts.unfinished = "before everything was compiled"
     from wrt.cli.options import RenderOptions
-    from wrt.cli.signals import Interrupts
     from wrt.compiling.precompile import compile_general, precompiled_by
     from wrt.errors import InputError
     from wrt.progress.bar import short_warnings
 
-    options = RenderOptions.from_arguments(arguments, own_process=own_process)
+    options = RenderOptions.from_arguments(arguments)
     if not options.inputs and not general:
         raise InputError("name a scene, or give --general")
 
     def compile_for(source: str) -> int:
-        scene = load_input(source, options)
-        return _print(f"{source}: {precompiled_by(lambda: make_renderer(scene, options))}")
+        scene = options.load(source)
+        return _print(f"{source}: {precompiled_by(lambda: options.make_renderer(scene))}")
 
-    def work() -> int:
-        highest = 0
+    statuses = [0]
+    with short_warnings(warn):
         for source in options.inputs:
             name = source if len(options.inputs) > 1 else ""
-            highest = max(highest, outcome(partial(compile_for, source), name=name))
+            statuses.append(outcome(partial(compile_for, source), name=name))
         if general:
             _print(f"general kernels: {compile_general(options.settings['sampler'])}")
-        return highest
-
-    with short_warnings(warn):
-        status = Interrupts("before everything was compiled", own_process=own_process).run(work)
-        current_backend().finish()
-    return status
+    return max(statuses)

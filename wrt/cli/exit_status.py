@@ -18,6 +18,10 @@ INTERRUPTED = 130
 NO_MORE_THREADS = "the system allows no more threads or processes (ulimit -u, or the pids.max of a control group)"
 
 
+LACKS_OF_MEMORY = ("Failed to allocate", "Failed to load the shared library")
+"""Beginnings of Warp's errors where memory, or address space for libraries, is lacking."""
+
+
 def complain(kind: str, what: object) -> None:
     """Print one line of a kind, such as "error", to standard error."""
     print(f"wrt: {kind}: {one_line(str(what))}", file=sys.stderr, flush=True)
@@ -51,46 +55,37 @@ def outcome(run: Callable[[], int], *, name: str = "") -> int:
     try:
         return run()
     except Exception as error:
-        if not _is_expected(error):
+        message = _expected_cause(error)
+        if message is None:
             raise
-        message = cause_of(error)
         complain("error", message if one_line(name) in one_line(message) else f"{name}: {message}")
         return UNUSABLE if isinstance(error, InputError) and not isinstance(error, NotEnoughMemory) else FAILED
 
 
-def _is_expected(error: Exception) -> bool:
-    """Return whether a person, the machine or the system may have caused an exception."""
+def _expected_cause(error: BaseException) -> str | None:
+    """Return the message about an exception that a person, the machine or the system may have caused, else None."""
     from wrt.threads import is_lack_of_threads  # not at the top: --help must import little
 
-    if isinstance(error, (Failed, InputError, OSError, MemoryError)):
-        return True
-    return _is_lack_of_memory(error) or is_lack_of_threads(error)
-
-
-def _is_lack_of_memory(error: BaseException) -> bool:
-    """Return whether Warp reports a lack of memory, or of address space for libraries."""
-    beginnings = ("Failed to allocate", "Failed to load the shared library")
-    return isinstance(error, RuntimeError) and str(error).startswith(beginnings)
+    text = str(error)
+    if isinstance(error, (Failed, InputError)):
+        return text
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        is_unmapped = "failed to map segment" in text  # of a library that was to be loaded
+        return f"{where}{'not enough memory: ' if is_unmapped else ''}{error.strerror or error}"
+    if is_lack_of_threads(error):
+        return NO_MORE_THREADS
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and text.startswith(LACKS_OF_MEMORY)):
+        return f"not enough memory{f': {text}' if text else ''}"
+    return None
 
 
 def cause_of(error: BaseException) -> str:
     """Return the message about an exception; for an unexpected one with its type and the line that raised it."""
     import traceback
 
-    from wrt.threads import is_lack_of_threads
-
-    if isinstance(error, (Failed, InputError)):
-        return str(error)
-    if isinstance(error, OSError):
-        where = f"{error.filename}: " if error.filename else ""
-        is_unmapped = "failed to map segment" in str(error)  # of a library that was to be loaded
-        return f"{where}{'not enough memory: ' if is_unmapped else ''}{error.strerror or error}"
-    if isinstance(error, MemoryError):
-        return f"not enough memory{f': {error}' if str(error) else ''}"
-    if is_lack_of_threads(error):
-        return NO_MORE_THREADS
-    if _is_lack_of_memory(error):
-        return f"not enough memory: {error}"
+    if (message := _expected_cause(error)) is not None:
+        return message
     kind = f"{type(error).__name__}{f': {error}' if str(error) else ''}"
     frames = traceback.extract_tb(error.__traceback__)
     return f"{kind} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else kind
@@ -102,6 +97,6 @@ def failing_in_one_line() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if _is_expected(error):
+        if _expected_cause(error) is not None:
             raise
         raise Failed(cause_of(error)) from error

@@ -4,31 +4,24 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wrt.cli.exit_status import failing_in_one_line
-from wrt.cli.load import load_input, make_renderer
 from wrt.cli.output import default_output
-from wrt.cli.signals import Interrupts
-from wrt.errors import InputError, one_line
+from wrt.cli.summary import report
+from wrt.errors import InputError
 from wrt.progress.bar import ProgressBar, short_warnings
 
 if TYPE_CHECKING:
     from wrt.cli.options import RenderOptions
+    from wrt.cli.signals import Interrupts
     from wrt.rendering.renderer import Renderer
     from wrt.scene.scene import Scene
 
 SAMPLES_FOR_EXPOSURE = 4
-
-
-def render_frames(options: RenderOptions) -> int:
-    """Render the frames of one input; return the exit status."""
-    interrupts = Interrupts("no frame was rendered yet", own_process=options.own_process)
-    return interrupts.run(lambda: AnimationRender(options, interrupts).run())
 
 
 class AnimationRender:
@@ -52,6 +45,7 @@ class AnimationRender:
             raise InputError("--checkpoint is for a single picture; frames are resumed by --resume alone")
         if options.turntable is not None and options.frames is not None:
             raise InputError("--turntable and --frames cannot be combined yet; choose one")
+        interrupts.unfinished = "no frame was rendered yet"
         self._options, self._interrupts = options, interrupts
         self._source = options.inputs[0]
         self._output = Path(options.output or Path(default_output(self._source)).with_suffix(".mp4"))
@@ -93,7 +87,22 @@ class AnimationRender:
                 bar.message(f"wrt: stopped: {state}; the same command with --resume continues")
                 return interrupts.exit_status
             interrupts.disarm()
-        self._report(time.monotonic() - started)
+        seconds, renderer, count = time.monotonic() - started, self._renderer, len(files.numbers)
+        assert renderer is not None
+        width, height, spp = renderer.film.width, renderer.film.height, renderer.spp
+        report(
+            self._source,
+            options,
+            renderer,
+            self._output,
+            [f"{count} frames", f"{width}x{height}", f"{spp} spp" if spp else "", f"{seconds:.1f} s"],
+            frames=count,
+            fps=options.fps,
+            width=width,
+            height=height,
+            spp=spp,
+            seconds_total=seconds,
+        )
         return 0
 
     def _render_missing(self, bar: ProgressBar) -> None:
@@ -144,9 +153,9 @@ class AnimationRender:
         options = self._options
         if self._is_file_animated:
             for number in self._files.numbers:
-                yield load_input(self._source, options, time=number / options.fps)
+                yield options.load(self._source, time=number / options.fps)
             return
-        scene = load_input(self._source, options)
+        scene = options.load(self._source)
         if options.turntable is not None:
             yield from turntable(scene, options.turntable)
             return
@@ -164,7 +173,7 @@ class AnimationRender:
             self._renderer.set_camera(scene.camera)
         else:
             self._renderer = None  # free its memory first
-            self._renderer = make_renderer(scene, self._options)
+            self._renderer = self._options.make_renderer(scene)
             check_contents(self._files.path(0), self._renderer)
         self._scene = scene
         return self._renderer
@@ -189,7 +198,7 @@ class AnimationRender:
         identity = identity_of(renderer)
         scene = identity.pop("scene")
         if self._is_file_animated:  # the scene differs from frame to frame
-            scene = scene_fingerprint(load_input(self._source, options, time=0.0))
+            scene = scene_fingerprint(options.load(self._source, time=0.0))
         identity |= {f"the scene's {part}": digest for part, digest in scene.items()}
         # With --frames other frames of the same animation can be added, so their numbers do not count.
         animation = {"turntable": options.turntable} if options.frames is None else {"fps": options.fps}
@@ -220,29 +229,6 @@ class AnimationRender:
 
         save_video(self._output, frames(), self._options.fps, force=self._options.force)
         interrupts.hold(files.remove)
-
-    def _report(self, seconds: float) -> None:
-        renderer = self._renderer
-        assert renderer is not None
-        count, film = len(self._files.numbers), renderer.film
-        if not self._options.quiet:
-            spp = f"  {renderer.spp} spp" if renderer.spp else ""
-            size = f"{film.width}x{film.height}"
-            print(f"{one_line(str(self._output))}  {count} frames  {size}{spp}  {seconds:.1f} s", file=sys.stderr)
-        if self._options.json:
-            summary = {
-                "input": self._source,
-                "output": str(self._output),
-                "frames": count,
-                "fps": self._options.fps,
-                "device": renderer.device.name,
-                "threads": renderer.threads,
-                "width": film.width,
-                "height": film.height,
-                "spp": renderer.spp,
-                "seconds_total": seconds,
-            }
-            print(json.dumps(summary), flush=True)
 
 
 def _same_but_for_place(a: Scene, b: Scene) -> bool:

@@ -1,11 +1,16 @@
-"""The options of `wrt render` and `wrt compile`, as the rest of the command line sees them."""
+"""The options of `wrt render` and `wrt compile`, and the scene and the renderer that they describe."""
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from wrt.rendering.renderer import Renderer
+    from wrt.scene.scene import Scene
 
 LIMITS = ("spp", "time", "noise", "adaptive")
 
@@ -22,29 +27,16 @@ class RenderOptions:
         loading: options of `wrt.load`.
         settings: fields of `wrt.RenderSettings`; None for the scene's own values.
         limits: when rendering ends, arguments of `wrt.Renderer.passes`.
-        device: name of the device, or of several GPUs.
-        threads: CPU threads, or None for all cores.
-        seed: the random seed.
-        dask: address of a Dask scheduler, or None.
-        turntable: number of frames, or None.
-        frames: first and last frame, or None.
-        fps: frames per second.
-        part: number of a part, from 1, and number of parts; or None.
-        output: the -o option: a picture, a folder, a video, frames or a part; or None.
-        checkpoint: the file of the checkpoint, or None.
-        resume: whether to continue from an earlier run.
-        save_every: seconds between saves, or None for the default.
-        force: whether `output` may be a file that wrt did not write.
-        quiet: whether to print only errors and warnings.
-        json: whether to print a summary as JSON.
-        own_process: whether the process belongs to the command line.
+        part: number of a part, from 1, and number of parts.
+        output: a picture, a folder, a video, frames or a part.
+
+    The other attributes are options of these names, and None where they were not given.
     """
 
     inputs: tuple[str, ...]
     loading: Mapping[str, Any]
     settings: Mapping[str, Any]
     limits: Mapping[str, Any]
-    own_process: bool
     device: str = "cpu"
     threads: int | None = None
     seed: int = 0
@@ -62,7 +54,7 @@ class RenderOptions:
     json: bool = False
 
     @classmethod
-    def from_arguments(cls, arguments: Mapping[str, Any], *, own_process: bool) -> RenderOptions:
+    def from_arguments(cls, arguments: Mapping[str, Any]) -> RenderOptions:
         """Sort the arguments of a command line, by name, into options."""
         from wrt.api import load, split_settings
 
@@ -74,4 +66,52 @@ class RenderOptions:
         loading = {name: values.pop(name) for name in inspect.signature(load).parameters if name in values}
         loading["parameters"] = dict(loading["parameters"] or ())
         inputs = tuple(values.pop("inputs"))
-        return cls(inputs, loading, settings, limits, own_process=own_process, **values)
+        return cls(inputs, loading, settings, limits, **values)
+
+    def load(self, source: str, *, time: float | None = None) -> Scene:
+        """Load an input with these settings, at a time of its animation or else at rest."""
+        from wrt.api import load_with_settings
+
+        return load_with_settings(source, self.settings, **self.loading, time=time)
+
+    def make_renderer(self, scene: Scene) -> Renderer:
+        """Return a renderer on the device, on several GPUs, or on the workers of a Dask cluster."""
+        device, cluster = self.device, None
+        if self.dask is not None:
+            cluster = _client(self.dask)
+        elif device.startswith("cuda:") and not device[5:].isdecimal():
+            from wrt.distributed.processes import devices_of
+
+            devices = devices_of(device) or [device]
+            device = devices[0]
+            if len(devices) > 1:
+                cluster = _processes(tuple(devices))
+        if cluster is None:
+            from wrt.rendering.renderer import Renderer
+
+            return Renderer(scene, device=device, seed=self.seed, threads=self.threads)
+        from wrt.distributed.head import DistributedRenderer
+
+        return DistributedRenderer(scene, client=cluster, device=self.device, seed=self.seed, threads=self.threads)
+
+
+@functools.cache
+def _processes(devices: tuple[str, ...]) -> Any:
+    """Return the processes of several GPUs, the same for all inputs."""
+    from wrt.distributed.processes import Processes
+
+    return Processes(devices)
+
+
+@functools.cache
+def _client(address: str) -> Any:
+    """Return the client of an address, the same for all inputs; it is closed when the process ends."""
+    import atexit
+    import logging
+
+    from wrt.distributed.dask_cluster import client_of
+
+    client = client_of(address)
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # wrt's own error names the cause
+    atexit.register(client.close, timeout=5)
+    return client

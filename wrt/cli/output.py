@@ -19,32 +19,29 @@ if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
 
 
+@dataclasses.dataclass
 class Output:
     """The files of one render.
 
     Attributes:
-        picture: the path of the picture, once `check` has chosen it.
-        checkpoint: the path of the checkpoint, or None.
         name: the preferred path of the picture.
         is_default: whether `name` is wrt's choice: then the picture gets another name where this one is taken.
+        force: whether the picture may replace a file that wrt did not write.
+        checkpoint: the path of the checkpoint, or None.
+        pictures: paths of the pictures of this command so far; each render adds its own.
+        picture: the path of the picture, once `check` has chosen it.
     """
 
-    def __init__(
-        self, name: str, *, is_default: bool, force: bool, checkpoint: str | None, pictures: set[Path]
-    ) -> None:
-        """Name the files.
+    name: str
+    is_default: bool
+    force: bool
+    checkpoint: Path | None
+    pictures: set[Path]
+    picture: Path = dataclasses.field(init=False)
 
-        Args:
-            name: see the attributes, like `is_default`.
-            is_default: see there.
-            force: whether the picture may replace a file that wrt did not write.
-            checkpoint: the path of the checkpoint, or None.
-            pictures: paths of the pictures of this command so far; each render adds its own.
-        """
-        self.name, self.is_default = name, is_default
-        self.picture = Path(name)
-        self.checkpoint = None if checkpoint is None else Path(checkpoint)
-        self._force, self._pictures = force, pictures
+    def __post_init__(self) -> None:
+        """Start with the preferred path."""
+        self.picture = Path(self.name)
 
     def check(self) -> None:
         """Choose a free name for the picture, and raise InputError if a file must not be written.
@@ -56,9 +53,9 @@ class Output:
         from wrt.rendering.checkpoint import CHECKPOINT
 
         if self.is_default:
-            self.picture = free_path(Path(self.name), PICTURE, reserved=self._pictures, force=self._force)
+            self.picture = free_path(Path(self.name), PICTURE, reserved=self.pictures, force=self.force)
         else:
-            self.picture = check_output(self.name, force=self._force)
+            self.picture = check_output(self.name, force=self.force)
         if self.checkpoint is not None:
             # Unlike `resolve`, `realpath` accepts circular links.
             if os.path.realpath(self.checkpoint) == os.path.realpath(self.picture):
@@ -77,7 +74,7 @@ class Output:
         finally:
             if picture:
                 with _naming(self.picture):
-                    renderer.save(self.picture, force=self._force)
+                    renderer.save(self.picture, force=self.force)
 
     def save_at_end(self, renderer: Renderer) -> Developed | None:
         """Write the checkpoint and the picture, with another name if a file has appeared that must not be replaced.
@@ -89,7 +86,7 @@ class Output:
             self._save_checkpoint(renderer)
         finally:
             developed = self._save_picture(renderer)
-            self._pictures.add(self.picture)
+            self.pictures.add(self.picture)
         return developed
 
     def saved_files(self) -> str:
@@ -105,7 +102,7 @@ class Output:
         from wrt.io.safe_write import NotReplacedError
 
         try:
-            return renderer.save(self.picture, force=self._force)
+            return renderer.save(self.picture, force=self.force)
         except (MemoryError, RuntimeError) as error:
             if not renderer.settings.denoise:
                 raise
@@ -125,7 +122,7 @@ class Output:
 
         for folder in (self.picture.parent, Path(), Path(tempfile.gettempdir())):
             with contextlib.suppress(InputError):
-                path = free_path(folder / self.picture.name, PICTURE, reserved=self._pictures)
+                path = free_path(folder / self.picture.name, PICTURE, reserved=self.pictures)
                 developed = renderer.save(path)
                 self.picture = path
                 return developed
@@ -172,10 +169,8 @@ def outputs_of(options: RenderOptions) -> list[Output]:
             complain("note", f"{source}: the picture is {name}, because another input has the same name")
     # A default name never replaces a file that wrt did not write.
     force, pictures = options.force and options.output is not None, set[Path]()
-    return [
-        Output(name, is_default=not is_file, force=force, checkpoint=options.checkpoint, pictures=pictures)
-        for name in names
-    ]
+    checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
+    return [Output(name, not is_file, force, checkpoint, pictures) for name in names]
 
 
 def default_output(source: str) -> str:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from wrt.backend import current_backend
 from wrt.cli.exit_status import complain, failing_in_one_line, warn
-from wrt.cli.load import load_input, make_renderer
-from wrt.cli.signals import Interrupts
+from wrt.cli.summary import report
 from wrt.errors import InputError, one_line
 from wrt.progress.bar import ProgressBar, short_warnings
 
 if TYPE_CHECKING:
     from wrt.cli.options import RenderOptions
+    from wrt.cli.signals import Interrupts
     from wrt.rendering.passes import Progress
 
 _FOR_WHOLE_PICTURES = {
@@ -30,21 +28,15 @@ _FOR_WHOLE_PICTURES = {
 }
 
 
-def render_part(options: RenderOptions) -> int:
-    """Render a part of one input's picture; return the exit status."""
-    interrupts = Interrupts("the part was not written", own_process=options.own_process)
-    return interrupts.run(lambda: _render(options, interrupts))
-
-
-def _render(options: RenderOptions, interrupts: Interrupts) -> int:
+def render_part(interrupts: Interrupts, options: RenderOptions, number: int, of: int) -> int:
+    """Render part `number` of `of` of one input's picture; return the exit status."""
     from wrt.io.images import OUTPUT_SUFFIXES
     from wrt.io.safe_write import require_writable
     from wrt.rendering.part import PART, Part, default_name
     from wrt.rendering.part import render_part as render
 
+    interrupts.unfinished = "the part was not written"
     started = time.monotonic()
-    assert options.part is not None
-    number, of = options.part
     if len(options.inputs) > 1:
         raise InputError("--part is for a single input; render the inputs one at a time")
     chosen = {**options.limits, **options.settings, "checkpoint": options.checkpoint, "dask": options.dask}
@@ -57,7 +49,7 @@ def _render(options: RenderOptions, interrupts: Interrupts) -> int:
         raise InputError(f"{output}: a part is not a picture yet; give it a name that ends in .wrt, and use wrt merge")
     require_writable(output, PART)
     with ProgressBar(output.stem, is_shown=not options.quiet) as bar, short_warnings(bar.message):
-        renderer = make_renderer(load_input(source, options), options)
+        renderer = options.make_renderer(options.load(source))
         require_writable(output, PART)  # again, now that the files the scene reads are known
         begun = Part.load(output) if options.resume and os.path.lexists(output) else None
 
@@ -70,38 +62,28 @@ def _render(options: RenderOptions, interrupts: Interrupts) -> int:
             part = render(renderer, number, of, spp=options.limits["spp"], begun=begun, watch=watch)
         interrupts.hold(lambda: part.save(output))
         interrupts.disarm()
-    current_backend().finish()
     seconds, pixels = time.monotonic() - started, len(part.arrays["count"])
-    if not options.quiet:
-        size = f"{pixels} of {renderer.film.pixels} pixels"
-        warn(f"{one_line(str(output))}  part {number} of {of}  {size}  {part.spp} spp  {seconds:.1f} s")
-    if options.json:
-        summary = {
-            "input": source,
-            "output": str(output),
-            "part": number,
-            "parts": of,
-            "device": renderer.device.name,
-            "threads": renderer.threads,
-            "pixels": pixels,
-            "spp": part.spp,
-            "seconds_total": seconds,
-            "seconds_render": part.header["seconds"],
-        }
-        print(json.dumps(summary), flush=True)
+    size = f"{pixels} of {renderer.film.pixels} pixels"
+    report(
+        source,
+        options,
+        renderer,
+        output,
+        [f"part {number} of {of}", size, f"{part.spp} spp", f"{seconds:.1f} s"],
+        part=number,
+        parts=of,
+        pixels=pixels,
+        spp=part.spp,
+        seconds_total=seconds,
+        seconds_render=part.header["seconds"],
+    )
     return 0
 
 
-def merge(*, own_process: bool, output: str, **options: Any) -> int:
-    """Merge parts to a picture; return the exit status."""
-    interrupts = Interrupts(f"{output} was not written", own_process=own_process)
-    return interrupts.run(lambda: _merge(interrupts, output, **options))
-
-
-def _merge(
+def merge(
     interrupts: Interrupts,
-    output: str,
     *,
+    output: str,
     inputs: Sequence[str],
     checkpoint: str | None,
     tone: str | None,
@@ -109,6 +91,7 @@ def _merge(
     force: bool,
     quiet: bool,
 ) -> int:
+    """Merge parts to a picture; return the exit status."""
     import dataclasses
 
     from wrt.io.images import check_output
@@ -117,6 +100,7 @@ def _merge(
     from wrt.rendering.merge import merge as merge_parts
     from wrt.rendering.picture import check_contents
 
+    interrupts.unfinished = f"{output} was not written"
     picture = check_output(output, force=force)
     if checkpoint is not None:
         require_writable(Path(checkpoint), CHECKPOINT)

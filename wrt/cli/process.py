@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import contextlib
 import gc
-import importlib
 import os
 import sys
 import threading
@@ -17,20 +16,6 @@ LARGE = 1 << 22
 
 NOT_NEEDED = ("scipy", "networkx")
 """Optional imports of trimesh that wrt does not use; they take 0.4 s and 40 MB."""
-
-KERNELS = (
-    "wrt.kernels.integrators.aovs",
-    "wrt.kernels.render",
-    "wrt.kernels.accel.build.collapse",
-    "wrt.kernels.accel.build.presplit",
-)
-"""Kernel modules for rendering a large mesh; they are imported if they are not compiled yet, which takes long."""
-
-LARGE_FILE = 1 << 20
-"""Bytes above which a file is large."""
-
-SWITCH_SECONDS = 5e-4
-"""Switch interval of Python threads. At the default, ten times as long, imports in one thread slow down the others."""
 
 _MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1  # M_MMAP_THRESHOLD and M_TRIM_THRESHOLD of glibc's malloc.h
 
@@ -47,40 +32,6 @@ def settle_in() -> None:
     if mallopt is not None:
         mallopt(_MMAP_THRESHOLD, LARGE)
         mallopt(_TRIM_THRESHOLD, 4 * LARGE)
-
-
-@contextlib.contextmanager
-def importing_renderer(path: str) -> Iterator[None]:
-    """Within the context, which reads the input, import the renderer in another thread if the input is a large file."""
-    try:
-        is_large = os.path.getsize(path) > LARGE_FILE
-    except (OSError, ValueError):
-        is_large = False
-    if not is_large:
-        yield
-        return
-
-    def run() -> None:
-        with contextlib.suppress(Exception):  # raised again where the module is needed
-            importlib.import_module("wrt.rendering.renderer")
-            from wrt.backend import current_backend  # not at the top: --help must import little
-
-            for name in KERNELS:
-                if current_backend().artefacts.get("modules", name) is None:
-                    importlib.import_module(name)
-
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_SECONDS)
-    thread = threading.Thread(target=run, daemon=True)
-    from wrt.threads import start_if_possible
-
-    started = start_if_possible(thread)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(interval)
-        if started:
-            thread.join()
 
 
 @contextlib.contextmanager

@@ -3,72 +3,66 @@
 from __future__ import annotations
 
 import os
+import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wrt.backend import current_backend
 from wrt.cli.exit_status import Failed, cause_of, complain, failing_in_one_line, warn
-from wrt.cli.load import load_input, make_renderer
 from wrt.cli.options import RenderOptions
 from wrt.cli.output import Output, outputs_of
-from wrt.cli.process import importing_renderer, no_collections
+from wrt.cli.process import no_collections
 from wrt.cli.renewal import Renewal
-from wrt.cli.signals import Interrupts
-from wrt.cli.summary import Clock, report, samples_text
+from wrt.cli.summary import report_picture, samples_text
 from wrt.errors import one_line
 from wrt.progress.bar import ProgressBar, once, short_warnings
 from wrt.progress.terminal import bar_stream
 
 if TYPE_CHECKING:
+    from wrt.cli.signals import Interrupts
     from wrt.rendering.passes import Progress
     from wrt.rendering.renderer import Renderer
 
 
-def render(*, own_process: bool, **arguments: Any) -> int:
+def render(interrupts: Interrupts, **arguments: Any) -> int:
     """Render every input, even after an error in one; return the highest exit status."""
-    options = RenderOptions.from_arguments(arguments, own_process=own_process)
+    options = RenderOptions.from_arguments(arguments)
     if options.turntable is not None or options.frames is not None:
-        from wrt.cli.frames import render_frames
+        from wrt.cli.frames import AnimationRender
 
-        return render_frames(options)
+        return AnimationRender(options, interrupts).run()
     if options.part is not None:
         from wrt.cli.parts import render_part
 
-        return render_part(options)
+        return render_part(interrupts, options, *options.part)
     outputs, inputs = outputs_of(options), options.inputs
-    clock = Clock(own_process=own_process)
     highest = 0
     for number, (source, output) in enumerate(zip(inputs, outputs, strict=True), 1):
         name = source if len(inputs) > 1 else ""
         label = f" ({number} of {len(inputs)})" if name else ""
         unfinished = "nothing was rendered yet"
-        interrupts = Interrupts(f"{name}: {unfinished}" if name else unfinished, own_process=own_process)
-        picture = PictureRender(source, options, output, interrupts, clock)
+        interrupts.rearm(f"{name}: {unfinished}" if name else unfinished)
+        picture = PictureRender(source, options, output, interrupts)
         with short_warnings(once(warn)):  # when there is no progress bar
-            highest = max(highest, interrupts.run(partial(picture.run, label), name=name))
+            highest = max(highest, interrupts.outcome(partial(picture.run, label), name=name))
         # After a signal during the last write this render is complete, but no other input may start.
         if interrupts.is_signalled and number < len(inputs):
             complain("stopped", f"{', '.join(inputs[number:])}: not rendered")
-            highest = interrupts.exit_status
-            break
-    current_backend().finish()
+            return interrupts.exit_status
     return highest
 
 
 class PictureRender:
     """The render of one input to its picture."""
 
-    def __init__(
-        self, source: str, options: RenderOptions, output: Output, interrupts: Interrupts, clock: Clock
-    ) -> None:
+    def __init__(self, source: str, options: RenderOptions, output: Output, interrupts: Interrupts) -> None:
         """Prepare to render `source`; its picture and checkpoint are saved to `output`."""
         self._source, self._options, self._output = source, options, output
-        self._interrupts, self._clock = interrupts, clock
+        self._interrupts = interrupts
 
     def run(self, label: str) -> int:
         """Load the scene, render and save it; return the exit status. The label follows the name of the picture."""
-        options, output = self._options, self._output
+        options, output, started = self._options, self._output, time.perf_counter()
         output.check()
         title = output.picture.stem + label
         with (
@@ -83,7 +77,7 @@ class PictureRender:
         if not is_complete:
             complain("stopped", self._saved(renderer))
             return self._interrupts.exit_status
-        report(self._source, options, renderer, output.picture, developed, self._clock.lap())
+        report_picture(self._source, options, renderer, output.picture, developed, started)
         return 0
 
     def _start(self, bar: ProgressBar) -> Renderer:
@@ -94,8 +88,7 @@ class PictureRender:
             from wrt.develop.settings import DEVELOPED_SUFFIXES
             from wrt.rendering.picture import check_contents
 
-            with importing_renderer(self._source):
-                scene = load_input(self._source, options)
+            scene = options.load(self._source)
             settings = scene.settings
             fits_png = len(settings.layers) <= (settings.integrator == "aov")
             if output.is_default and options.settings["layers"] is None and not fits_png:
@@ -105,7 +98,7 @@ class PictureRender:
                 bar.message(f"wrt: {output.name} must not be overwritten; the picture will be {output.picture}")
             if output.picture.suffix.lower() in DEVELOPED_SUFFIXES:
                 require_tone(settings.tone)
-            renderer = make_renderer(scene, options)
+            renderer = options.make_renderer(scene)
             self._resume(renderer, bar)
             check_contents(output.picture, renderer)
         return renderer

@@ -36,39 +36,43 @@ class Interrupts:
     reads a large file or a kernel is compiled. In that case a thread, woken by the C-level handler, ends the process.
 
     Attributes:
+        own_process: whether the process belongs to the command line and may be ended.
+        unfinished: the message after a signal, while there is nothing to save.
         worth_saving: whether there are samples to save after a signal.
     """
 
     def __init__(self, unfinished: str, *, own_process: bool) -> None:
-        """Start armed; signals are handled from when the context is entered.
-
-        Args:
-            unfinished: the message after a signal, while there is nothing to save.
-            own_process: whether the process belongs to the command line and may be ended.
-        """
-        self.worth_saving = False
-        self._unfinished, self._own_process = unfinished, own_process
+        """Prepare to handle signals from when the context is entered; see the attributes."""
+        self.own_process = own_process
         self._signal_number = 0
-        self._armed = True
         self._writing = False
-        self._done = False
+        self.rearm(unfinished)
         self._previous: dict[int, Any] = {}
         self._previous_wakeup = -1
         self._pipe: tuple[int, int] | None = None
 
-    def run(self, work: Callable[[], int], *, name: str = "") -> int:
-        """Do the work of a command with signals handled, report its error or interrupt, and return the exit status.
+    def rearm(self, unfinished: str) -> None:
+        """Begin another piece of work, which has nothing to save yet."""
+        self.unfinished, self.worth_saving = unfinished, False
+        self._armed, self._done = True, False
+
+    def run(self, work: Callable[[], int]) -> int:
+        """Do the work of a command with signals handled, and return `outcome`'s exit status."""
+        with self:
+            return self.outcome(work)
+
+    def outcome(self, work: Callable[[], int], *, name: str = "") -> int:
+        """Do a piece of work, report its error or interrupt, and return the exit status.
 
         Args:
             work: the work, which returns the exit status.
             name: the input, for messages if there are several; otherwise empty.
         """
-        with self:
-            try:
-                return outcome(work, name=name)
-            except KeyboardInterrupt:
-                complain("stopped", self._unfinished)
-                return self.exit_status
+        try:
+            return outcome(work, name=name)
+        except KeyboardInterrupt:
+            complain("stopped", self.unfinished)
+            return self.exit_status
 
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is threading.main_thread():
@@ -76,7 +80,7 @@ class Interrupts:
                 # A signal ignored from the start, as by nohup, stays ignored.
                 if signal.getsignal(number) is not signal.SIG_IGN:
                     self._previous[number] = signal.signal(number, self._handle)
-            if self._own_process:
+            if self.own_process:
                 self._pipe = os.pipe()
                 os.set_blocking(self._pipe[1], False)
                 self._previous_wakeup = signal.set_wakeup_fd(self._pipe[1], warn_on_full_buffer=False)
@@ -113,7 +117,7 @@ class Interrupts:
                     if self._writing:
                         waited_since = time.monotonic()
                     if time.monotonic() - waited_since > GRACE_SECONDS:
-                        give_up(128 + numbers[0], self._unfinished)
+                        give_up(128 + numbers[0], self.unfinished)
                     time.sleep(_POLL_SECONDS)
 
     def check(self) -> None:
@@ -143,4 +147,4 @@ class Interrupts:
     @property
     def exit_status(self) -> int:
         """The exit status that shells expect from a process ended by a signal."""
-        return 128 + self._signal_number
+        return 128 + (self._signal_number or signal.SIGINT)

@@ -38,30 +38,25 @@ class Stream(io.TextIOWrapper):
                 self.error = error
 
 
-class Streams:
-    """The standard streams of a command."""
-
-    def __init__(self, out: Stream) -> None:
-        """Keep standard output, to check it at the end; errors of standard error cannot be reported."""
-        self._out = out
-
-    def status(self, status: int) -> int:
-        """Return the final exit status: `FAILED` if `status` is 0 but standard output could not be written."""
-        self._out.flush()
-        error = self._out.error
-        if error is None:
-            return status
-        if error.errno != errno.EPIPE:  # a reader that closes its pipe is not an error
-            complain("error", f"standard output: {error.strerror or error}")
-        return status or FAILED
-
-
-def settle_streams() -> Streams:
-    """Replace the standard streams of this process; call it only if the process belongs to the command line."""
+def settle_streams() -> Stream:
+    """Replace the standard streams of this process, which must belong to the command line; return standard output."""
     _open_closed()
     out = sys.stdout = _stream(sys.stdout, 1)
     sys.stderr = _stream(sys.stderr, 2)
-    return Streams(out)
+    return out
+
+
+def final_status(out: Stream, status: int) -> int:
+    """Return the exit status of the process: `FAILED` if `status` is 0 but standard output could not be written.
+
+    Errors of standard error cannot be reported.
+    """
+    out.flush()
+    if out.error is None:
+        return status
+    if out.error.errno != errno.EPIPE:  # a reader that closes its pipe is not an error
+        complain("error", f"standard output: {out.error.strerror or out.error}")
+    return status or FAILED
 
 
 def _open_closed() -> None:

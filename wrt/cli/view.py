@@ -6,27 +6,24 @@ import asyncio
 import contextlib
 import os
 import secrets
-import signal
-import socket
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wrt.backend import current_backend
 from wrt.cli.exit_status import complain, warn
-from wrt.cli.signals import SIGNALS
 from wrt.threads import start_if_possible
 
 if TYPE_CHECKING:
+    from wrt.cli.signals import Interrupts
     from wrt.rendering.renderer import Renderer
-    from wrt.view.session import Session
 
 WATCH_SECONDS = 0.3
 """Interval at which --watch looks at the scene file."""
 
 
 def view(
+    interrupts: Interrupts,
     *,
     source: str,
     watch: bool,
@@ -39,12 +36,11 @@ def view(
     seed: int,
     up: str | None,
     confined: bool,
-    own_process: bool,
 ) -> int:
     """Serve the page of a scene until Ctrl-C."""
     from wrt.api import is_builtin, load, load_with_settings
     from wrt.progress.bar import once, short_warnings
-    from wrt.view.server import bound_socket
+    from wrt.view.server import bound_socket, run_server
     from wrt.view.session import Session
 
     if not watch and not is_builtin(source) and not os.path.lexists(source):
@@ -67,38 +63,13 @@ def view(
         session = Session(open_scene, name=Path(source).stem, spp=spp)
         try:
             with _watching(source, session.reload) if watch else contextlib.nullcontext():
-                number = asyncio.run(_serve(session, bound, ready, own_process=own_process))
+                asyncio.run(run_server(session, bound, secrets.token_urlsafe(16), ready))
         except KeyboardInterrupt:
-            number = signal.SIGINT
+            interrupts.disarm()
         finally:
             session.close()
-            current_backend().finish()
         complain("stopped", "the view has ended")
-    return 128 + number
-
-
-async def _serve(session: Session, bound: socket.socket, ready: Callable[[str], None], *, own_process: bool) -> int:
-    """Serve the page until a signal; return its number."""
-    from wrt.view.server import run_server
-
-    serving = asyncio.current_task()
-    assert serving is not None
-    signals: list[int] = []
-
-    def end(number: int) -> None:
-        signals.append(number)
-        serving.cancel()
-
-    if own_process:  # elsewhere asyncio.run turns Ctrl-C into KeyboardInterrupt
-        for number in SIGNALS:
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                asyncio.get_running_loop().add_signal_handler(number, end, number)
-    try:
-        await run_server(session, bound, secrets.token_urlsafe(16), ready)
-    except asyncio.CancelledError:
-        if not signals:
-            raise
-    return signals[0]
+    return interrupts.exit_status
 
 
 def _browse(address: str) -> None:

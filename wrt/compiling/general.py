@@ -99,9 +99,7 @@ def general_features(features: Any) -> list[Any]:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
         general |= {"environment": "image", "light_shapes": shapes}
     small, large, with_holes = (
-        dataclasses.replace(
-            features, models=tier.models, opacity=tier.passes, composite="none" if tier.passes else "sides", **general
-        )
+        dataclasses.replace(features, models=tier.models, composite="holes" if tier.passes else "sides", **general)
         for tier in tiers()
     )
     kernels = [small, with_holes] if features.guides else [small, large, with_holes]
@@ -149,7 +147,7 @@ def lights() -> list[Light]:
 def exercise(device: Device) -> None:
     """Upload a scene with everything that general kernels cover, and each camera.
 
-    That uses all functions of `kernels/` that uploads of such scenes need, so that they are compiled and noted.
+    That uses all functions of `kernels/` that uploads of such scenes need, so that they are compiled and in the table.
     """
     from wrt.upload.camera import build_camera
     from wrt.upload.scene_data import build_scene

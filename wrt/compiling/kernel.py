@@ -70,8 +70,8 @@ def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[byte
     Raises:
         OSError: if it cannot be started.
     """
-    nothing = subprocess.DEVNULL
-    return subprocess.Popen(command(module, *arguments), stdin=nothing, stdout=nothing, stderr=nothing, **options)
+    null = subprocess.DEVNULL
+    return subprocess.Popen(command(module, *arguments), stdin=null, stdout=null, stderr=null, **options)
 
 
 def is_compiled(features: Any, lanes: int) -> bool:

@@ -54,25 +54,19 @@ def is_wanted() -> bool:
 
 
 def request(features: Any, lanes: int) -> Path | None:
-    """Have another process compile a kernel, and return the path of the request, which is gone when it is done.
+    """Have another process compile a kernel, and return the path of the request, which is removed once it is done.
 
-    Return None if that is not wanted, if the cache cannot be written to, or if its compiler was killed lately.
-
-    Args:
-        features: the features of the kernel.
-        lanes: its lanes.
+    Return None if the environment forbids that, if the cache cannot be written to, or if the kernel's compiler was
+    killed recently.
     """
     artefacts = current_backend().artefacts
     if not is_wanted() or artefacts.path is None:
         return None
     try:
         kernels = cache_folders.kernels_folder()
-    except FileNotFoundError:  # nothing that is compiled could be kept
-        return None
-    folder, group = requests_folder(artefacts.path), _group(artefacts.path, kernels)
-    path = folder / f"{group}-{cache_folders.digest(name_of_kernel(features, lanes).encode()).decode()}{REQUESTED}"
-    try:
         cache_folders.require_writable(kernels / artefacts.warp_version)
+        folder, name = requests_folder(artefacts.path), _digest(name_of_kernel(features, lanes).encode())
+        path = folder / f"{_group(artefacts.path, kernels)}-{name}{REQUESTED}"
         folder.mkdir(parents=True, exist_ok=True)
         if _is_young(path.with_suffix(BEGUN), RETRY_SECONDS):
             return path if _is_locked(folder) else None
@@ -144,7 +138,11 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
 
 def _group(table: Path, kernels: Path) -> str:
     """Return the beginning of the names of requests that one process can serve."""
-    return f"{table.stem}-{cache_folders.digest(os.fsencode(kernels)).decode()}"
+    return f"{table.stem}-{_digest(os.fsencode(kernels))}"
+
+
+def _digest(data: bytes) -> str:
+    return cache_folders.digest(data).decode()
 
 
 def _is_young(path: Path, seconds: float) -> bool:

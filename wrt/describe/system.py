@@ -36,10 +36,10 @@ def gpu_rows() -> dict[str, str]:
     backend = current_backend()
     versions = backend.cuda_versions()
     driver = "no driver" if versions.driver is None else f"the driver supports {dotted(versions.driver)}"
-    gpus = {f"cuda:{number}": backend.gpu(f"cuda:{number}").description for number in range(backend.gpus())}
+    gpus = {f"cuda:{number}": backend.describe_gpu(f"cuda:{number}") for number in range(backend.gpus())}
     if not gpus:
         gpus = {"GPUs": (versions.problem or "none was found").partition(";")[0]}
-    required = dotted(versions.needed)
+    required = dotted(versions.required)
     return {"CUDA": f"{dotted(versions.toolkit)} compiles kernels, {required} is needed, {driver}", **gpus}
 
 

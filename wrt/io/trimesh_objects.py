@@ -19,12 +19,14 @@ from wrt.errors import OF_TRIMESH, InputError, warn
 from wrt.io.gltf.buffers import Buffers, Tree
 from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import GltfMaterials
-from wrt.io.gltf.scene import cameras_of, lights_of
+from wrt.io.gltf.scene import light_of
 from wrt.io.mesh.mtl import MtlMaterials
-from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed
-from wrt.io.mesh.sidecars import COLOR_MAP, Sidecars
+from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed, viewpoint
+from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
+from wrt.scene.camera import Camera, PerspectiveCamera
+from wrt.scene.lights import Light
 from wrt.scene.normals import corner_weighted_normals
 
 _LINEAR_FILES = ("glb", "gltf")  # file types whose vertex colours are linear
@@ -65,7 +67,7 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
         for geometry, found in places.items()
         for part in reader.parts(str(geometry), source.geometry[geometry])
     ]
-    return Contents(parts, lights_of(_lights(source, name)), cameras_of(_camera(source)))
+    return Contents(parts, _lights(source, name), _cameras(source))
 
 
 def _place_of(scene: Any, node: Any, name: str) -> NDArray[np.float64] | None:
@@ -165,10 +167,10 @@ class _Reader:
             return self._physical.dressed(part, number)
         if isinstance(material, SimpleMaterial):
             if statements := self._statements(material):
-                laid, colored = part.uvs is not None, part.colors is not None
+                has_uvs, has_colors = part.uvs is not None, part.colors is not None
                 # Several materials may have the same name.
                 key = f"{material.name} {id(material)}"
-                part.material = self._simple.material(key, statements, laid=laid, colored=colored)
+                part.material = self._simple.material(key, statements, has_uvs=has_uvs, has_colors=has_colors)
         elif material is not None:
             warn(f"{self._name}: a {type(material).__name__} of {part.name!r} is left out: unknown type of material")
         return part
@@ -211,7 +213,7 @@ class _Reader:
         if "ns" in statements or material.glossiness != 1.0:  # 1 is the default
             statements["ns"] = material.glossiness
         if material.image is not None and not is_stand_in(material.image):
-            statements[COLOR_MAP] = [self._label(material.image)]
+            statements["map_kd"] = [self._label(material.image)]
         return statements
 
     def _label(self, image: Any) -> str:
@@ -261,10 +263,10 @@ def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
     return None if near.mean() >= _MOSTLY else normals
 
 
-def _camera(scene: Any) -> Tree:
-    """Return a scene's camera, if it has one, as glTF describes it; `scene.camera` would create one."""
+def _cameras(scene: Any) -> list[Camera]:
+    """Return a scene's camera, if it has one; `scene.camera` would create one."""
     if not scene.has_camera:
-        return {}
+        return []
     if file_type(scene) in _LINEAR_FILES:
         # trimesh keeps only the innermost transform of a camera: the camera is misplaced if a parent node has one too.
         edges = scene.graph.transforms.edge_data
@@ -274,43 +276,29 @@ def _camera(scene: Any) -> Tree:
             ends = "geometry" in edge or _extension(edge) or str(frame).startswith(("light_", scene.camera.name))
             if (frame in parents or not ends) and not np.array_equal(edge.get("matrix", np.eye(4)), np.eye(4)):
                 warn("trimesh: its camera is left out: trimesh drops the transforms of its parent nodes in a glTF file")
-                return {}
-    lens = {"type": "perspective", "perspective": {"yfov": float(np.radians(scene.camera.fov[1]))}}
-    node = {"camera": 0, "matrix": np.asarray(scene.camera_transform).T.reshape(-1).tolist()}
-    return {"cameras": [lens], "nodes": [node], "scenes": [{"nodes": [0]}]}
+                return []
+    return [PerspectiveCamera(**viewpoint(np.asarray(scene.camera_transform)), fov_degrees=float(scene.camera.fov[1]))]
 
 
-def _lights(scene: Any, name: str) -> Tree:
-    """Return the lights that a scene was given, or that trimesh keeps from a glTF file, as glTF describes them.
+def _lights(scene: Any, name: str) -> list[Light]:
+    """Return the lights that a scene was given, or that trimesh keeps from a glTF file.
 
     trimesh adds two lights to a scene without any when it shows it; these are left out. Messages name the scene.
     """
-    lights: list[Tree] = []
-    nodes: list[Tree] = []
-
-    def add(light: Tree, frame: Any) -> None:
-        matrix = _place_of(scene, frame, name)
-        if matrix is not None:
-            extensions = {"KHR_lights_punctual": {"light": len(lights)}}
-            nodes.append({"matrix": matrix.T.reshape(-1).tolist(), "extensions": extensions})
-            lights.append(light)
-
+    found: list[tuple[Tree, Any]] = []  # each as glTF describes it, and the name of its node
     own_lights = getattr(scene, "_lights", None) or []
     for light in [] if all(_is_automatic(light) for light in own_lights) else own_lights:
         kind = type(light).__name__.removesuffix("Light").lower()
         color = (np.asarray(light.color)[:3] / 255.0).tolist()
         cone = {key: getattr(light, key) for key in ("innerConeAngle", "outerConeAngle") if hasattr(light, key)}
-        add({"type": kind, "color": color, "intensity": light.intensity, "spot": cone}, light.name)
+        found.append(({"type": kind, "color": color, "intensity": light.intensity, "spot": cone}, light.name))
     carried = _extension({"metadata": scene.metadata}).get("lights", [])
     for (_, frame), edge in scene.graph.transforms.edge_data.items():
         number = _extension(edge).get("light")
         if number is not None and 0 <= number < len(carried):
-            add(carried[number], frame)
-    return {
-        "extensions": {"KHR_lights_punctual": {"lights": lights}},
-        "nodes": nodes,
-        "scenes": [{"nodes": list(range(len(nodes)))}],
-    }
+            found.append((carried[number], frame))
+    places = ((light, _place_of(scene, frame, name)) for light, frame in found)
+    return [light_of(light, matrix) for light, matrix in places if matrix is not None]
 
 
 def _extension(holder: Tree) -> Tree:

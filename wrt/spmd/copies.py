@@ -180,17 +180,13 @@ def _gives_back(s: ir.Statement, v: ir.Variable) -> bool:
 
 
 def _replaced(body: list[ir.Statement], found: dict[ir.Variable, ir.Variable]) -> list[ir.Statement]:
-    out = []
-    for s in body:
+    def change(s: ir.Statement) -> list[ir.Statement]:
         if isinstance(s, ir.Set) and found.get(s.variable) is not None and found[s.variable] is _copied_from(s):
-            continue
+            return []
         s = ir.substituted(s, lambda e: found.get(e, e) if isinstance(e, ir.Variable) else e)
-        if isinstance(s, ir.Update) and _gives_back(s, s.variable):
-            continue
-        if isinstance(s, ir.If | ir.Loop):
-            s.body = _replaced(s.body, found)
-        out.append(s)
-    return out
+        return [] if isinstance(s, ir.Update) and _gives_back(s, s.variable) else [s]
+
+    return ir.rebuilt(body, change)
 
 
 def _without_unused(function: ir.Function) -> ir.Function:

@@ -5,7 +5,7 @@ lanes.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 
@@ -278,6 +278,12 @@ def substituted(s: Any, change: Callable[[Any], Any]) -> Any:
             parts[name] = substituted(value, change)
     new = type(s)(**parts)
     return new if isinstance(s, Statement) else change(new)
+
+
+def rebuilt(body: list[Statement], change: Callable[[Statement], Iterable[Statement]]) -> list[Statement]:
+    """Return statements, each replaced by the results of `change`; so are those in the bodies of the results."""
+    results = (new for s in body for new in change(s))
+    return [replace(s, body=rebuilt(s.body, change)) if isinstance(s, (If, Loop)) else s for s in results]
 
 
 def calls(statements: Iterable[Statement]) -> Iterator[str]:

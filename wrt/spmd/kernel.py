@@ -5,16 +5,15 @@ import re
 
 import warp as wp
 
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.core.bsdf import MAX_SLOTS
 from wrt.kernels.core.features import Features
 from wrt.kernels.native import at_file_level
 from wrt.kernels.render import make_render_kernel, of_pass
+from wrt.spmd.translate import wide_code
 
 
-def module_name(features: Features, lanes: int) -> str:
-    """Return the name of the module that holds the kernel for these features and lanes."""
-    return f"wrt.render.wide{lanes}.{features.name}"
-
-
+@functools.cache
 def make_wide_render_kernel(features: Features, lanes: int) -> wp.Kernel:
     """Return the kernel of 4, 8 or 16 lanes for scenes with these features.
 
@@ -23,27 +22,11 @@ def make_wide_render_kernel(features: Features, lanes: int) -> wp.Kernel:
     Raises:
         Unsupported: The kernel cannot be translated.
     """
-    from wrt.spmd.translate import wide_code
-
-    code = with_few_slots(wide_code(make_render_kernel(features), lanes), features)
-    return declare_wide_render_kernel(features, lanes, code)
-
-
-def with_few_slots(code: str, features: Features) -> str:
-    """Return C++ in which a material has as many slots as the scene's models read, instead of the maximum.
-
-    That many take 3 KB in sixteen lanes, copied several times at each surface: glossy 1.02, textures 1.04.
-    """
-    from wrt.kernels.bsdf import model_of
-    from wrt.kernels.core.bsdf import MAX_SLOTS
-
+    code = wide_code(make_render_kernel(features), lanes)
+    # A material has as many slots as the scene's models read, instead of the maximum. That many take 3 KB in sixteen
+    # lanes, copied several times at each surface: glossy 1.02, textures 1.04.
     slots = max((model_of(name).slots for name in features.models), default=0)
-    return re.sub(rf"(Matrix|mat_t|make_mat)<{MAX_SLOTS}, ?3,", rf"\g<1><{max(slots, 1)}, 3,", code)
-
-
-@functools.cache
-def declare_wide_render_kernel(features: Features, lanes: int, code: str) -> wp.Kernel:
-    """Return the kernel with the C++ of `wide_code`, which may be empty if the kernel is compiled and only loaded."""
+    code = re.sub(rf"(Matrix|mat_t|make_mat)<{MAX_SLOTS}, ?3,", rf"\g<1><{max(slots, 1)}, 3,", code)
     wide_code_h = at_file_level(code, "wide_code")
 
     @wp.func_native("""
@@ -54,7 +37,7 @@ def declare_wide_render_kernel(features: Features, lanes: int, code: str) -> wp.
     def render_tile(tile, target_count, seed, camera, filter_table, scene, settings, film, aovs):
         wide_code_h()
 
-    @wp.kernel(module=wp.get_module(module_name(features, lanes)), enable_backward=False)
+    @wp.kernel(module=wp.get_module(f"wrt.render.wide{lanes}.{features.name}"), enable_backward=False)
     @of_pass
     def render_tiles(first_tile, target_count, seed, camera, filter_table, scene, settings, film, aovs):
         render_tile(first_tile + wp.tid(), target_count, seed, camera, filter_table, scene, settings, film, aovs)

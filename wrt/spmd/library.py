@@ -1,8 +1,6 @@
-"""The C++ that wide kernels call, templates of what they contain, and native functions for lanes."""
+"""The C++ that wide kernels call, and native functions for lanes."""
 
 from collections.abc import Iterable
-from pathlib import Path
-from string import Template
 from typing import Any
 
 from wrt.kernels.native import headers_of, included_by, text_of
@@ -17,12 +15,6 @@ def library(lanes: int, *, exact: str = "") -> str:
     """
     define = text_of(exact) if exact else ""
     return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"
-
-
-def fill(template: str, **values: str) -> str:
-    """Return the C++ of a file in `templates` with generated text in its placeholders, such as `${STEPS}`."""
-    text = (Path(__file__).parent / "templates" / template).read_text(encoding="utf-8")
-    return Template(text).substitute(values)
 
 
 _WIDE = {

@@ -21,14 +21,6 @@ _CONVERSIONS = {
 }
 
 
-def lines_of(function: Any) -> list[str]:
-    """Return the lines of statements that Warp generates for a function or kernel; none for a native function."""
-    if getattr(function, "native_snippet", None):
-        return []
-    lines = (line.strip() for line in function.adj.blocks[0].body_forward)
-    return [line for line in lines if line and not line.startswith(("//", "#line"))]
-
-
 def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
     """Return the intermediate form of a function or kernel that Warp has built.
 
@@ -42,7 +34,9 @@ def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
     adj = function.adj
     arguments, variables = ([_variable(v) for v in of] for of in (adj.args, adj.variables))
     parser = _Parser(structs, {v.name: v for v in (*arguments, *variables)})
-    for number, line in enumerate(lines_of(function)):
+    is_native = bool(getattr(function, "native_snippet", None))
+    lines = [] if is_native else [line.strip() for line in adj.blocks[0].body_forward]
+    for number, line in enumerate(line for line in lines if line and not line.startswith(("//", "#line"))):
         parser.statement(line, number)
     marks = frozenset(getattr(function.func, "spmd_marks", ()))
     result = adj.return_var[0].type if adj.return_var else None
@@ -157,8 +151,8 @@ def _builtin(parser: _Parser, name: str, arguments: str) -> ir.Expression:
     return ir.Builtin(_CONVERSIONS.get(name, name), parser.operands(arguments))
 
 
-def _operation(parser: _Parser, left: str, operator: str, right: str) -> ir.Expression:
-    return ir.Operation(operator, parser.variables[left], parser.variables[right])
+def _operation(parser: _Parser, a: str, operator: str, b: str) -> ir.Expression:
+    return ir.Operation(operator, parser.variables[a], parser.variables[b])
 
 
 def _compiled(table: dict[str, Any]) -> list[tuple[re.Pattern[str], Callable[..., Any]]]:

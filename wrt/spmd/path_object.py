@@ -12,7 +12,7 @@ from wrt.kernels.core.ray_tree import INFINITE_DISTANCE
 from wrt.spmd.analysis import Liveness, same_for_all, set_by, uses
 from wrt.spmd.emit import Emitter
 from wrt.spmd.ir import Function, Module, Unsupported, Variable
-from wrt.spmd.library import fill, traverses_one_tree
+from wrt.spmd.library import traverses_one_tree
 from wrt.spmd.rounds import RayQuery, Rounds, check_path_function, cut
 from wrt.spmd.types import Types
 
@@ -119,40 +119,61 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
         if part.shades:
             steps.append("close_up_where_sparse(groups);")
         steps.append(f"run<&Steps::part_{number}>(groups);")
+        code = emitter.in_loop(rounds.loop.label, part.statements, cut=True)
         parts.append(
-            fill(
-                "part.h",
-                NUMBER=str(number),
-                ENTERING="waiting" if number else "live",
-                LOOP=rounds.loop.label,
-                ANSWER=answered,
-                LOCAL=emitter.declarations(storage.local),
-                SAME=same,
-                CODE=emitter.in_loop(rounds.loop.label, part.statements, cut=True),
-            )
+            f"""\
+    lanes::Mask part_{number}(const lanes::Mask live) {{
+        lanes::Mask exec = {"waiting" if number else "live"}, returned_ = false;
+        lanes::Mask broken_{rounds.loop.label} = false, continued_{rounds.loop.label} = false;
+        if (!lanes::any(exec)) return live;
+        {answered}
+{emitter.declarations(storage.local)}
+{same}
+        do {{
+{code}
+        }} while (false);
+        waiting = exec;
+        return live & ~broken_{rounds.loop.label};
+    }}
+"""
         )
     moved = [v.name for v in storage.moved if emitter.declaration(v) and not types.is_shared(v.type)]
-    code = fill(
-        "path.h",
-        STEPS=name,
-        SHARED="".join(f"    const {types.wide(a.type)}& {a.name};" for a in shared),
-        VARYING="".join(f"    {types.wide(a.type)} {a.name};" for a in varying),
-        CONSTANTS=constants(storage.constants),
-        KEPT=emitter.declarations([*storage.rounds, *storage.across]),
-        ANSWERS="".join(f"    lanes::Ints answer_{k};\n" for k in range(1, len(queries))),
-        SHARED_IN=_parameters(types, shared),
-        SHARED_GIVEN=", ".join(f"{a.name}({a.name}_in)" for a in shared),
-        VARYING_IN=_parameters(types, varying),
-        VARYING_GIVEN=" ".join(f"lanes::set({a.name}, {a.name}_in, exec);" for a in varying),
-        BEGIN=begin,
-        PARTS="".join(parts),
-        RESULT_TYPE=types.wide(rounds.result.type),
-        SAME=same,
-        END=emitter.code(rounds.epilogue),
-        RESULT=rounds.result.name,
-        MOVES=" ".join(f"move(to.{v}, from.{v}, m);" for v in (*moved, "waiting")),
-        QUERIES="".join(queries),
-    )
+    shared_members = "".join(f"    const {types.wide(a.type)}& {a.name};" for a in shared)
+    varying_members = "".join(f"    {types.wide(a.type)} {a.name};" for a in varying)
+    answers = "".join(f"    lanes::Ints answer_{k};\n" for k in range(1, len(queries)))
+    members_set = ", ".join(f"{a.name}({a.name}_in)" for a in shared)
+    sets = " ".join(f"lanes::set({a.name}, {a.name}_in, exec);" for a in varying)
+    moves = " ".join(f"move(to.{v}, from.{v}, m);" for v in (*moved, "waiting"))
+    code = f"""\
+namespace {{
+// A path: the variables that outlive a part of a round.
+struct {name} {{
+{shared_members}
+{varying_members}
+{constants(storage.constants)}
+{emitter.declarations([*storage.rounds, *storage.across])}
+    lanes::Mask waiting = false;  // for an answer
+{answers}
+    {name}({_parameters(types, shared)}) : {members_set} {{}}
+    void begin({_parameters(types, varying)}, const lanes::Mask exec_in) {{
+        lanes::Mask exec = exec_in, returned_ = false;
+        {sets}
+{begin}
+    }}
+    // The parts of a round: each returns the lanes that go on.
+{"".join(parts)}
+    {types.wide(rounds.result.type)} end(const lanes::Mask exec_in) {{
+        lanes::Mask exec = exec_in, returned_ = false;
+{same}
+{emitter.code(rounds.epilogue)}
+        return {rounds.result.name};
+    }}
+}};
+LANES_INLINE void move({name}& to, const {name}& from, lanes::Move m) {{
+    using lanes::move; {moves} }}
+{"".join(queries)}
+}} // namespace
+"""
     return PathObject(name, code, "".join(f"            {line}\n" for line in steps))
 
 
@@ -183,20 +204,20 @@ def _ray_query(types: Types, query: RayQuery, name: str, steps: str, answer: str
         member = f"template<class Found> static Answer as_hit(Found found, lanes::Mask exec) {{ return {hit}; }}"
     else:
         kind, member = f"AnyTogether<{name}>", ""
-    return fill(
-        "ray_query.h",
-        FUNCTION=query.function,
-        NAME=name,
-        KIND=kind,
-        STEPS=steps,
-        RAY_TYPE=types.wide(query.ray.type),
-        ANSWER_TYPE=answer_type,
-        SCENE=query.scene.name,
-        RAY=query.ray.name,
-        ANSWER=answer,
-        REACH=f"steps.{query.distance.name}" if query.distance else f"lanes::Floats({INFINITE_DISTANCE!r}f)",
-        MEMBER=member,
-    )
+    reach = f"steps.{query.distance.name}" if query.distance else f"lanes::Floats({INFINITE_DISTANCE!r}f)"
+    return f"""\
+// The ray query {query.function}.
+struct {name} : lanes::{kind} {{
+    typedef {steps} Steps;
+    typedef {types.wide(query.ray.type)} Ray;
+    typedef {answer_type} Answer;
+    static const auto& scene(const Steps& steps) {{ return steps.{query.scene.name}; }}
+    static const Ray& ray(const Steps& steps) {{ return steps.{query.ray.name}; }}
+    static lanes::Floats reach(const Steps& steps) {{ return {reach}; }}
+    static Answer& answer(Steps& steps) {{ return steps.{answer}; }}
+    {member}
+}};
+"""
 
 
 def constants(variables: list[Variable]) -> str:

@@ -12,7 +12,6 @@ from wrt.kernels.native import text_of
 from wrt.spmd import ir
 from wrt.spmd.analysis import changes, uses
 from wrt.spmd.emit import Emitter, range_of
-from wrt.spmd.library import fill
 from wrt.spmd.path_object import constants, path_object
 from wrt.spmd.rounds import the_loop
 from wrt.spmd.types import Types
@@ -107,27 +106,83 @@ def pixel_object(types: Types, kernel: ir.Function, path: ir.Function, module: i
         f"    const {types.wide(a.type)}{'&' if types.is_shared(a.type) else ''} {a.name};\n" for a in kernel.arguments
     )
     declared += emitter.declarations(members) + constants([v for v in kernel.variables if v.constant is not None])
-    code = fill(
-        "pixels.h",
-        RESULT_TYPE=types.wide(phases.calling.variable.type),
-        STEPS=steps.name,
-        GIVEN="".join(f"    {types.wide(v.type)} {v.name};\n" for v in varying),
-        SHARED_IN=", ".join(f"const {types.wide(a.type)}& {v.name}" for a, v in fixed),
-        SHARED=", ".join(v.name for _, v in fixed),
-        GIVEN_VALUES=", ".join(f"given.{v.name}" for v in varying),
-        PIXELS=f"pixels_{kernel.key}",
-        MEMBERS=declared,
-        ARGUMENTS_IN=arguments_in,
-        ARGUMENTS_GIVEN=", ".join(f"{a.name}({a.name}_in)" for a in kernel.arguments),
-        MASKS=f"lanes::Mask returned_ = false, broken_{loop} = false, continued_{loop} = false;",
-        BEFORE=before,
-        SAMPLES=samples.name,
-        CARRIED="".join(f"        {name} = from.{name};\n" for name in carried),
-        START=start,
-        RESULT=phases.calling.variable.name,
-        FINISH=finish,
-        AFTER=local("after") + emitter.code(phases.epilogue),
-    )
+    name, result = f"pixels_{kernel.key}", phases.calling.variable
+    masks = f"lanes::Mask returned_ = false, broken_{loop} = false, continued_{loop} = false;"
+    given_members = "".join(f"    {types.wide(v.type)} {v.name};\n" for v in varying)
+    given_values = ", ".join(f"given.{v.name}" for v in varying)
+    shared_in = ", ".join(f"const {types.wide(a.type)}& {v.name}" for a, v in fixed)
+    shared = ", ".join(v.name for _, v in fixed)
+    arguments_given = ", ".join(f"{a.name}({a.name}_in)" for a in kernel.arguments)
+    carry = "".join(f"        {v} = from.{v};\n" for v in carried)
+    code = f"""\
+typedef {types.wide(result.type)} Result;
+namespace {{
+typedef {steps.name} Steps;
+// The arguments that each path begins with.
+struct Given {{
+{given_members}}};
+struct Path {{
+    {steps.name} steps;
+    lanes::Ints home;  // the place where it began
+    Path({shared_in})
+        : steps({shared}) {{}}
+}};
+LANES_INLINE void begin(Path& path, const Given& given, const lanes::Mask exec) {{
+    path.steps.begin({given_values}, exec);
+}}
+LANES_INLINE void move(Path& to, const Path& from, lanes::Move m) {{
+    move(to.steps, from.steps, m);
+    lanes::move(to.home, from.home, m);
+}}
+// A pixel for each lane, each with its current sample.
+struct {name} {{
+{declared}
+    Given given_;
+    lanes::Mask owned_, sampled_, begun_;
+    lanes::Ints thread_;
+    {name}({arguments_in}) : {arguments_given} {{}}
+    void begin(const lanes::Ints& threads, const lanes::Mask exec_in) {{
+        lanes::Mask exec = exec_in;
+        {masks}
+        owned_ = exec;
+        thread_ = threads;
+{before}
+    }}
+    lanes::Ints left() const {{ return lanes::sub({samples.name}.end, {samples.name}.i); }}
+    // Skip the samples of other shares: this is number `n` of `among`.
+    void share(int n, int among) {{
+        {samples.name}.i = lanes::add({samples.name}.i, lanes::mul({samples.name}.step, lanes::Ints(n)));
+        {samples.name}.step = lanes::mul({samples.name}.step, lanes::Ints(among));
+    }}
+    // Take over the sums of the previous sample.
+    void carry(const {name}& from) {{
+{carry}    }}
+    // Begin the next sample of each pixel that has more: set `given_`, and the mask of paths that begin.
+    void start() {{
+        lanes::Mask exec = owned_ & lanes::more({samples.name});
+        {masks}
+        sampled_ = exec;
+        begun_ = false;
+        if (lanes::any(exec)) {{
+{start}
+        }}
+    }}
+    void finish(const Result& result_) {{
+        lanes::Mask exec = sampled_;
+        {masks}
+        if (!lanes::any(exec)) return;
+        lanes::set({result.name}, result_, begun_);
+{finish}
+    }}
+    void after() {{
+        lanes::Mask exec = owned_;
+        {masks}
+{local("after") + emitter.code(phases.epilogue)}
+    }}
+}};
+typedef {name} Pixels;
+}} // namespace
+"""
     driver: str = text_of("lanes/pool.h").replace("ROUND\n", steps.round).replace("ARGUMENTS_IN", arguments_in)
     driver = driver.replace("ARGUMENTS", ", ".join(f"{a.name}_in" for a in kernel.arguments))
     driver = driver.replace("TARGET", phases.target.name)

@@ -35,8 +35,17 @@ def without_stages(function: ir.Function, module: ir.Module) -> ir.Function:
     if stages.isdisjoint(ir.calls(function.body)):
         return function
     variables = list(function.variables)
-    body = list(_inlined(function.body, stages, module, variables, count(1)))
-    function = replace(function, variables=variables, body=body)
+    numbers = count(1)
+
+    def inlined(s: ir.Statement) -> Iterator[ir.Statement]:
+        call = s.value if isinstance(s, ir.Set) else None
+        if isinstance(s, ir.Set) and isinstance(call, ir.Call) and call.function in stages:
+            for copied in _copied(module.functions[call.function], s, call, variables, next(numbers)):
+                yield from inlined(copied)
+        else:
+            yield s
+
+    function = replace(function, body=ir.rebuilt(function.body, inlined), variables=variables)
     states: set[str] = set()
     results: set[str] = set()
     for stage in map(module.functions.__getitem__, stages):
@@ -47,20 +56,6 @@ def without_stages(function: ir.Function, module: ir.Module) -> ir.Function:
         with suppress(ir.Unsupported):
             function = split_structs(function, {result})
     return without_copies(function)
-
-
-def _inlined(
-    body: list[ir.Statement], stages: set[str], module: ir.Module, variables: list[ir.Variable], numbers: Iterator[int]
-) -> Iterator[ir.Statement]:
-    for s in body:
-        call = s.value if isinstance(s, ir.Set) else None
-        if isinstance(s, ir.Set) and isinstance(call, ir.Call) and call.function in stages:
-            statements = _copied(module.functions[call.function], s, call, variables, next(numbers))
-            yield from _inlined(statements, stages, module, variables, numbers)
-        elif isinstance(s, ir.If | ir.Loop):
-            yield replace(s, body=list(_inlined(s.body, stages, module, variables, numbers)))
-        else:
-            yield s
 
 
 def _copied(
@@ -113,23 +108,18 @@ def split_structs(function: ir.Function, structs: set[str]) -> ir.Function:
             types = {label: strip_reference(member.type) for label, member in v.type.vars.items()}
             split[v] = {label: ir.Variable(f"{v.name}_{label}", t, name_of(t)) for label, t in types.items()}
     variables = [member for v in function.variables for member in (split[v].values() if v in split else [v])]
-    return replace(function, variables=variables, body=_split_all(function, function.body, split))
 
-
-def _split_all(function: ir.Function, statements: list[ir.Statement], split: Split) -> list[ir.Statement]:
-    out = []
-    for s in statements:
+    def by_members(s: ir.Statement) -> Iterator[ir.Statement]:
         for new in _of_members(s, split):
             new = ir.substituted(new, lambda e: _member_of(e, split))
-            if isinstance(new, ir.If | ir.Loop):
-                new.body = _split_all(function, new.body, split)
-            elif state := next((e for e in ir.own_expressions(new) if e in split), None):
+            if state := next((e for e in ir.own_expressions(new) if e in split), None):
                 raise ir.Unsupported(
                     f"{function.key}: uses a {name_of(state.type)} as a whole in `{s.line}`; as it is the state of an "
                     "@inline_stage, pass its members, or mark the function that takes it as well"
                 )
-            out.append(new)
-    return out
+            yield new
+
+    return replace(function, variables=variables, body=ir.rebuilt(function.body, by_members))
 
 
 def _of_members(s: ir.Statement, split: Split) -> list[ir.Statement]:

@@ -19,7 +19,7 @@ from wrt.spmd.library import library, native_function
 from wrt.spmd.parse import parse
 from wrt.spmd.pixel_object import pixel_object
 from wrt.spmd.stages import without_stages
-from wrt.spmd.types import Types, name_of, structs_of
+from wrt.spmd.types import Types, name_of, structs_in
 
 
 def wide_code(kernel: wp.Kernel, lanes: int) -> str:
@@ -38,7 +38,7 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
     if not any("path_function" in getattr(f.func, "spmd_marks", ()) for f in builder.functions):
         raise Unsupported(f"{module.name}: follows no path")
     built = [*builder.functions, *builder.kernels]
-    structs, elements = structs_of(built)
+    structs, elements = structs_in(v.type for f in built for v in (*f.adj.args, *f.adj.variables))
     by_name = {name_of(s): s for s in structs}
     *functions, pixels = [parse(f, by_name) for f in built]
     if "pixel_kernel" not in pixels.marks:

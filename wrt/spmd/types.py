@@ -1,5 +1,6 @@
 """The types of a kernel for several lanes."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from warp._src.codegen import Struct, Var, strip_reference
@@ -30,13 +31,11 @@ def has_array(t: Any) -> bool:
     return isinstance(t, Struct) and any(is_array(v.type) or has_array(v.type) for v in t.vars.values())
 
 
-def structs_of(functions: list[Any]) -> tuple[list[Any], set[str]]:
-    """Return the structs of functions that Warp has built, and the names of array elements among them.
-
-    Each struct comes after those of its members.
-    """
+def structs_in(types: Iterable[Any]) -> tuple[list[Any], set[str]]:
+    """Return the structs in Warp's types, each after those of its members, and the names of array elements."""
     order: list[Any] = []
     elements = set()
+    visited: set[Any] = set()
 
     def visit(t: Any) -> None:
         t = strip_reference(t)
@@ -50,10 +49,8 @@ def structs_of(functions: list[Any]) -> tuple[list[Any], set[str]]:
                 visit(v.type)
             order.append(t)
 
-    visited: set[Any] = set()
-    for function in functions:
-        for v in (*function.adj.args, *function.adj.variables):
-            visit(v.type)
+    for t in types:
+        visit(t)
     return order, elements
 
 
@@ -65,7 +62,7 @@ class Types:
     """
 
     def __init__(self, functions: list[ir.Function], structs: list[Any], elements: set[str]) -> None:
-        """Take the functions and the kernel, and the results of `structs_of`."""
+        """Take the functions and the kernel, and the results of `structs_in`."""
         self.structs = structs
         self._elements = elements
         values = (s.value for f in functions for s in ir.walk(f.body) if isinstance(s, ir.Set))
@@ -126,15 +123,7 @@ class Types:
 
         Warp declares the types of the kernel's `arguments`, and the types that they contain.
         """
-        declared = set()
-        waiting = list(arguments)
-        while waiting:
-            t = strip_reference(waiting.pop())
-            if is_array(t):
-                t = t.dtype
-            if isinstance(t, Struct) and t not in declared:
-                declared.add(t)
-                waiting += [v.type for v in t.vars.values()]
+        declared = set(structs_in(arguments)[0])
         out = []
         for t in self.structs:
             if t not in declared:

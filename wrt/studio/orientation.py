@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.linalg import product
-from wrt.scene.scene import Scene, Shape
+from wrt.scene.scene import Shape
 
 # Measured: standing objects (scanned busts and animals, a teapot, a bottle) cover 0.26 to 0.97 of their outline and
 # lean 0.19 to 0.83; on their side they cover at most 0.03. Vases with narrow feet cover 0.15, round bars on their side
@@ -21,7 +21,6 @@ _BASE = 0.01  # fraction of the height, from the lowest point, that counts as to
 _STANDS_COVER, _STANDS_LEAN = 0.12, 0.08
 _FALLS_COVER, _FALLS_RATIO, _FALLS_LEAN = 0.25, 3.0, -0.02
 _LAND_FACES = 0.5  # mean upward normal above which an open surface is terrain; mountains have 0.7
-_THIN = 0.4  # largest height of land over its shorter side; mountains a third as high as wide are steep
 _DIRECTIONS = 24  # corners of the polygon that approximates a convex hull; a disc comes out 1.1 % too small
 _FACES = 200_000  # sampled for the centre
 _POINTS = 500_000  # sampled for the outline
@@ -65,23 +64,6 @@ def guess_up(shapes: list[Shape], default: str) -> str:
     default_cover, default_lean = _standing(points, center, "xyz".index(default))
     falls = default_lean < _FALLS_LEAN or (default_cover < _FALLS_COVER and _FALLS_RATIO * default_cover < cover)
     return alternative if falls else default
-
-
-def land_axis(shapes: list[Shape], up: str) -> str | None:
-    """Return the other one of y and z if a surface lies across it as land does, seen from either side; otherwise None.
-
-    Posters, reliefs and faces look the same as land on its edge, so this is a reason to ask, not to turn the mesh.
-    """
-    if up not in ("y", "z"):
-        return None
-    across = "z" if up == "y" else "y"
-    axis = "xyz".index(across)
-    low, high = Scene(shapes).bounds
-    height, *sides = np.roll(high - low, -axis)
-    if not _SHEET * max(sides) < height <= _THIN * min(sides):
-        return None
-    surface = _surface(shapes)
-    return across if surface is not None and abs(surface[1][axis]) > _LAND_FACES else None
 
 
 def _surface(shapes: list[Shape]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:

@@ -37,7 +37,7 @@ class Stage:
     """The options of `wrt.load` for showing the source.
 
     Attributes:
-        view: the angles of a view, see `wrt.studio.views`; None for that of the source's camera, or else three-quarter.
+        view: the angles of a view, see `wrt.studio.views`; None for the source's camera, or else three-quarter.
         frame: whether to ignore the camera of the source and frame what it shows; None to decide by whether that
             camera shows a mesh well.
         material: replaces the materials of a mesh.

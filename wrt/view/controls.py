@@ -1,15 +1,18 @@
-"""The camera and the settings of a view, as a page may change them."""
+"""What a page can change: the settings of the render, the look of the picture, and the camera."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
+from wrt.develop.denoise import require_denoiser
+from wrt.develop.settings import TONES, Exposure, check_exposure
 from wrt.errors import InputError
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.layers import LAYERS
-from wrt.scene.scene import INTEGRATORS
+from wrt.scene.scene import INTEGRATORS, RenderSettings
 from wrt.values import integer, one_of
 
 CAMERA_KEYS = ("origin", "target", "up", "fov_degrees", "view_height", "focus_distance", "aperture_radius")
@@ -33,28 +36,69 @@ class Settings:
     max_depth: int | None = None
     layer: str = ""
 
-    def changed(self, values: dict[str, Any]) -> Settings:
-        """Return the settings with the fields that a message of the page has.
-
-        Raises:
-            InputError: on an unusable value.
-        """
-        new: dict[str, Any] = {}
-        if "integrator" in values:
-            integrator = values["integrator"]
-            choices = [name for name in INTEGRATORS if name != "aov"]
-            new["integrator"] = None if integrator in (None, "") else one_of(integrator, choices, "integrator")
-        if "max_depth" in values:
-            depth = values["max_depth"]
-            new["max_depth"] = None if depth is None else integer(depth, "max_depth", minimum=1, maximum=65536)
-        if "layer" in values:
-            new["layer"] = one_of(values["layer"], SHOWN_LAYERS, "layer")
-        return dataclasses.replace(self, **new)
-
     def overrides(self) -> dict[str, Any]:
         """Return the settings of `wrt.RenderSettings` that a picture of radiance takes from here."""
         values = {"integrator": self.integrator, "max_depth": self.max_depth}
         return {name: value for name, value in values.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How radiance is developed for the page; changes of it need no new render.
+
+    Attributes:
+        exposure: stops, "auto", or None; see `wrt.develop_image`.
+        tone: the tone curve.
+        denoise: whether noise is removed first.
+    """
+
+    exposure: Exposure = 0.0
+    tone: str = "none"
+    denoise: bool = False
+
+    @classmethod
+    def from_settings(cls, settings: RenderSettings) -> Look:
+        """Return the look of saved pictures."""
+        return cls(settings.exposure, settings.tone, settings.denoise)
+
+
+def _integrator(value: object) -> str | None:
+    choices = [name for name in INTEGRATORS if name != "aov"]
+    return None if value in (None, "") else one_of(value, choices, "integrator")
+
+
+def _denoise(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise InputError("denoise must be true or false")
+    if value:
+        require_denoiser()
+    return value
+
+
+_CHECKS: dict[str, Callable[[Any], Any]] = {
+    "integrator": _integrator,
+    "max_depth": lambda value: None if value is None else integer(value, "max_depth", minimum=1, maximum=65536),
+    "layer": lambda value: one_of(value, SHOWN_LAYERS, "layer"),
+    "exposure": check_exposure,
+    "tone": lambda value: one_of(value, TONES, "tone"),
+    "denoise": _denoise,
+}
+"""Functions that check the fields of Settings and Look in a message."""
+
+_Fields = TypeVar("_Fields", Settings, Look)
+
+
+def changed(fields: _Fields, message: dict[str, Any]) -> _Fields:
+    """Return settings or a look with the fields that a message of the page has.
+
+    Raises:
+        InputError: on an unusable value.
+    """
+    names = [each.name for each in dataclasses.fields(fields) if each.name in message]
+    return dataclasses.replace(fields, **{name: _CHECKS[name](message[name]) for name in names})
+
+
+# --- The camera ------------------------------------------------------------------------------------
 
 
 def moved_camera(camera: Camera, values: object) -> Camera:
@@ -71,9 +115,7 @@ def moved_camera(camera: Camera, values: object) -> Camera:
 
 def camera_values(camera: Camera) -> dict[str, Any]:
     """Return the fields of a camera that a page can change, and its type."""
-    values = {key: getattr(camera, key) for key in CAMERA_KEYS if hasattr(camera, key)}
-    lists = {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
-    return {"type": camera.type_name, **lists}
+    return {"type": camera.type_name, **{key: getattr(camera, key) for key in CAMERA_KEYS if hasattr(camera, key)}}
 
 
 def camera_toml(camera: Camera) -> str:

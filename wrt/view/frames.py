@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import struct
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,7 +13,8 @@ from numpy.typing import NDArray
 
 from wrt.develop.denoise import denoise
 from wrt.threads import start_if_possible
-from wrt.view.picture import MOVING_QUALITY, RESTING_QUALITY, Look, develop, jpeg
+from wrt.view.controls import Look
+from wrt.view.picture import MOVING_QUALITY, RESTING_QUALITY, develop, jpeg
 
 
 @dataclass(frozen=True)
@@ -32,11 +31,6 @@ class Frame:
     header: dict[str, Any]
     picture: bytes
 
-    def message(self) -> bytes:
-        """Return the frame as a message: the header's length (uint32, little-endian), the header, the picture."""
-        header = json.dumps({"frame": self.number, **self.header}).encode()
-        return struct.pack("<I", len(header)) + header + self.picture
-
 
 @dataclass
 class Source:
@@ -45,7 +39,7 @@ class Source:
     Attributes:
         fetch: returns the image.
         is_radiance: whether a look applies to it.
-        header: that of the frames.
+        header: the header of its frames.
         guides: albedo and normal, to denoise the image with; None to show it as it is.
     """
 

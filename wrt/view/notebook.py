@@ -14,7 +14,9 @@ from wrt.rendering.renderer import Renderer
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import MAX_SPP, Scene
 from wrt.values import integer
-from wrt.view.picture import Look, develop, png
+from wrt.view.controls import Look
+from wrt.view.frames import Frame
+from wrt.view.picture import develop, png
 from wrt.view.session import Session
 from wrt.view.viewer import Viewer
 
@@ -124,23 +126,15 @@ class WidgetViewer(Viewer):
         """Send a message, and the content of a file."""
         self._widget.send(message, None if content is None else [content])
 
-    def send_frames(self) -> None:
-        """Send the newest frame; the last one is the picture that a saved notebook keeps."""
-        if (frame := self.next_frame()) is None:
-            return
-        self.send({"type": "frame"}, frame.message())
+    def send_frame(self, frame: Frame) -> None:
+        """Send a frame; the last one is the picture that a saved notebook keeps."""
+        super().send_frame(frame)
         if frame.header["spp"] >= frame.header["target"]:
             picture = self.picture()
             self._widget.snapshot = "" if picture is None else base64.b64encode(picture).decode()
 
     def _handle(self, message: Any) -> None:
-        kind = message.get("type")
-        if kind == "open":  # the notebook shows the widget, perhaps once more
+        if message.get("type") == "open":  # the notebook shows the widget, perhaps once more
             self.begin()
-        elif kind == "save" and message.get("suffix") in (".png", ".exr"):
-            name = f"{self.session.name}{message['suffix']}"
-            self.reply(
-                self.session.save(message["suffix"]), lambda content: self.send({"type": "file", "name": name}, content)
-            )
         else:
             super()._handle(message)

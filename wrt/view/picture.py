@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.develop.denoise import require_denoiser
 from wrt.develop.exposure import peak, stops
 from wrt.develop.picture import develop_image
-from wrt.develop.settings import TONES, Exposure, check_exposure
 from wrt.develop.tones import CURVES
-from wrt.errors import InputError
 from wrt.rendering.picture import layer_colors
 from wrt.rendering.renderer import Renderer
-from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import srgb_from_linear
-from wrt.values import one_of
+from wrt.view.controls import Look
 
 CODES = 4096
 """Entries of the table from the square root of radiance to 8-bit codes: neighbours differ by less than one code."""
@@ -32,45 +26,6 @@ WHITE = np.float32(1e6)
 
 MOVING_QUALITY, RESTING_QUALITY = 80, 93
 """JPEG quality of frames while the camera moves and while the picture converges."""
-
-
-@dataclass(frozen=True)
-class Look:
-    """How radiance is developed for the page; changes of it need no new render.
-
-    Attributes:
-        exposure: stops, "auto", or None; see `wrt.develop_image`.
-        tone: the tone curve.
-        denoise: whether noise is removed first.
-    """
-
-    exposure: Exposure = 0.0
-    tone: str = "none"
-    denoise: bool = False
-
-    @classmethod
-    def from_settings(cls, settings: RenderSettings) -> Look:
-        """Return the look of saved pictures."""
-        return cls(settings.exposure, settings.tone, settings.denoise)
-
-    def changed(self, message: dict[str, Any]) -> Look:
-        """Return the look with the fields that a message of the page has.
-
-        Raises:
-            InputError: on an unusable value.
-        """
-        fields: dict[str, Any] = {}
-        if "exposure" in message:
-            fields["exposure"] = check_exposure(message["exposure"])
-        if "tone" in message:
-            fields["tone"] = one_of(message["tone"], TONES, "tone")
-        if "denoise" in message:
-            fields["denoise"] = message["denoise"]
-            if message["denoise"] is True:
-                require_denoiser()
-            elif message["denoise"] is not False:
-                raise InputError("denoise must be true or false")
-        return dataclasses.replace(self, **fields)
 
 
 def develop(radiance: NDArray[np.float32], look: Look) -> NDArray[np.uint8]:

@@ -14,8 +14,7 @@ import numpy as np
 from wrt.linalg import dot
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera
-from wrt.view.controls import Settings
-from wrt.view.picture import Look
+from wrt.view.controls import Look, Settings
 
 PREVIEW_SECONDS = 0.02
 """Target time of a preview, so that the picture follows the hand."""

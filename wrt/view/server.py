@@ -1,4 +1,4 @@
-"""The server of the page: its files, downloads, and a WebSocket for each tab.
+"""The server of the page: its files, and a WebSocket for each tab.
 
 It listens on this computer only. A tab needs the token of the address that `wrt view` prints, and must come from the
 page itself, so that neither other users of the computer nor other pages in the browser see the picture. Messages are
@@ -12,11 +12,10 @@ import contextlib
 import errno
 import http
 import json
-import re
 import secrets
 import socket
+import struct
 from collections.abc import Callable
-from concurrent.futures import CancelledError
 from importlib import resources
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -44,8 +43,6 @@ FILES = {
 }
 """The files of the page and their types, by address."""
 
-DOWNLOADS = {"/picture.png": "image/png", "/picture.exr": "image/x-exr"}
-
 HEADERS = {
     # The page may load nothing from elsewhere.
     "Content-Security-Policy": (
@@ -65,8 +62,7 @@ class _Tab(Viewer):
     def __init__(self, connection: ServerConnection, session: Session) -> None:
         super().__init__(session)
         self._connection = connection
-        self._texts: list[dict[str, Any]] = []
-        self._wake = asyncio.Event()
+        self._messages = asyncio.Queue[str | bytes]()
 
     async def run(self) -> None:
         """Serve the tab until it leaves."""
@@ -88,76 +84,50 @@ class _Tab(Viewer):
                 await sending
 
     def send(self, message: dict[str, Any], content: bytes | None = None) -> None:
-        self._texts.append(message)
-        self._wake.set()
-
-    def send_frames(self) -> None:
-        self._wake.set()
+        self._messages.put_nowait(json.dumps(message) if content is None else _with_content(message, content))
 
     async def _send_all(self) -> None:
         while True:
-            await self._wake.wait()
-            self._wake.clear()
-            while self._texts:
-                await self._connection.send(json.dumps(self._texts.pop(0)))
-            if (frame := self.next_frame()) is not None:
-                await self._connection.send(frame.message())
+            await self._connection.send(await self._messages.get())
 
 
-class _Page:
-    """Answers requests for the page, its files, and pictures."""
+def _with_content(message: dict[str, Any], content: bytes) -> bytes:
+    """Return a message of bytes: the length of its JSON (uint32, little-endian), the JSON, the content."""
+    header = json.dumps(message).encode()
+    return struct.pack("<I", len(header)) + header + content
 
-    def __init__(self, session: Session, token: str, port: int) -> None:
-        self._session, self._token, self._port = session, token, port
 
-    async def answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return the answer to a request, or None to begin a WebSocket."""
-        # A page elsewhere may have its own name resolve to this computer.
-        if not self._is_from(request, "Host", ""):
-            return _text(http.HTTPStatus.FORBIDDEN, "unknown host\n")
-        try:
-            address = urlsplit(request.path)
-        except ValueError:
-            return _text(http.HTTPStatus.BAD_REQUEST, "not an address\n")
-        if address.path in FILES:
-            name, kind = FILES[address.path]
-            content = (resources.files("wrt.view") / "page" / name).read_bytes()
-            return _response(http.HTTPStatus.OK, kind + "; charset=utf-8", content)
-        token = parse_qs(address.query).get("token", [""])[0]
-        if address.path not in ("/live", *DOWNLOADS):
-            return _text(http.HTTPStatus.NOT_FOUND, "there is nothing here\n")
-        if not secrets.compare_digest(token.encode(), self._token.encode()):
-            return _text(http.HTTPStatus.FORBIDDEN, "this needs the address that wrt view has printed\n")
-        if address.path == "/live":
-            if not self._is_from(request, "Origin", "http://"):
-                return _text(http.HTTPStatus.FORBIDDEN, "not from another page\n")
-            return None
-        return await self._download(address.path)
+def _answer(request: Request, token: str, port: int) -> Response | None:
+    """Return the answer to a request for the page or its files, or None to begin a WebSocket."""
 
-    def _is_from(self, request: Request, header: str, scheme: str) -> bool:
-        """Return whether a request has one such header, and it names this server."""
+    def is_from(header: str, scheme: str) -> bool:
+        """Return whether the request has one such header, and it names this server."""
         values = request.headers.get_all(header)
-        return len(values) == 1 and values[0] in {f"{scheme}{name}:{self._port}" for name in (HOST, "localhost")}
+        return len(values) == 1 and values[0] in {f"{scheme}{name}:{port}" for name in (HOST, "localhost")}
 
-    async def _download(self, path: str) -> Response:
-        suffix = path.removeprefix("/picture")
-        try:
-            content = await asyncio.wrap_future(self._session.save(suffix))
-        except (InputError, OSError, MemoryError, CancelledError) as error:
-            return _text(http.HTTPStatus.CONFLICT, f"{error}\n")
-        response = _response(http.HTTPStatus.OK, DOWNLOADS[path], content)
-        name = re.sub(r"[^\w.-]+", "-", self._session.name, flags=re.ASCII).strip("-.") or "picture"
-        response.headers["Content-Disposition"] = f'attachment; filename="{name}{suffix}"'
-        return response
+    # A page elsewhere may have its own name resolve to this computer.
+    if not is_from("Host", ""):
+        return _response(http.HTTPStatus.FORBIDDEN, b"unknown host\n")
+    try:
+        address = urlsplit(request.path)
+    except ValueError:
+        return _response(http.HTTPStatus.BAD_REQUEST, b"not an address\n")
+    if address.path in FILES:
+        name, kind = FILES[address.path]
+        return _response(http.HTTPStatus.OK, (resources.files("wrt.view") / "page" / name).read_bytes(), kind)
+    if address.path != "/live":
+        return _response(http.HTTPStatus.NOT_FOUND, b"there is nothing here\n")
+    sent_token = parse_qs(address.query).get("token", [""])[0]
+    if not secrets.compare_digest(sent_token.encode(), token.encode()):
+        return _response(http.HTTPStatus.FORBIDDEN, b"this needs the address that wrt view has printed\n")
+    if not is_from("Origin", "http://"):
+        return _response(http.HTTPStatus.FORBIDDEN, b"not from another page\n")
+    return None
 
 
-def _response(status: http.HTTPStatus, kind: str, content: bytes) -> Response:
-    headers = Headers({"Content-Type": kind, "Content-Length": str(len(content)), **HEADERS})
-    return Response(status.value, status.phrase, headers, content)
-
-
-def _text(status: http.HTTPStatus, text: str) -> Response:
-    return _response(status, "text/plain; charset=utf-8", text.encode())
+def _response(status: http.HTTPStatus, content: bytes, kind: str = "text/plain") -> Response:
+    size = {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(content))}
+    return Response(status.value, status.phrase, Headers({**size, **HEADERS}), content)
 
 
 def bound_socket(port: int | None) -> socket.socket:
@@ -193,7 +163,7 @@ async def run_server(session: Session, bound: socket.socket, token: str, ready: 
     async with serve(
         serve_tab,
         sock=bound,
-        process_request=_Page(session, token, port).answer,
+        process_request=lambda _, request: _answer(request, token, port),
         compression=None,  # frames are compressed already
         max_size=LONGEST_MESSAGE,
         write_limit=1 << 16,
@@ -201,7 +171,4 @@ async def run_server(session: Session, bound: socket.socket, token: str, ready: 
         close_timeout=1.0,
     ) as server:
         ready(f"http://{HOST}:{port}/?token={token}")
-        try:
-            await server.wait_closed()
-        finally:
-            session.cancel_requests()  # downloads that wait would keep the server open
+        await server.wait_closed()

@@ -16,9 +16,9 @@ from wrt.rendering.passes import Progress
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera
 from wrt.values import number
-from wrt.view.controls import Settings, camera_values, moved_camera
+from wrt.view.controls import Look, Settings, camera_values, changed, moved_camera
 from wrt.view.frames import Encoder, Frame, Source
-from wrt.view.picture import Look, shown_image
+from wrt.view.picture import shown_image
 from wrt.view.pictures import Pictures, file_of
 
 Listener = Callable[[Frame | dict[str, Any]], None]
@@ -27,11 +27,8 @@ Listener = Callable[[Frame | dict[str, Any]], None]
 REST_SECONDS = 0.15
 """Time without a move until the picture is rendered in full again."""
 
-WATCHED_PASS = 3.0
-"""Seconds of a pass of a watched picture: each ends with a frame, which costs time. Moves and picks end it early."""
-
-WARMING_UP = 12.0
-"""Seconds of rendering after which passes take WATCHED_PASS; earlier they grow as in every render."""
+GROWING = 12.0
+"""Seconds for which passes grow as in every render, to three seconds; then they begin again with short ones."""
 
 MOST_SAMPLES = 1024
 """Samples per pixel at which a view stops, unless the scene asks for more."""
@@ -149,11 +146,11 @@ class Session:
         Raises:
             InputError: on unusable values.
         """
-        old, look = self._encoder.look, self._encoder.look.changed(message)
+        old, look = self._encoder.look, changed(self._encoder.look, message)
         begins_to_denoise = look.denoise and not old.denoise
         if look != old:
             self._encoder.show(look)
-        settings = self.settings.changed(message)
+        settings = changed(self.settings, message)
         if settings != self.settings or begins_to_denoise:
             with self._changed:
                 self.settings = settings
@@ -199,16 +196,10 @@ class Session:
             self._end_pass()
         self._thread.join(CLOSING_SECONDS)
         self._encoder.close()
-        self.cancel_requests()
+        for _, future in self._requests:
+            future.cancel()
         if not self._thread.is_alive():
             self._pictures, self._passes = None, None  # and their memory on the device
-
-    def cancel_requests(self) -> None:
-        """Cancel requests that are not answered yet."""
-        with self._changed:
-            requests, self._requests = self._requests, []
-        for _, future in requests:
-            future.cancel()
 
     def _request(self, answer: Callable[[], Any]) -> Future[Any]:
         """Let the thread call a function, and return its future result."""
@@ -293,19 +284,15 @@ class Session:
 
     def _answer(self) -> None:
         with self._changed:
-            if not self._requests:  # they were cancelled
-                return
-            request = answer, future = self._requests[0]  # listed until it is answered, so that it can be cancelled
-        result: Any = None
-        error: Exception | None = None
+            answer, future = self._requests.pop(0)
+        if not future.set_running_or_notify_cancel():
+            return
         try:
-            result = answer()
-        except Exception as caught:  # noqa: BLE001  # it goes to the caller
-            error = caught if isinstance(caught, (InputError, OSError, MemoryError)) else OSError(_text_of(caught))
-        with self._changed:
-            if request in self._requests:  # it has not been cancelled
-                self._requests.remove(request)
-                future.set_result(result) if error is None else future.set_exception(error)
+            future.set_result(answer())
+        except (InputError, OSError, MemoryError) as error:
+            future.set_exception(error)
+        except Exception as error:  # noqa: BLE001  # it goes to the caller
+            future.set_exception(OSError(_text_of(error)))
         self._passes = None
 
     def _finished_main(self) -> Renderer:
@@ -334,8 +321,7 @@ class Session:
         if renderer.spp >= target:
             return
         if self._passes is None or self._passes[0] is not renderer or renderer.spp == 0:
-            seconds = WATCHED_PASS if renderer.seconds_render > WARMING_UP else None
-            self._passes = renderer, renderer.passes(spp=target, pass_seconds=seconds)
+            self._passes = renderer, renderer.passes(spp=target)
         with self._changed:
             if self._reload or self._closed or self.settings != settings or self._is_moving():
                 return
@@ -356,8 +342,8 @@ class Session:
         progress = dataclasses.replace(progress, paths_per_second=rate)  # of this pass alone
         if renderer.renders_light:
             pictures.timed(rate)
-        if progress.seconds > WARMING_UP and renderer.seconds_render - progress.seconds < WARMING_UP:
-            self._passes = None  # begin again with shorter passes
+        if progress.seconds > GROWING:
+            self._passes = None
         self._put(renderer, settings, serial, progress)
 
     def _show_again(self) -> None:

@@ -1,8 +1,9 @@
 """A page that shows a session, in a browser's tab or in a notebook: the messages between both.
 
 Messages from a page are JSON: `ack` (the number of a frame it has drawn), `camera` (fields of the camera, and a serial
-number that frames repeat), `set` (settings), `pick` (a place in the picture), `toml`, and in notebooks `save`. Messages
-to it are JSON (`state`, `picked`, `toml`, `error`) or frames, see `wrt.view.frames`.
+number that frames repeat), `set` (settings), `pick` (a place in the picture), `toml` and `save` (a suffix). Messages to
+it are JSON (`state`, `picked`, `toml`, `error`), or JSON and bytes: `frame`, with a JPEG file and the header of a
+`Frame`, and `file`, with a picture to save and its name.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from concurrent.futures import CancelledError, Future
 from typing import Any
 
 from wrt.errors import InputError
+from wrt.values import one_of
 from wrt.view.controls import camera_toml
 from wrt.view.frames import Frame
 from wrt.view.session import Session
@@ -21,11 +23,14 @@ from wrt.view.session import Session
 UNACKNOWLEDGED = 2
 """Frames that are sent to a page before it has acknowledged the first."""
 
+SAVED = (".png", ".exr")
+"""Suffixes of pictures that a page may save."""
+
 
 class Viewer:
     """Passes messages between a session and a page. The newest frame waits for the page; older ones are skipped.
 
-    Subclasses define `send` and `send_frames`, which run in the thread of the event loop.
+    Subclasses define `send`, which runs in the thread of the event loop.
 
     Attributes:
         session: the session.
@@ -43,11 +48,7 @@ class Viewer:
             self._loop = None
 
     def send(self, message: dict[str, Any], content: bytes | None = None) -> None:
-        """Send a message, in notebooks with the content of a file."""
-        raise NotImplementedError
-
-    def send_frames(self) -> None:
-        """Send what `next_frame` returns."""
+        """Send a message, perhaps with the content of a file."""
         raise NotImplementedError
 
     def begin(self) -> None:
@@ -62,13 +63,16 @@ class Viewer:
             self._end_listening()
             self._end_listening = None
 
-    def next_frame(self) -> Frame | None:
-        """Return the newest frame once, when the page can take it."""
-        if self._frame is None or len(self._unacknowledged) >= UNACKNOWLEDGED:
-            return None
-        frame, self._frame = self._frame, None
-        self._unacknowledged.append(frame.number)
-        return frame
+    def send_frame(self, frame: Frame) -> None:
+        """Send a frame."""
+        self.send({"type": "frame", "frame": frame.number, **frame.header}, frame.picture)
+
+    def _send_newest(self) -> None:
+        """Send the newest frame once, when the page can take it."""
+        if self._frame is not None and len(self._unacknowledged) < UNACKNOWLEDGED:
+            frame, self._frame = self._frame, None
+            self._unacknowledged.append(frame.number)
+            self.send_frame(frame)
 
     def receive(self, message: Any) -> None:
         """Handle a message from the page, and send it the error of an unusable one."""
@@ -83,13 +87,17 @@ class Viewer:
         kind = message.get("type")
         if kind == "ack":
             self._unacknowledged = [number for number in self._unacknowledged if number > message["frame"]]
-            self.send_frames()
+            self._send_newest()
         elif kind == "camera":
             self.session.move(message.get("camera"), message.get("serial"))
         elif kind == "set":
             self.session.change(message)
         elif kind == "toml" and self.session.camera is not None:
             self.send({"type": "toml", "text": camera_toml(self.session.camera)})
+        elif kind == "save":
+            suffix = one_of(message["suffix"], SAVED, "suffix")
+            name = f"{self.session.name}{suffix}"
+            self.reply(self.session.save(suffix), lambda content: self.send({"type": "file", "name": name}, content))
         elif kind == "pick":
             action = message.get("action")
             self.reply(
@@ -121,6 +129,6 @@ class Viewer:
     def _show(self, message: Frame | dict[str, Any]) -> None:
         if isinstance(message, Frame):
             self._frame = message
-            self.send_frames()
+            self._send_newest()
         else:
             self.send(message)

@@ -11,7 +11,7 @@ from typing import Any
 import wrt.backend
 from support.emulated_cuda.libraries import BLOCK, Library, compiled, ptx_of
 from wrt.backend.backend import Backend, Kernel
-from wrt.backend.cuda.gpus import CudaVersions, Gpu
+from wrt.backend.cuda.gpus import CudaVersions
 from wrt.backend.memory import memory_left
 from wrt.backend.warp_start import initialize_warp
 
@@ -71,10 +71,12 @@ class EmulatedBackend(Backend):
         else:
             self.library(declared(kernel))
 
-    def queue(self, kernel: Any, first: int, count: int, inputs: list[Any], device: str) -> None:
+    def launch(
+        self, kernel: Any, first: int, count: int, inputs: list[Any], device: str, *, waits: bool = True
+    ) -> None:
         """Run threads `first` to first + count − 1 of a kernel; on the GPU too they are done afterwards."""
         if device == "cpu":
-            super().queue(kernel, first, count, inputs, device)
+            super().launch(kernel, first, count, inputs, device)
         else:
             self.run(declared(kernel), (count,), [first, *inputs])
 
@@ -86,8 +88,8 @@ class EmulatedBackend(Backend):
     def gpus(self) -> int:
         return 1
 
-    def gpu(self, name: str) -> Gpu:
-        return Gpu(name, "Emulated GPU", self._arch, memory_left(), memory_left())
+    def describe_gpu(self, name: str) -> str:
+        return f"Emulated GPU, sm_{self._arch}"
 
     def cuda_versions(self) -> CudaVersions:
         return CudaVersions((13, 4), (13, 4), (13, 0))

@@ -1,6 +1,6 @@
 """Pinned host memory through which arrays of a GPU are fetched, kept from one fetch to the next.
 
-Pinning memory and unpinning it wait for all work of a GPU, and what other threads queue meanwhile waits for that.
+Pinning memory and unpinning it wait for all work of a GPU, and later work of other threads waits for that.
 """
 
 from __future__ import annotations

@@ -59,27 +59,20 @@ def on_device(device: Any) -> Iterator[None]:
     Args:
         device: the name, or Warp's device.
     """
+    gpu = _cuda(device)
     try:
-        with _prepared(device):
+        if gpu is None:
             yield
+        else:
+            with _silence.kept(gpu.runtime.core), gpu.context_guard:
+                yield
     except RuntimeError as error:
         raise plain(error, device) from None
 
 
-@contextlib.contextmanager
-def _prepared(device: Any) -> Iterator[None]:
-    of = _cuda(device)
-    if of is None:
-        yield
-        return
-    with _silence.kept(of.runtime.core), of.context_guard:
-        yield
-
-
 def plain(error: RuntimeError, device: Any) -> Exception:
     """Return NotEnoughMemory if an exception of Warp says that memory of a device ran out; else the exception."""
-    found = _NO_MEMORY.match(str(error))
-    if found:
+    if found := _NO_MEMORY.match(str(error)):
         return ran_out(device, int(found[1]))
     return ran_out(device) if _NO_MEMORY_OF_CUDA in str(error) else error
 
@@ -89,14 +82,14 @@ def ran_out(device: Any, size: int = 0) -> NotEnoughMemory:
 
     Args:
         device: the name, or Warp's device.
-        size: the bytes that were not found, 0 if that is not known.
+        size: the bytes that were not found, 0 if unknown.
     """
-    of = _cuda(device)
-    if of is not None:
-        with _silence.kept(of.runtime.core):
-            of.runtime.core.wp_cuda_context_check(of.context)
-    needed = f": {size / 1e9:.2f} GB more were needed" if size else ""
-    return NotEnoughMemory(f"memory ran out on {device}{needed}; {MEMORY_ADVICE}")
+    gpu = _cuda(device)
+    if gpu is not None:
+        with _silence.kept(gpu.runtime.core):
+            gpu.runtime.core.wp_cuda_context_check(gpu.context)
+    shortage = f": {size / 1e9:.2f} GB more were needed" if size else ""
+    return NotEnoughMemory(f"memory ran out on {device}{shortage}; {MEMORY_ADVICE}")
 
 
 def _cuda(device: Any) -> Any:

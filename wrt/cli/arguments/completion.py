@@ -20,23 +20,20 @@ def shell_code(shell: str) -> str:
     return str(argcomplete.shellcode(["wrt"], use_defaults=False, shell=shell)).strip("\n")
 
 
+Finder = Callable[[str], Iterable[str]]
+"""Returns the words that may complete a prefix; the others are left out afterwards."""
+
+
 def complete(parser: argparse.ArgumentParser) -> None:
     """Print the completions that the shell asks for, and end the process."""
     import argcomplete
 
-    render, convert, compile = (commands_of(parser)[name] for name in ("render", "convert", "compile"))
-    for command in (render, convert, compile, commands_of(parser)["info"]):
+    for command in commands_of(parser).values():
         for action in command._actions:
-            if action.dest in ("inputs", "source"):
-                action.completer = _inputs  # type: ignore[attr-defined]
-    for action in (*render._actions, *convert._actions, *compile._actions, *commands_of(parser)["materials"]._actions):
-        find = _FINDERS.get(action.metavar if action.dest == "output" else action.dest)  # type: ignore[arg-type]
-        if find is not None:
-            action.completer = _finding(find)  # type: ignore[attr-defined]
+            find = _FINDERS.get(action.dest) or _FINDERS.get(str(action.metavar))
+            if find is not None:
+                action.completer = _finding(find)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser, always_complete_options=False, default_completer=_finding(lambda prefix: ()))
-
-
-Finder = Callable[[str], Iterable[str]]
 
 
 def _finding(find: Finder) -> Callable[..., list[str]]:
@@ -64,12 +61,11 @@ def _files(prefix: str, suffixes: Iterable[str] | None = None) -> list[str]:
     return sorted(found)
 
 
-def _inputs(prefix: str, **_: object) -> list[str]:
+def _inputs(prefix: str) -> list[str]:
     from wrt.io.load_mesh import MESH_SUFFIXES
     from wrt.meshes import scene_names
 
-    builtin = [name for name in scene_names() if name.startswith(prefix)]
-    return builtin + _files(prefix, (*MESH_SUFFIXES, ".toml", ".xml"))
+    return [*scene_names(), *_files(prefix, (*MESH_SUFFIXES, ".toml", ".xml"))]
 
 
 def _names(module: str, table: str) -> Finder:
@@ -85,7 +81,9 @@ def _layers(prefix: str) -> Iterable[str]:
     return [f"{before}{comma}{name}" for name in LAYERS if name not in before.split(",")]
 
 
-_FINDERS: dict[str | None, Finder] = {
+_FINDERS: dict[str, Finder] = {
+    "INPUT": _inputs,
+    "SCENE": _inputs,
     "OUT": lambda prefix: _files(prefix, PICTURES),
     "OUT.toml": lambda prefix: _files(prefix, (".toml",)),
     "checkpoint": _files,
@@ -96,3 +94,4 @@ _FINDERS: dict[str | None, Finder] = {
     "size": _names("wrt.cli.arguments.types", "PICTURES"),
     "name": _names("wrt.scene.materials", "MATERIALS"),
 }
+"""Finders by the name of an argument, or by what it stands for in the help."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from collections.abc import Callable
 from typing import Any
 
@@ -28,104 +27,90 @@ examples:
   wrt info robot.glb
 """
 
-VALUES: dict[str, tuple[str, Callable[[str], Any], str]] = {
-    "--spp": ("N", whole(1), "samples per pixel in total (default: from the scene)"),
-    "--time": ("TIME", types.duration,
+
+def _value(metavar: str, type: Callable[[str], Any], help: str, **settings: Any) -> dict[str, Any]:
+    """Return argparse's settings of an option that takes a value."""
+    return {"metavar": metavar, "type": type, "help": help, **settings}
+
+
+def _flag(help: str, **settings: Any) -> dict[str, Any]:
+    """Return argparse's settings of an option without a value."""
+    return {"action": "store_true", "help": help, **settings}
+
+
+OPTIONS: dict[str, dict[str, Any]] = {
+    "--spp": _value("N", whole(1), "samples per pixel in total (default: from the scene)"),
+    "--time": _value("TIME", types.duration,
         "stop after this time, such as 90, 90s, 1m30s or 1:30; without --spp there is no sample limit"),
-    "--noise": ("SHARE", types.share,
+    "--noise": _value("SHARE", types.share,
         "stop when the noise of the picture is below this share of its brightness, such as 1%% or 0.01"),
-    "--size": ("WxH", types.size, "resolution: 640x480, 720p, 1080p or 4k (default: from the scene)"),
-    "--crop": ("X0,Y0,X1,Y1", types.crop, "render only columns X0 to X1-1 and rows Y0 to Y1-1"),
-    "--view": ("VIEW", types.view,
+    "--size": _value("WxH", types.size, "resolution: 640x480, 720p, 1080p or 4k (default: from the scene)"),
+    "--crop": _value("X0,Y0,X1,Y1", types.crop, "render only columns X0 to X1-1 and rows Y0 to Y1-1"),
+    "--view": _value("VIEW", types.checked_by("wrt.studio.views", "view_angles"),
         "view the scene from AZIMUTH,ELEVATION in degrees, or from the front, right, back, left, top, bottom or "
         "three-quarter"),
-    "--material": ("NAME", types.material, "material of a mesh, such as gold, glass or diffuse:0.8,0.2,0"),
-    "--environment": ("FILE", str, "light the scene with an image, such as an .hdr, or with sky for sun and sky"),
-    "--layers": ("NAMES", str, "layers to add to an .exr: albedo, normal, depth and others (see the docs)"),
-    "--triangles": ("N", whole(1), "number of triangles of a procedural mesh"),
-    "--device": ("NAME", str, "cpu, cuda or cuda:N (default: cpu)"),
-    "--threads": ("N", whole(1), "number of CPU threads (default: one per core)"),
-    "--dask": ("ADDRESS", str,
+    "--material": _value("NAME", types.checked_by("wrt.scene.materials.named", "named_material"),
+        "material of a mesh, such as gold, glass or diffuse:0.8,0.2,0"),
+    "--environment": _value("FILE", str, "light the scene with an image, such as an .hdr, or with sky for sun and sky"),
+    "--layers": _value("NAMES", str, "layers to add to an .exr: albedo, normal, depth and others (see the docs)"),
+    "--triangles": _value("N", whole(1), "number of triangles of a procedural mesh"),
+    "--device": _value("NAME", str, "cpu, cuda or cuda:N (default: cpu)", default="cpu"),
+    "--threads": _value("N", whole(1), "number of CPU threads (default: one per core)"),
+    "--dask": _value("ADDRESS", str,
         "render on the workers of a Dask scheduler, such as tcp://head:8786, or on N processes of this machine: "
         "local:N"),
-    "--seed": ("N", whole(0), "random seed (default: 0)"),
-    "--max-depth": ("N", whole(1), "maximum number of path segments (default: from the scene)"),
-    "--sampler": ("NAME", str, "independent, stratified, sobol or blue-noise (default: from the scene)"),
-    "--integrator": ("NAME", str, "path, direct, whitted, ao or aov (default: from the scene)"),
-    "--clamp-indirect": ("RADIANCE", positive, "limit the indirect radiance of each path; biased"),
-    "--regularization": ("ALPHA", types.finite, "add this roughness to rough surfaces along a path; biased"),
-    "--tone": ("NAME", str,
+    "--seed": _value("N", whole(0), "random seed (default: 0)", default=0),
+    "--max-depth": _value("N", whole(1), "maximum number of path segments (default: from the scene)"),
+    "--sampler": _value("NAME", str, "independent, stratified, sobol or blue-noise (default: from the scene)"),
+    "--integrator": _value("NAME", str, "path, direct, whitted, ao or aov (default: from the scene)"),
+    "--clamp-indirect": _value("RADIANCE", positive, "limit the indirect radiance of each path; biased"),
+    "--regularization": _value("ALPHA", types.finite, "add this roughness to rough surfaces along a path; biased"),
+    "--tone": _value("NAME", str,
         "tone curve of a PNG or JPEG: soft, none, neutral, agx, aces, ocio or ocio:CONFIG,DISPLAY,VIEW (default: "
         "soft)"),
-    "--exposure": ("STOPS", types.exposure,
+    "--exposure": _value("STOPS", types.exposure,
         "brighten a PNG or JPEG by this many stops (factors of two), or auto (default: 0, and auto for pictures "
         "that would be mostly white or dark)"),
-    "--turntable": ("N", whole(2),
+    "--turntable": _value("N", whole(2),
         "render N frames once around the scene, to a video (.mp4, .webp or .gif) or to frames (cow_%%04d.png)"),
-    "--frames": ("A-B", types.frames,
+    "--frames": _value("A-B", types.frames,
         "render frames A to B of a scene with keyframes or a glTF animation; frame f is at f / FPS seconds"),
-    "--fps": ("FPS", positive, "frames per second (default: 24)"),
-    "--part": ("I/N", types.part,
+    "--fps": _value("FPS", positive, "frames per second (default: 24)", default=24.0),
+    "--part": _value("I/N", types.part,
         "render only part I of N, from 1/N to N/N, to a file for wrt merge (default: INPUT-I-of-N.wrt)"),
-    "--save-every": ("TIME", types.interval,
+    "--save-every": _value("TIME", types.interval,
         "time between saves of picture and checkpoint during the render, or never (default: 60 s for the "
         "checkpoint; for the picture 2 s at first, then longer and longer)"),
-    "--sensor": ("N", whole(0), "which sensor of a Mitsuba scene is the camera, from 0"),
-    "--port": ("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
-}  # fmt: skip
-"""Options that take a value: its name, its type and the help."""
-
-DEFAULTS = {"--device": "cpu", "--seed": 0, "--fps": 24.0}
-
-FLAGS = {
-    "--denoise": "remove noise from the picture (needs the extra wrt[denoise])",
-    "--transparent": "leave out the backdrop: the picture has an alpha channel",
-    "--resume": "continue from the --checkpoint file if it exists; of an animation, render missing frames",
-    "--quiet": "show only errors and warnings",
-    "--json": "print a summary of each render to standard output as a line of JSON",
-    "--force": "let -o overwrite a file that wrt did not write",
-    "--confined": "refuse references to files outside the input's folder",
-    "--strict": "treat unsupported content as an error, not a warning",
-    "--presets": "list the names that metal, f0 and ior take, with values and sources",
-    "--system": "show versions, threads, the kernel and the GPUs of this machine",
-    "--memory": "show the memory that a picture takes on a GPU, by part",
-    "--general": "also compile the kernels that render most other scenes, though slower (two minutes)",
-    "--watch": "load the scene again whenever its file changes",
-    "--no-browser": "only print the address of the page",
-}
-"""Options without a value, and their help."""
-
-SPECIAL: dict[str, dict[str, Any]] = {
-    "--output": {
-        "metavar": "OUT",
-        "action": Once,
-        "help": "picture to write: .png, .jpg, .exr or .npy (default: INPUT's name with .png, in the current folder); "
-        "for several inputs, a folder",
-    },
-    "--checkpoint": {"metavar": "FILE", "action": Once, "help": "save the state of the render here, for --resume"},
-    "--adaptive": {
-        "action": "store_true",
-        "default": None,
-        "help": "let parts of the picture that reach --noise stop before the others; slightly biased",
-    },
+    "--sensor": _value("N", whole(0), "which sensor of a Mitsuba scene is the camera, from 0"),
+    "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
+    "--denoise": _flag("remove noise from the picture (needs the extra wrt[denoise])"),
+    "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
+    "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
+    "--quiet": _flag("show only errors and warnings"),
+    "--json": _flag("print a summary of each render to standard output as a line of JSON"),
+    "--force": _flag("let -o overwrite a file that wrt did not write"),
+    "--confined": _flag("refuse references to files outside the input's folder"),
+    "--strict": _flag("treat unsupported content as an error, not a warning"),
+    "--presets": _flag("list the names that metal, f0 and ior take, with values and sources"),
+    "--system": _flag("show versions, threads, the kernel and the GPUs of this machine"),
+    "--memory": _flag("show the memory that a picture takes on a GPU, by part"),
+    "--general": _flag("also compile the kernels that render most other scenes, though slower (two minutes)"),
+    "--watch": _flag("load the scene again whenever its file changes"),
+    "--no-browser": _flag("only print the address of the page"),
+    "--adaptive": _flag("let parts of the picture that reach --noise stop before the others; slightly biased",
+        default=None),
     "--frame": {
         "action": argparse.BooleanOptionalAction,
         "help": "ignore the input's camera and frame the scene; --no-frame keeps a camera that shows a mesh small",
     },
-    "--define": {
-        "dest": "parameters",
-        "metavar": "NAME=VALUE",
-        "action": "append",
-        "type": types.definition,
-        "help": "value of the parameter $NAME in a Mitsuba scene",
-    },
-    "--up": {
-        "metavar": "AXIS",
-        "choices": AXES,
-        "type": choice(AXES),
-        "help": "axis of a mesh that points up: x, y, z, -x, -y or -z",
-    },
-}
+    "--output": _value("OUT", str,
+        "picture to write: .png, .jpg, .exr or .npy (default: INPUT's name with .png, in the current folder); for "
+        "several inputs, a folder", action=Once),
+    "--checkpoint": _value("FILE", str, "save the state of the render here, for --resume", action=Once),
+    "--define": _value("NAME=VALUE", types.definition, "value of the parameter $NAME in a Mitsuba scene",
+        dest="parameters", action="append"),
+    "--up": _value("AXIS", choice(AXES), "axis of a mesh that points up: x, y, z, -x, -y or -z", choices=AXES),
+}  # fmt: skip
 
 SHORT = {"--output": "-o", "--define": "-D"}
 
@@ -135,7 +120,7 @@ READING = "--define --sensor --confined --strict --up"
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
-    """Return the parsed arguments of a command line; their `run` is the function that executes the command.
+    """Return the parsed arguments of a command line; `module` and `function` name what executes the command.
 
     Raises:
         InputError: if the arguments are wrong.
@@ -209,7 +194,7 @@ def make_parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter if name == "render" else argparse.HelpFormatter,
             allow_abbrev=False,
         )
-        added.set_defaults(run=_imported_when_called(module, name))
+        added.set_defaults(module=module, function=name)
         for word in words.split():
             _add(added, word, changes.get(word.removeprefix("--").lower(), {}))
         return added
@@ -279,28 +264,10 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _imported_when_called(module: str, name: str) -> Callable[..., int]:
-    """Return a function that imports `module` when called, and calls its function `name`."""
-
-    def run(**options: Any) -> int:
-        status: int = getattr(importlib.import_module(module), name)(**options)
-        return status
-
-    return run
-
-
 def _add(parser: Parser, word: str, changes: dict[str, Any]) -> None:
     """Add an argument or option of the tables above to a command, with some of its settings changed."""
-    if not word.startswith("--"):
+    if word.startswith("--"):
+        parser.add_argument(*([SHORT[word]] if word in SHORT else []), word, **{**OPTIONS[word], **changes})
+    else:
         settings = {"metavar": word, **ARGUMENTS[word], **changes}
         parser.add_argument(settings.pop("dest"), **settings)
-        return
-    if word in VALUES:
-        settings = dict(zip(("metavar", "type", "help"), VALUES[word], strict=True))
-        settings["default"] = DEFAULTS.get(word)
-    elif word in FLAGS:
-        settings = {"action": "store_true", "help": FLAGS[word]}
-    else:
-        settings = SPECIAL[word]
-    names = [SHORT[word], word] if word in SHORT else [word]
-    parser.add_argument(*names, **{**settings, **changes})

@@ -62,11 +62,11 @@ def parse_with(parser: argparse.ArgumentParser, arguments: list[str]) -> argpars
         raise InputError(_no_command(word, arguments[1:], commands))
     command = commands[word]
     try:
-        options, rest = command.parse_known_args(arguments[1:])
+        options, unparsed = command.parse_known_args(arguments[1:])
     except InputError:
         _refuse_files(_split(arguments[1:])[1], command)  # without which a name is missing
         raise
-    _take_rest(command, options, rest)
+    _add_inputs(command, options, unparsed)
     return options
 
 
@@ -76,23 +76,22 @@ def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentP
     return dict(action.choices)
 
 
-def _take_rest(command: argparse.ArgumentParser, options: argparse.Namespace, rest: list[str]) -> None:
+def _add_inputs(command: argparse.ArgumentParser, options: argparse.Namespace, unparsed: list[str]) -> None:
     """Add the arguments that argparse left over to the inputs, or raise InputError."""
-    names, dashes, literal = _split(rest)
+    names, dashes, literal = _split(unparsed)
     _refuse_files(dashes, command)
     for word in dashes:
-        known = list(command._option_string_actions)
+        valid = list(command._option_string_actions)
         option = word.partition("=")[0]
-        if (meant := _ELSEWHERE.get(option)) in known:
+        if (meant := _ELSEWHERE.get(option)) in valid:
             raise InputError(f"there is no option {option} (did you mean {meant!r}?)")
-        hint = did_you_mean(option.lower(), known) or f" (see '{command.prog} --help')"
+        hint = did_you_mean(option.lower(), valid) or f" (see '{command.prog} --help')"
         raise InputError(f"there is no option {option}{hint}")
-    more = names + literal
-    if not more:
-        return
-    if not hasattr(options, "inputs"):
-        raise InputError(f"unexpected argument {more[0]!r} (see '{command.prog} --help')")
-    options.inputs += more
+    inputs = names + literal
+    if inputs and not hasattr(options, "inputs"):
+        raise InputError(f"unexpected argument {inputs[0]!r} (see '{command.prog} --help')")
+    if inputs:
+        options.inputs += inputs
 
 
 def _refuse_files(words: list[str], command: argparse.ArgumentParser) -> None:
@@ -102,25 +101,25 @@ def _refuse_files(words: list[str], command: argparse.ArgumentParser) -> None:
             raise InputError(f"{word!r} begins like an option; to name the file, type ./{word}")
 
 
-def _split(rest: list[str]) -> tuple[list[str], list[str], list[str]]:
+def _split(arguments: list[str]) -> tuple[list[str], list[str], list[str]]:
     """Split arguments into names, words that look like options, and everything after "--"."""
-    end = rest.index("--") if "--" in rest else len(rest)
-    dashes = [word for word in rest[:end] if word.startswith("-") and word != "-"]
-    return [word for word in rest[:end] if word not in dashes], dashes, rest[end + 1 :]
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    dashes = [word for word in arguments[:end] if word.startswith("-") and word != "-"]
+    return [word for word in arguments[:end] if word not in dashes], dashes, arguments[end + 1 :]
 
 
-def _no_command(word: str, others: list[str], commands: dict[str, argparse.ArgumentParser]) -> str:
-    """Return the error message for a first word that is not a command."""
+def _no_command(word: str, arguments: list[str], commands: dict[str, argparse.ArgumentParser]) -> str:
+    """Return the error message for a first word that is not a command, followed by `arguments`."""
     from wrt.meshes import scene_names
 
     if word.startswith("-"):
         option = word.partition("=")[0]
         having = [name for name, command in commands.items() if option in command._option_string_actions]
         if having:
-            return f"{option} goes after a command, such as: wrt {having[-1]} ... {shlex.join([word, *others][:2])}"
+            return f"{option} goes after a command, such as: wrt {having[-1]} ... {shlex.join([word, *arguments][:2])}"
         return f"there is no option {option} (see 'wrt --help')"
     if word in scene_names() or os.path.lexists(word) or os.path.splitext(word)[1]:
-        return f"{word!r} is not a command; to render it, type: wrt {shlex.join(['render', word, *others])}"
+        return f"{word!r} is not a command; to render it, type: wrt {shlex.join(['render', word, *arguments])}"
     scenes = {name: f"render {name}" for name in scene_names()}
     hint = did_you_mean(word.lower(), [*commands, *scenes])
     for name, typed in scenes.items():

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import re
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 from wrt.errors import InputError, did_you_mean
-
-_T = TypeVar("_T")
 
 PICTURES = {
     "720p": (1280, 720),
@@ -179,23 +178,13 @@ def part(text: str) -> tuple[int, int]:
     return number, of
 
 
-def view(text: str) -> tuple[float, float]:
-    """Convert a view, such as 30,20 or front, to its angles in degrees."""
-    from wrt.studio.views import view_angles
+def checked_by(module: str, function: str) -> Callable[[str], Any]:
+    """Return a converter that calls a function of wrt, whose module is imported only then."""
 
-    return _checked(view_angles, text)
+    def convert(text: str) -> Any:
+        try:
+            return getattr(importlib.import_module(module), function)(text)
+        except InputError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
 
-
-def material(text: str) -> Any:
-    """Convert text, such as gold or diffuse:0.8,0.2,0.1, to a material."""
-    from wrt.scene.materials.named import named_material
-
-    return _checked(named_material, text)
-
-
-def _checked(convert: Callable[[str], _T], text: str) -> _T:
-    """Return a converted argument; an InputError becomes argparse's."""
-    try:
-        return convert(text)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    return convert

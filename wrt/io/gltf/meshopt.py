@@ -144,11 +144,7 @@ def _sequence(data: bytes, count: int) -> list[int]:
 
 
 class _Varints:
-    """Reads numbers of seven bits a byte, the lowest first.
-
-    Attributes:
-        last: the index that was read last.
-    """
+    """Reads numbers of seven bits a byte, the lowest first; `last` is the index that was read last."""
 
     def __init__(self, data: bytes, at: int) -> None:
         self._data, self._at, self.last = data, at, 0

@@ -68,10 +68,7 @@ class Primitive:
     def part(self, name: str, uv_sets: list[int], deformation: Deformation | None) -> tuple[Part, NDArray[Any] | None]:
         """Return the primitive without its material, and a second set of texture coordinates, v down, or None.
 
-        Args:
-            name: of the part.
-            uv_sets: numbers of the sets of texture coordinates to read, two at most.
-            deformation: how a node moves its vertices, if it does.
+        `uv_sets` are the numbers of the sets of texture coordinates to read, two at most.
 
         Raises:
             InputError: on damaged data.
@@ -106,22 +103,22 @@ class Primitive:
         corners = np.arange(count) if indices is None else self._buffers.numbers(indices).reshape(-1)
         corners = corners if corners.dtype.kind in "iu" else corners.astype(np.int64)
         mode = self._described.get("mode", TRIANGLES)
+        if mode == TRIANGLES:
+            return corners.reshape(-1, 3)
+        first = corners[:-2] if mode == STRIP else np.broadcast_to(corners[:1], len(corners[2:]))
+        triangles = np.stack([first, corners[1:-1], corners[2:]], axis=1)
         if mode == STRIP:
-            triangles = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
             triangles[1::2] = triangles[1::2, ::-1]
-            return triangles
-        if mode == FAN:
-            return np.stack([np.broadcast_to(corners[:1], len(corners[2:])), corners[1:-1], corners[2:]], axis=1)
-        return corners.reshape(-1, 3)
+        return triangles
 
     def _unpack(self, packed: Tree) -> None:
         """Decompress the attributes and the triangles by Draco."""
-        path, buffers = self._buffers.path, self._buffers
+        path, buffers, accessors = self._buffers.path, self._buffers, self._described["attributes"]
         try:
             import DracoPy
         except ImportError:
-            need = "its meshes are compressed by Draco, which needs a decoder: pip install 'wrt[draco]'"
-            raise InputError(f"{path}: {need}") from None
+            reason = "its meshes are compressed by Draco, which needs a decoder: pip install 'wrt[draco]'"
+            raise InputError(f"{path}: {reason}") from None
         data = buffers.view(packed["bufferView"])
         try:
             mesh = DracoPy.decode(data)
@@ -129,10 +126,10 @@ class Primitive:
             raise InputError(f"{path}: data of Draco cannot be decoded: {first_line(error)}") from None
         by_number = {each["unique_id"]: np.asarray(each["data"]) for each in mesh.attributes}
         for name, number in packed["attributes"].items():
-            if name in self._described["attributes"] and number in by_number:
+            if name in accessors and number in by_number:
                 values = by_number[number]
                 memory_limits.take(memory_limits.MESHES, 4 * values.size)
-                accessor = buffers.accessor(self._described["attributes"][name])
+                accessor = buffers.accessor(accessors[name])
                 if accessor.get("normalized"):  # the accessor knows the type; Draco may hold 16 bits in 32
                     values = normalized(values, np.dtype(TYPES[accessor["componentType"]]))
                 self._unpacked[name] = values[:, None] if values.ndim == 1 else values

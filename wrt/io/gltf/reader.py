@@ -20,32 +20,25 @@ from wrt.io import memory_limits
 from wrt.io.gltf.animation import ends_of, pose
 from wrt.io.gltf.buffers import MESHOPT, Buffers, Tree
 from wrt.io.gltf.images import GltfImages
-from wrt.io.gltf.materials import GltfMaterials
+from wrt.io.gltf.materials import EXTENSIONS, GltfMaterials
 from wrt.io.gltf.primitives import FAN, STRIP, TRIANGLES, Deformation, Primitive, joint_matrices
 from wrt.io.gltf.scene import Matrix, cameras_of, lights_of, local_matrix, nodes_of
 from wrt.io.mesh.parts import Contents, Part, placed
 from wrt.io.safe_read import first_line
 from wrt.linalg import product
 
-_KNOWN_EXTENSIONS = frozenset(
-    (
-        *(f"KHR_materials_{name}" for name in ("anisotropy", "clearcoat", "diffuse_transmission", "dispersion")),
-        *(f"KHR_materials_{name}" for name in ("emissive_strength", "ior", "iridescence", "pbrSpecularGlossiness")),
-        *(f"KHR_materials_{name}" for name in ("sheen", "specular", "transmission", "unlit", "variants", "volume")),
-        "KHR_texture_basisu",
-        "KHR_texture_transform",
-        "EXT_texture_webp",
-        "EXT_texture_avif",
+_KNOWN_EXTENSIONS = {
+    *(f"KHR_materials_{name}" for name in (*EXTENSIONS, "diffuse_transmission", "variants")),
+    *("KHR_texture_basisu", "KHR_texture_transform", "EXT_texture_webp", "EXT_texture_avif"),
+    *(
         "KHR_lights_punctual",
         "KHR_mesh_quantization",
         "KHR_draco_mesh_compression",
-        "KHR_node_visibility",
-        "KHR_xmp_json_ld",
-        "KHR_animation_pointer",
         "EXT_mesh_gpu_instancing",
         *MESHOPT,
-    )
-)
+    ),
+    *("KHR_node_visibility", "KHR_xmp_json_ld", "KHR_animation_pointer"),
+}
 """Extensions that a file may require: supported, without effect on what is read, or left out with a warning."""
 
 NO_ANIMATION = "it has no animation, so there is no time to choose"
@@ -109,8 +102,8 @@ def _opened(path: Path, data: bytes) -> tuple[Tree, Buffers]:
     """Return the JSON of a file, whose nodes form trees and which has a scene, and its binary data."""
     text, binary = data, b""
     if data[:4] == b"glTF":
-        (_, text), *others = _chunks(data)
-        binary = next((content for kind, content in others if kind == b"BIN\0"), b"")
+        (_, text), *chunks = _chunks(data)
+        binary = next((content for kind, content in chunks if kind == b"BIN\0"), b"")
     tree = json.loads(text)
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
         raise InputError(f"{path}: not a glTF file: it names no asset")
@@ -136,13 +129,12 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _unsupported_version(asset: Tree) -> str | None:
-    """Return the version that a file needs (section 3.2), or None if it is supported or unspecified."""
+    """Return the version that a file requires (section 3.2), or None if it is supported or unspecified."""
     least, version = (str(asset[name]) if name in asset else None for name in ("minVersion", "version"))
-    needed = least or version or "2.0"
-    found = _VERSION.fullmatch(needed)
-    if found is None or (found[1] == "2" and (least is None or found[2] == "0")):
-        return None
-    return needed
+    required = least or version or "2.0"
+    found = _VERSION.fullmatch(required)
+    is_supported = found is None or (found[1] == "2" and (least is None or found[2] == "0"))
+    return None if is_supported else required
 
 
 def _warn_of_variants(path: Path, tree: Tree) -> None:
@@ -181,10 +173,10 @@ def _parts(tree: Tree, buffers: Buffers) -> list[Part]:
 
 
 def _triangle_primitives(path: Path, meshes: list[Tree]) -> list[list[tuple[str, Tree]]]:
-    """Return the names and the JSON of the primitives of each mesh that are triangles, and warn of others."""
+    """Return the names and the JSON of the primitives of each mesh that are triangles; warns of the rest."""
     found: list[list[tuple[str, Tree]]] = []
     names: Counter[str] = Counter()
-    others: set[str] = set()
+    left_out: set[str] = set()
     without_positions = 0
     for mesh in meshes:
         found.append([])
@@ -194,14 +186,14 @@ def _triangle_primitives(path: Path, meshes: list[Tree]) -> list[list[tuple[str,
             if "POSITION" not in primitive["attributes"]:  # which need not be rendered (section 3.7.2.1)
                 without_positions += 1
             elif mode not in (TRIANGLES, STRIP, FAN):
-                others.add(_OTHER_MODES.get(mode, "primitives of unknown modes"))
+                left_out.add(_OTHER_MODES.get(mode, "primitives of unknown modes"))
             else:
                 found[-1].append((f"{name}_{names[name]}" if names[name] else name, primitive))
                 names[name] += 1
     if without_positions:
         warn(f"{path}: primitives without positions are left out ({without_positions})")
-    if others:
-        warn(f"{path}: {' and '.join(sorted(others))} are left out: only triangles are rendered")
+    if left_out:
+        warn(f"{path}: {' and '.join(sorted(left_out))} are left out: only triangles are rendered")
     return found
 
 
@@ -259,7 +251,7 @@ def _part(
 ) -> Part:
     """Return a primitive with its material."""
     number = primitive.get("material")
-    uv_sets = [] if number is None else materials.coordinate_sets(number)
+    uv_sets = [] if number is None else materials.uv_sets(number)
     if len(uv_sets) > 2:
         warn(
             f"{buffers.path}: textures of material {number} lie by more than two sets of coordinates; all but those of "

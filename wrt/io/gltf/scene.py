@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io.gltf.buffers import Tree
-from wrt.linalg import norm, product
+from wrt.io.mesh.parts import viewpoint
+from wrt.linalg import product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.lights import DirectionalLight, Light, PointLight, SpotLight
+from wrt.values import vec3
 
 Matrix = NDArray[np.float64]
 
@@ -41,7 +43,7 @@ def nodes_of(tree: Tree, *, last_child_first: bool = False) -> Iterator[tuple[in
             raise InputError("the nodes form a circle, or share a child")
         visited.add(number)
         node = nodes[number]
-        with np.errstate(all="ignore"):  # infinite places are reported by whatever is there
+        with np.errstate(all="ignore"):  # infinite places are reported by their meshes, cameras and lights
             world = product(parent, local_matrix(node))
         yield number, node, world
         waiting += [(child, world) for child in node.get("children", [])[::order]]
@@ -71,51 +73,32 @@ def cameras_of(tree: Tree) -> list[Camera]:
     for _, node, world in nodes_of(tree):
         if "camera" in node:
             described = tree["cameras"][node["camera"]]
-            place = _view(world)
             if described["type"] == "orthographic":
                 height = 2.0 * abs(described["orthographic"]["ymag"])
-                cameras.append(OrthographicCamera(**place, view_height=height))
+                cameras.append(OrthographicCamera(**viewpoint(world), view_height=height))
             else:
                 fov = math.degrees(described["perspective"]["yfov"])
-                cameras.append(PerspectiveCamera(**place, fov_degrees=fov))
+                cameras.append(PerspectiveCamera(**viewpoint(world), fov_degrees=fov))
     return cameras
-
-
-def _view(world: Matrix) -> dict[str, Any]:
-    """Return `origin`, `target` and `up` of a camera that looks along the −z axis of its node."""
-    origin = world[:3, 3]
-    length = norm(world[:3, 2])
-    if length == 0.0:
-        raise InputError("a camera hangs on a node that is scaled to nothing")
-    forward = -world[:3, 2] / length
-    return {
-        "origin": tuple(origin.tolist()),
-        "target": tuple((origin + forward).tolist()),
-        "up": tuple(world[:3, 1].tolist()),
-    }
 
 
 def lights_of(tree: Tree) -> list[Light]:
     """Return the scene's punctual lights in node order."""
-    lights: list[Light] = []
-    described = tree.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", [])
-    for _, node, world in nodes_of(tree):
-        reference = node.get("extensions", {}).get("KHR_lights_punctual")
-        if reference is None:
-            continue
-        light = described[reference["light"]]
-        color = np.asarray(light.get("color", (1.0, 1.0, 1.0)), np.float64) * light.get("intensity", 1.0)
-        strength = tuple(color.tolist())
-        position, direction = tuple(world[:3, 3].tolist()), tuple((-world[:3, 2]).tolist())
-        if light["type"] == "directional":
-            lights.append(DirectionalLight(direction, irradiance=strength))
-        elif light["type"] == "spot":
-            cone = light.get("spot", {})
-            degrees: dict[str, Any] = {
-                "inner_degrees": math.degrees(cone.get("innerConeAngle", 0.0)),
-                "outer_degrees": math.degrees(cone.get("outerConeAngle", math.pi / 4.0)),
-            }
-            lights.append(SpotLight(position, direction, intensity=strength, **degrees, falloff="gltf"))
-        else:
-            lights.append(PointLight(position, intensity=strength))
-    return lights
+    lights = tree.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", [])
+    found = ((node.get("extensions", {}).get("KHR_lights_punctual"), world) for _, node, world in nodes_of(tree))
+    return [light_of(lights[reference["light"]], world) for reference, world in found if reference is not None]
+
+
+def light_of(light: Tree, world: Matrix) -> Light:
+    """Return a light as KHR_lights_punctual describes it, placed by a (4, 4) transform."""
+    strength = vec3(np.asarray(light.get("color", (1.0, 1.0, 1.0)), np.float64) * light.get("intensity", 1.0))
+    position, direction = vec3(world[:3, 3]), vec3(-world[:3, 2])
+    if light["type"] == "directional":
+        return DirectionalLight(direction, irradiance=strength)
+    if light["type"] == "spot":
+        cone = light.get("spot", {})
+        inner = math.degrees(cone.get("innerConeAngle", 0.0))
+        outer = math.degrees(cone.get("outerConeAngle", math.pi / 4.0))
+        spot: dict[str, Any] = {"inner_degrees": inner, "outer_degrees": outer, "falloff": "gltf"}
+        return SpotLight(position, direction, intensity=strength, **spot)
+    return PointLight(position, intensity=strength)

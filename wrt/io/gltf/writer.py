@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
+from wrt.io.gltf.buffers import Tree
 from wrt.io.gltf.nearest import nearest
-from wrt.io.gltf.written_materials import Tree, WrittenMaterials, has_vertex_alpha, is_colored
+from wrt.io.gltf.written_materials import Store, WrittenMaterials
 from wrt.io.safe_read import PathLike
 from wrt.io.safe_write import Kind, require_writable, write_atomically
 from wrt.linalg import norm
 from wrt.scene import shapes
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.quadrics import disk
 from wrt.scene.lights import (
     DirectionalLight,
     DiskLight,
@@ -35,11 +37,10 @@ from wrt.scene.materials import Diffuse, Null
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
+from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
 
 GLB_SUFFIX = ".glb"
 _FLOAT, _UNSIGNED = 5126, 5125
-_SEGMENTS = 96
-"""Sides of the polygon that stands for a disk that shines."""
 _NEAR = 0.01
 
 GLB = Kind("", lambda _: False)
@@ -66,40 +67,33 @@ def save_glb(path: PathLike, scene: Scene, *, force: bool = False) -> None:
     write_atomically(file, lambda temporary: temporary.write_bytes(data), GLB, force=force)
 
 
-class _Writer:
-    """Collects the tree and the binary data of a file; shared objects are written once."""
+class _Writer(Store):
+    """Collects the content of a file; shared objects are written once."""
 
     def __init__(self) -> None:
-        self.tree: Tree = {"asset": {"version": "2.0", "generator": "wrt"}, "scene": 0}
-        self.data = bytearray()
-        self.notes: dict[str, None] = {}
-        self._known: dict[str, int] = {}
+        super().__init__()
         self._accessors: dict[tuple[int, str], int] = {}
-        self._kept: list[Any] = []  # whose ids are keys
-        self._materials = WrittenMaterials(self, self.note)
-
-    def note(self, words: str) -> None:
-        """Remember what glTF cannot hold."""
-        self.notes[words] = None
+        self._owners: list[Any] = []  # whose ids are keys
+        self._materials = WrittenMaterials(self)
 
     def glb(self, scene: Scene) -> bytes:
         """Return the content of the file."""
         nodes: list[Tree] = []
         time = 0.0 if scene.camera is None else scene.camera.shutter_open
-        for shape in [*scene.shapes, *self._shining(scene.lights)]:
+        for shape in [*scene.shapes, *(shape for light in scene.lights for shape in self._shapes_of(light))]:
             if isinstance(shape.material, Null):
                 self.note("boundaries of media without a surface")
             else:
                 nodes.append(self._node(shape, time))
-        nodes += [node for light in scene.lights if (node := self._light(light)) is not None]
+        for light in scene.lights:
+            nodes += self._light(light)
         punctual = "KHR_lights_punctual" in self.tree.get("extensions", {})
         shines = any("emissiveFactor" in material for material in self.tree.get("materials", []))
         if shines and not punctual and scene.environment is None:
-            # A dark lamp, for programs that light what has none, wrt among them: these meshes light the scene.
+            # A black lamp, as wrt and other programs light scenes that have no lamp; here meshes give the light.
             nodes.append(self._placed_light({"type": "point", "intensity": 0.0}, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
         if scene.camera is not None:
-            aspect = scene.settings.width / scene.settings.height
-            nodes += [node] if (node := self._camera(scene.camera, aspect)) is not None else []
+            nodes += self._camera(scene.camera, scene.settings.width / scene.settings.height)
         if scene.environment is not None:
             self.note("the environment")
         if scene.medium is not None:
@@ -111,36 +105,20 @@ class _Writer:
         self.tree["buffers"] = [{"byteLength": len(self.data)}]
         return _packed(self.tree, bytes(self.data))
 
-    # --- Store --------------------------------------------------------------------------------------
-
-    def view(self, data: bytes) -> int:
-        """Append bytes, and return the number of their buffer view."""
-        self.data += b"\0" * (-len(self.data) % 4)
-        views = self.tree.setdefault("bufferViews", [])
-        views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)})
-        self.data += data
-        return len(views) - 1
-
-    def once(self, kind: str, entry: Tree) -> int:
-        """Return the number of an entry of a list of the tree, which is appended if new."""
-        key = f"{kind}:{json.dumps(entry, sort_keys=True)}"
-        if key not in self._known:
-            self.tree.setdefault(kind, []).append(entry)
-            self._known[key] = len(self.tree[kind]) - 1
-        return self._known[key]
-
     def _accessor(self, owner: Any, name: str, array: NDArray[Any]) -> int:
         """Return the number of an array of an object, which is written once."""
         key = id(owner), name
         if key not in self._accessors:
-            self._kept.append(owner)
-            entry: Tree = {"bufferView": self.view(np.ascontiguousarray(array).tobytes()), "count": len(array)}
-            entry |= {"componentType": _UNSIGNED if array.dtype == np.uint32 else _FLOAT}
-            entry["type"] = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
+            self._owners.append(owner)
+            entry: Tree = {
+                "bufferView": self.view(np.ascontiguousarray(array).tobytes()),
+                "count": len(array),
+                "componentType": _UNSIGNED if array.dtype == np.uint32 else _FLOAT,
+                "type": "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}",
+            }
             if name == "POSITION":
                 entry |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
-            self.tree.setdefault("accessors", []).append(entry)
-            self._accessors[key] = len(self.tree["accessors"]) - 1
+            self._accessors[key] = self.append("accessors", entry)
         return self._accessors[key]
 
     # --- Shapes -------------------------------------------------------------------------------------
@@ -170,7 +148,8 @@ class _Writer:
             for k in range(mesh.uvs.shape[1] // 2):
                 flipped = mesh.uvs[:, 2 * k : 2 * k + 2] * (1.0, -1.0) + (0.0, 1.0)
                 attributes[f"TEXCOORD_{k}"] = self._accessor(mesh, f"TEXCOORD_{k}", flipped.astype(np.float32))
-        colored, alpha = is_colored(material), has_vertex_alpha(material)
+        colored = _uses_vertex_colors(material.base_color, alpha=False)
+        alpha = _uses_vertex_colors(material.opacity, alpha=True)
         if mesh.colors is not None and (colored or alpha):
             if alpha and not colored:
                 self.note("the alpha of vertex colours without these")
@@ -182,31 +161,26 @@ class _Writer:
             "material": self.once("materials", described),
         }
 
-    def _shining(self, lights: list[Light]) -> list[Shape]:
-        """Return meshes for the lights that have a surface."""
-        found = []
-        for light in lights:
-            if isinstance(light, RectangleLight):
-                mesh = shapes.quad(light.origin, light.edge_u, light.edge_v)
-            elif isinstance(light, DiskLight):
-                self.note("round lights: meshes stand for them")
-                mesh = _disk(light)
-            elif isinstance(light, SphereLight):
-                self.note("round lights: meshes stand for them")
-                mesh = shapes.sphere(light.center, light.radius, subdivisions=4)
-            else:
-                continue
-            two_sided = bool(getattr(light, "two_sided", False))
-            found.append(Shape(mesh, Diffuse(0.0), light.radiance, two_sided, name=light.type_name))  # type: ignore[arg-type]
-        return found
+    def _shapes_of(self, light: Light) -> list[Shape]:
+        """Return the shape of a light that has a surface, or none."""
+        mesh: Mesh
+        if isinstance(light, RectangleLight):
+            mesh = shapes.quad(light.origin, light.edge_u, light.edge_v)
+        elif isinstance(light, DiskLight):
+            mesh = disk(light.center, light.normal, light.radius)
+        elif isinstance(light, SphereLight):
+            mesh = shapes.sphere(light.center, light.radius, exact=True)
+        else:
+            return []
+        two_sided = bool(getattr(light, "two_sided", False))
+        return [Shape(mesh, Diffuse(0.0), light.radiance, two_sided, name=light.type_name)]  # type: ignore[arg-type]
 
     # --- Lights and cameras -------------------------------------------------------------------------
 
-    def _light(self, light: Light) -> Tree | None:
-        described: Tree
+    def _light(self, light: Light) -> list[Tree]:
+        """Return the node of a punctual light, if it is one."""
         if isinstance(light, PointLight):
-            described = {"type": "point", **_amount(light.intensity)}
-            return self._placed_light(described, light.position, (0.0, 0.0, -1.0))
+            return [self._placed_light({"type": "point", **_amount(light.intensity)}, light.position, (0.0, 0.0, -1.0))]
         if isinstance(light, SpotLight):
             if light.falloff != "gltf":
                 self.note("other falloffs of spots than its own")
@@ -216,27 +190,29 @@ class _Writer:
             inner = min(math.radians(light.inner_degrees), outer - 1e-6)
             cone = {"innerConeAngle": inner, "outerConeAngle": outer}
             described = {"type": "spot", **_amount(light.intensity), "spot": cone}
-            return self._placed_light(described, light.position, light.direction)
+            return [self._placed_light(described, light.position, light.direction)]
         if isinstance(light, DirectionalLight):
             if light.angle_degrees:
                 self.note("the diameter of the sun")
             described = {"type": "directional", **_amount(light.irradiance)}
-            return self._placed_light(described, (0.0, 0.0, 0.0), light.direction)
+            return [self._placed_light(described, (0.0, 0.0, 0.0), light.direction)]
         if not isinstance(light, (RectangleLight, DiskLight, SphereLight)):
             self.note(f"lights of the type {light.type_name!r}")
-        return None
+        return []
 
     def _placed_light(self, described: Tree, position: Any, direction: Any) -> Tree:
-        held = self.tree.setdefault("extensions", {}).setdefault("KHR_lights_punctual", {"lights": []})
-        held["lights"].append(described)
+        extensions = self.tree.setdefault("extensions", {})
+        lights = extensions.setdefault("KHR_lights_punctual", {"lights": []})["lights"]
+        lights.append(described)
         up = np.eye(3)[np.abs(direction).argmin()]
         right = np.cross(direction, up)
         right /= norm(right)
         rows = np.stack([right, np.cross(right, direction), np.asarray(direction, np.float64)])
-        reference = {"KHR_lights_punctual": {"light": len(held["lights"]) - 1}}
+        reference = {"KHR_lights_punctual": {"light": len(lights) - 1}}
         return {"matrix": _looking(rows, position), "extensions": reference}
 
-    def _camera(self, camera: Camera, aspect: float) -> Tree | None:
+    def _camera(self, camera: Camera, aspect: float) -> list[Tree]:
+        """Return the node of a camera, if glTF has its kind."""
         if getattr(camera, "aperture_radius", 0.0) > 0.0:
             self.note("depth of field")
         if camera.motion is not None:
@@ -252,26 +228,22 @@ class _Writer:
             described = {"type": "orthographic", "orthographic": box}
         else:
             self.note(f"cameras of the type {camera.type_name!r}")
-            return None
+            return []
         number = self.once("cameras", described)
-        return {"name": "camera", "camera": number, "matrix": _looking(camera.frame(), camera.origin)}
+        return [{"name": "camera", "camera": number, "matrix": _looking(camera.frame(), camera.origin)}]
+
+
+def _uses_vertex_colors(value: ColorSource, *, alpha: bool) -> bool:
+    """Return whether vertex colours give or multiply a value, or their alpha if `alpha`."""
+    if isinstance(value, VertexColor):
+        return value.alpha or not alpha
+    return isinstance(value, ImageTexture) and (value.vertex_alpha if alpha else value.vertex_colors)
 
 
 def _of_unit_length(normals: NDArray[Any]) -> NDArray[np.float32]:
     """Return normals of length 1, as glTF wants them; those of no length point up."""
     length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
     return np.where(length > 0.0, normals / np.maximum(length, 1e-300), (0.0, 1.0, 0.0)).astype(np.float32)
-
-
-def _disk(light: DiskLight) -> Mesh:
-    """Return a polygon of the area of a disk."""
-    normal = np.array(light.normal)
-    x = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    x /= norm(x)
-    angles = 2.0 * math.pi * np.arange(_SEGMENTS) / _SEGMENTS
-    reach = light.radius * math.sqrt(2.0 * math.pi / (_SEGMENTS * math.sin(2.0 * math.pi / _SEGMENTS)))
-    rim = np.cos(angles)[:, None] * x + np.sin(angles)[:, None] * np.cross(normal, x)
-    return shapes.polygon(np.array(light.center) + reach * rim)
 
 
 def _amount(value: Any) -> Tree:

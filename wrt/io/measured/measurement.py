@@ -62,21 +62,19 @@ def _measurement(fields: dict[str, NDArray[Any]], name: str) -> Measurement:
         raise InputError("holds Mueller matrices of a polarised measurement, which are not supported")
     content = "spectra" if "wavelengths" in fields else "rgb"
     names = (*_TABLES, content)
-    missing = [key for key in names if key not in fields]
-    if missing:
+    if missing := [key for key in names if key not in fields]:
         raise InputError(f"is no measured reflectance: it lacks {', '.join(map(repr, missing))}")
     for key in names:
         if fields[key].dtype != np.float32:
             raise InputError(f"{key!r} must be of float32 numbers, not {fields[key].dtype}")
-    tables = {key: sealed(fields[key].copy()) for key in _TABLES}
     values = fields[content]
     if values.ndim != 5 or values.size == 0:
         raise InputError(f"{content!r} must have five dimensions, not the shape {values.shape}")
     if not np.isfinite(values).all():
         raise InputError(f"{content!r} has values that are not finite")
     rgb = values if content == "rgb" else _colors(values, fields["wavelengths"])
-    jacobian = fields.get("jacobian")
-    has_jacobian = jacobian is None or bool(jacobian.any())
+    tables = {key: sealed(fields[key].copy()) for key in _TABLES}
+    has_jacobian = "jacobian" not in fields or bool(fields["jacobian"].any())
     return Measurement(**tables, rgb=sealed(np.maximum(rgb, np.float32(0.0))), jacobian=has_jacobian, name=name)
 
 

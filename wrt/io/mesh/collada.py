@@ -45,19 +45,41 @@ def read_collada(path: Path, data: bytes) -> Contents:
     missing = f"{path}: .dae files need further libraries: pip install 'wrt[formats]'"
     if "dae" not in mesh_loaders:
         raise InputError(missing)
-    sidecars = Sidecars(path, images=False)
+    files = _NamedFiles(path)
     with reading_with_trimesh(path, "dae"):
         try:
             document, notes = _rewritten(data)
-            scene = trimesh.load_scene(io.BytesIO(document), file_type="dae", resolver=sidecars)
+            scene = trimesh.load_scene(io.BytesIO(document), file_type="dae", resolver=files)
         except ImportError as error:
             raise InputError(f"{missing} ({first_line(error)})") from None
-    sidecars.warn_of_changes()
-    for note in notes:
-        warn(f"{path}: {note}")
-    if left_out := [f"{what}s" for what in ("camera", "light") if f"instance_{what}".encode() in data]:
+    for message in dict.fromkeys([*files.messages, *(f"{path}: {note}" for note in notes)]):
+        warn(message)
+    if left_out := [f"{kind}s" for kind in ("camera", "light") if f"instance_{kind}".encode() in data]:
         warn(f"{path}: {' and '.join(left_out)} of COLLADA files are left out")
     return read_object(scene, str(path))
+
+
+class _NamedFiles(Sidecars):
+    """A resolver for trimesh, which hides warnings and errors.
+
+    Attributes:
+        messages: what to warn of.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.messages: list[str] = []
+
+    def get(self, name: str) -> bytes:
+        try:
+            file, note = self.located(name)
+        except InputError as error:
+            self.messages.append(f"{error}; it is left out")
+            raise
+        self.messages += [note] if note else []
+        return read_file(file)
+
+    __getitem__ = get
 
 
 def declared_up(path: Path) -> str | None:
@@ -73,77 +95,84 @@ def _rewritten(data: bytes) -> tuple[bytes, list[str]]:
     from lxml import etree
 
     root: Any = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
-    space = root.tag.rpartition("}")[0] + "}" if "}" in root.tag else ""
-    for mesh in list(root.iter(f"{space}convex_mesh")):
-        mesh.tag = f"{space}mesh"
-    controllers = {each.get("id"): each for each in root.iter(f"{space}controller")}
-    instances = list(root.iter(f"{space}instance_controller"))
+    for mesh in list(root.iter("{*}convex_mesh")):
+        mesh.tag = mesh.tag.replace("convex_mesh", "mesh")
+    controllers = {each.get("id"): each for each in root.iter("{*}controller")}
+    instances = list(root.iter("{*}instance_controller"))
     for instance in instances:
-        _show_geometry(instance, controllers, space, etree)
-    shown: Any = root.find(f".//{space}visual_scene[@id]")
-    if root.find(f"{space}scene") is None and shown is not None:
-        scene = etree.SubElement(root, f"{space}scene")
-        etree.SubElement(scene, f"{space}instance_visual_scene", url=f"#{shown.get('id')}")
+        _show_geometry(instance, controllers)
+    shown: Any = root.find(".//{*}visual_scene[@id]")
+    if root.find("{*}scene") is None and shown is not None:
+        _add(_add(root, "scene"), "instance_visual_scene").set("url", f"#{shown.get('id')}")
     notes = ["skins and morph targets are shown in their bind pose"] if instances else []
-    if count := _replace_missing_images(root, space, etree):
+    if count := _replace_missing_images(root):
         notes.append(f"textures that lead to no image are grey ({count})")
-    if count := _remove_missing_materials(root, space):
+    if count := _remove_missing_materials(root):
         notes.append(f"uses of materials that are not there are left out ({count})")
     return bytes(etree.tostring(root)), notes
 
 
-def _show_geometry(instance: Any, controllers: dict[str, Any], space: str, etree: Any) -> None:
+def _add(parent: Any, name: str, text: str | None = None) -> Any:
+    """Return a new last child of an element, in its namespace."""
+    space, brace, _ = parent.tag.rpartition("}")
+    child = parent.makeelement(space + brace + name)
+    child.text = text
+    parent.append(child)
+    return child
+
+
+def _show_geometry(instance: Any, controllers: dict[str, Any]) -> None:
     """Make an instance of a controller one of its geometry; a skin's stands where the skin binds it, in the world."""
     source, matrix = instance.get("url", "")[1:], None
     for _ in range(_MOST_CONTROLLERS):
-        tags = f"{space}skin", f"{space}morph"
-        found = next((each for each in controllers.get(source, ()) if each.tag in tags), None)
-        if found is None:
+        controller = controllers.get(source)
+        if controller is None or (deformer := next(controller.iterchildren("{*}skin", "{*}morph"), None)) is None:
             break
-        if found.tag == tags[0]:
-            matrix = found.findtext(f"{space}bind_shape_matrix", _IDENTITY)
-        source = found.get("source", "")[1:]
-    instance.tag, instance.attrib["url"] = f"{space}instance_geometry", f"#{source}"
-    for skeleton in instance.findall(f"{space}skeleton"):
+        if deformer.tag.endswith("skin"):
+            matrix = deformer.findtext("{*}bind_shape_matrix", _IDENTITY)
+        source = deformer.get("source", "")[1:]
+    instance.tag = instance.tag.replace("instance_controller", "instance_geometry")
+    instance.set("url", f"#{source}")
+    for skeleton in instance.findall("{*}skeleton"):
         instance.remove(skeleton)
-    scene = next(instance.iterancestors(f"{space}visual_scene"), None)
+    scene = next(instance.iterancestors("{*}visual_scene"), None)
     if matrix is not None and scene is not None:
-        node = etree.SubElement(scene, f"{space}node")
-        etree.SubElement(node, f"{space}matrix").text = matrix
+        node = _add(scene, "node")
+        _add(node, "matrix", matrix)
         node.append(instance)
 
 
-def _replace_missing_images(root: Any, space: str, etree: Any) -> int:
+def _replace_missing_images(root: Any) -> int:
     """Make textures grey that lead to no image, and return their number."""
-    images = {each.get("id") for each in root.iter(f"{space}image") if each.find(f"{space}init_from") is not None}
+    images = {each.get("id") for each in root.iter("{*}image") if each.find("{*}init_from") is not None}
     count = 0
-    for effect in root.iter(f"{space}effect"):
+    for effect in root.iter("{*}effect"):
         surfaces, without_image = set(), set()
-        for parameter in list(effect.iter(f"{space}newparam")):
+        for parameter in list(effect.iter("{*}newparam")):
             name = parameter.get("sid")
-            image = parameter.findtext(f"{space}surface/{space}init_from")
-            surface = parameter.findtext(f"{space}sampler2D/{space}source")
+            image = parameter.findtext("{*}surface/{*}init_from")
+            surface = parameter.findtext("{*}sampler2D/{*}source")
             if (image is not None and image not in images) or (surface is not None and surface not in surfaces):
                 without_image.add(name)
                 parameter.getparent().remove(parameter)
             elif image is not None:
                 surfaces.add(name)
-        for texture in [each for each in effect.iter(f"{space}texture") if each.get("texture") in without_image]:
-            etree.SubElement(texture.getparent(), f"{space}color").text = _WITHOUT_IMAGE
+        for texture in [each for each in effect.iter("{*}texture") if each.get("texture") in without_image]:
+            _add(texture.getparent(), "color", _WITHOUT_IMAGE)
             texture.getparent().remove(texture)
             count += 1
     return count
 
 
-def _remove_missing_materials(root: Any, space: str) -> int:
+def _remove_missing_materials(root: Any) -> int:
     """Remove uses of materials that are missing or have no effect, and return their number."""
-    effects = {f"#{each.get('id')}" for each in root.iter(f"{space}effect")}
+    effects = {f"#{each.get('id')}" for each in root.iter("{*}effect")}
     materials = set()
-    for material in root.iter(f"{space}material"):
-        effect = material.find(f"{space}instance_effect")
+    for material in root.iter("{*}material"):
+        effect = material.find("{*}instance_effect")
         if effect is not None and effect.get("url") in effects:
             materials.add(f"#{material.get('id')}")
-    missing = [each for each in root.iter(f"{space}instance_material") if each.get("target") not in materials]
+    missing = [each for each in root.iter("{*}instance_material") if each.get("target") not in materials]
     for use in missing:
         use.getparent().remove(use)
     return len(missing)

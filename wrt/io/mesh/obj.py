@@ -1,4 +1,4 @@
-"""Wavefront OBJ with its MTL materials, loaded by trimesh from text that it reads right.
+"""Wavefront OBJ: its faces, loaded by trimesh from text that it reads right, with the materials of MTL files.
 
 Format: Wavefront, "Advanced Visualizer Manual", appendix B1.
 """
@@ -9,13 +9,14 @@ import re
 from pathlib import Path
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.mtl import MtlMaterials
+from wrt.io.mesh.mtl import MtlMaterials, Statements, statements_of
 from wrt.io.mesh.parts import Part, only_points
-from wrt.io.mesh.sidecars import COLOR_MAP, Sidecars
+from wrt.io.mesh.sidecars import Sidecars, in_any_case
 from wrt.io.mesh.trimesh_loaders import load, part_of
-from wrt.io.safe_read import as_text
+from wrt.io.safe_read import as_text, naming_file, read_file
 
 _INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
+_BETWEEN_FILES = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
 
 
 def _lines(line: str) -> str:
@@ -46,106 +47,145 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
     Raises:
         InputError: on what trimesh cannot read and on indices that name nothing.
     """
-    text = _plain(path, as_text(data))
+    text = _PlainText(path, as_text(data))
+    loaded = load(path, "\n".join(text.lines), "obj", split_groups=True, skip_materials=True)
     sidecars = Sidecars(path)
-    if "usemtl" in text and "mtllib" not in text:
-        names = dict.fromkeys(re.findall(r"^usemtl (.+)$", text, re.MULTILINE))
-        first = f"{next(iter(names), '')!r}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
-        guess = sidecars.own_material_file()
-        instead = "they are left out" if guess is None else f"{str(guess)!r} is taken"
-        warn(f"{path}: it names no file (mtllib) that describes its materials, {first}; {instead}")
-        text = text if guess is None else f"mtllib {guess.name}\n{text}"
-    sidecars.set_material_statements(re.findall(r"^mtllib (.+)$", text, re.MULTILINE))
-    loaded = load(path, text, "obj", sidecars=sidecars, split_groups=True)
+    described = _materials(path, text, sidecars)
     materials = MtlMaterials(path, sidecars.find)
-    parts = []
-    for fields in reversed(list(loaded.get("geometry", {}).values())):  # trimesh takes the last one first
-        described = getattr(fields.get("visual"), "material", None)
-        name = str(getattr(described, "name", None) or path.stem)
-        part = part_of(path, name, fields)
+    parts, names = [], list(text.materials)
+    for group, fields in reversed(list(loaded.get("geometry", {}).items())):  # trimesh takes the last one first
+        name = names[int(group.partition(" ")[0])]
+        statements = described.get(name, {})
+        part = part_of(path, name if name in described else path.stem, fields)
         if part is None:
             continue
         part.vertex_format = "a vertex"  # trimesh has renumbered them
-        statements = getattr(described, "kwargs", {})
-        if COLOR_MAP in statements and part.uvs is None and "\nvt " in text:
-            # trimesh drops all coordinates where one is not there.
-            label = " ".join(statements[COLOR_MAP])
+        if "map_kd" in statements and part.uvs is None and text.counts["vt"]:
+            # trimesh drops all coordinates where one is missing.
+            label = " ".join(statements["map_kd"])
             warn(f"{path}: texture {label} cannot be laid: its faces name texture coordinates that are not there")
         if statements:
-            laid, colored = part.uvs is not None, part.colors is not None
-            part.material = materials.material(name, statements, laid=laid, colored=colored)
+            has_uvs, has_colors = part.uvs is not None, part.colors is not None
+            part.material = materials.material(name, statements, has_uvs=has_uvs, has_colors=has_colors)
         parts.append(part)
-    if not parts and (count := text.count("\nv ") + text.startswith("v ")):
+    if not parts and (count := text.counts["v"]):
         raise only_points(path, count)
     return parts
 
 
-def _plain(path: Path, text: str) -> str:
-    """Return the statements in the plain form that trimesh 5.2 takes.
+def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, Statements]:
+    """Return the statements of each material of the files that an OBJ file names, or of the one of its own name."""
+    own_name = f"{path.stem}.mtl"  # people rename a mesh file and forget the name in it
+    names: list[str] = []
+    for line in dict.fromkeys(text.libraries):
+        has_spaces = in_any_case(path.parent, line.replace("\\", "/").split("/"))
+        names += [line] if has_spaces else _BETWEEN_FILES.split(line)
+    used = [name for name in text.materials if name]
+    if used and not names:
+        guess = in_any_case(path.parent, [own_name])
+        names = [] if guess is None else [guess.name]
+        first = f"{used[0]!r} and {len(used) - 1} more" if len(used) > 1 else repr(used[0])
+        instead = "they are left out" if guess is None else f"{str(guess)!r} is taken"
+        warn(f"{path}: it names no file (mtllib) that describes its materials, {first}; {instead}")
+    found: dict[str, Statements] = {}
+    for name in names:
+        try:
+            is_alone = len(names) == 1 and name.lower().rstrip('" ').endswith(".mtl")
+            file = sidecars.find(name, [own_name] if is_alone else [])
+            with naming_file(file):
+                content = as_text(read_file(file))
+        except InputError as error:
+            warn(f"{error}; it is left out")
+            continue
+        sidecars.folders.append(file.parent)  # images of materials lie beside the mesh or beside their own file
+        found |= statements_of(content)
+    return found
 
-    trimesh looks for statements at the very beginning of a line and for a space after them, takes
-    comments after a face for corners, counts relative indices from the end of the file instead
-    of from the line they are on, takes index 0 for 1, drops coordinates and normals where faces
-    differ in their number of corners or in which indices they give, and cuts such faces into
-    fans. So faces of each kind get a group of their own, by which trimesh is told to part them.
+
+class _PlainText:
+    """An OBJ file in the plain form that trimesh 5.2 takes, and what else it says.
+
+    trimesh looks for statements at the very beginning of a line and for a space after them, takes comments after a face
+    for corners, counts relative indices from the end of the file instead of from the line they are on, takes index 0
+    for 1, drops coordinates and normals where faces differ in their number of corners or in which indices they give,
+    and cuts such faces into fans. So faces of each material and kind get a group of their own, which makes trimesh
+    separate them.
+
+    Attributes:
+        lines: vertices, faces, and their groups, whose names begin with the number of a material.
+        materials: the numbers of materials by name; 0 is "", of faces without one.
+        libraries: statements for material files, each one or several names.
+        counts: vertices, texture coordinates and normals.
     """
-    text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\\\n", " ").replace("\t", " ")
-    text = re.sub(r"#.*", "", text) if "#" in text else text
-    counts = {"v": 0, "vt": 0, "vn": 0}
-    kind: tuple[int, int, bool] | None = None
-    result, short = [], 0
-    number = 0
-    for run in _RUN.finditer(text):
-        line, group = run[0], run.lastgroup
-        number += 1
-        if group in counts:
-            number += line.count("\n") - 1
-            counts[group] += line.count("\n")
-            if "  " in line or " \n" in line:
-                line = "\n".join(" ".join(each.split()) for each in line.split("\n"))
-            result.append(line.rstrip("\n"))
-            continue
-        if group in _FACES:
-            number += line.count("\n") - 1
-            size, corner = _FACES[group]
-            if kind != (kind := (size, size * corner.count("/"), "//" in corner)):
-                result.append("g {} {} {}".format(*kind))
-            result.append(line.rstrip("\n"))
-            continue
-        words = line.split()
-        key = words[0] if words else ""
-        if key in counts:
-            counts[key] += 1
-        elif key == "f":
-            corners, slashes, skips = len(words) - 1, line.count("/"), "//" in line
-            if corners < 3:
-                short += 1
-                continue
-            if slashes not in (0, corners, 2 * corners) or (skips and line.count("//") != corners):
-                words[1:] = [word.partition("/")[0] for word in words[1:]]
-                slashes, skips = 0, False
-            if "-" in line or " 0" in line or "/0" in line:
-                words[1:] = [_absolute(path, number, word, counts) for word in words[1:]]
-            if kind != (corners, slashes, skips):
-                kind = (corners, slashes, skips)
-                result.append(f"g {corners} {slashes} {skips}")
-        elif key in ("g", "o", "s", "l", "p", ""):
-            continue
-        result.append(" ".join(words))
-    if short:
-        warn(f"{path}: {short} face(s) with fewer than 3 corners left out")
-    return "\n".join(result)
 
+    def __init__(self, path: Path, text: str) -> None:
+        self._path = path
+        self.lines: list[str] = []
+        self.materials = {"": 0}
+        self.libraries: list[str] = []
+        self.counts = {"v": 0, "vt": 0, "vn": 0}
+        self._material = 0
+        self._group: tuple[int, int, int, bool] | None = None
+        text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\\\n", " ").replace("\t", " ")
+        text = re.sub(r"#.*", "", text) if "#" in text else text
+        number, short = 1, 0
+        for run in _RUN.finditer(text):
+            lines, kind = run[0], run.lastgroup
+            if kind in self.counts:
+                self.counts[kind] += lines.count("\n")
+                if "  " in lines or " \n" in lines:
+                    lines = "\n".join(" ".join(line.split()) for line in lines.split("\n"))
+                self.lines.append(lines.rstrip("\n"))
+            elif kind in _FACES:
+                size, corner = _FACES[kind]
+                self._add_faces(lines.rstrip("\n"), size, size * corner.count("/"), "//" in corner)
+            else:
+                short += self._add_line(number, lines.split())
+            number += run[0].count("\n")
+        if short:
+            warn(f"{path}: {short} face(s) with fewer than 3 corners left out")
 
-def _absolute(path: Path, number: int, corner: str, counts: dict[str, int]) -> str:
-    """Return a face corner whose indices count from the beginning."""
-    indices = []
-    for word, (key, count) in zip(corner.split("/"), counts.items(), strict=False):
-        index = int(word) if _INTEGER.fullmatch(word) else None
-        absolute = index if index is None or index > 0 else index + count + 1
-        if absolute is not None and (index == 0 or absolute < 1):
-            raise InputError(
-                f"{path}: line {number}: face corner {corner!r} names a {key!r} that is not there ({count} are)"
-            )
-        indices.append(word if absolute is None else str(absolute))
-    return "/".join(indices)
+    def _add_line(self, number: int, words: list[str]) -> int:
+        """Add any statement, and return how many faces are left out."""
+        match words:
+            case ["v" | "vt" | "vn" as key, *_]:
+                self.counts[key] += 1
+                self.lines.append(" ".join(words))
+            case ["f", *corners]:
+                if len(corners) < 3:
+                    return 1
+                self._add_face(number, corners)
+            case ["usemtl", name, *more]:
+                self._material = self.materials.setdefault(" ".join([name, *more]), len(self.materials))
+            case ["mtllib", name, *more]:
+                self.libraries.append(" ".join([name, *more]))
+        return 0
+
+    def _add_face(self, number: int, corners: list[str]) -> None:
+        slashes, skipping = [corner.count("/") for corner in corners], ["//" in corner for corner in corners]
+        if len({*slashes}) > 1 or slashes[0] > 2 or len({*skipping}) > 1:
+            corners = [corner.partition("/")[0] for corner in corners]
+            slashes, skipping = [0] * len(corners), [False]
+        line = " ".join(["f", *corners])
+        if "-" in line or " 0" in line or "/0" in line:
+            line = " ".join(["f", *(self._absolute(number, corner) for corner in corners)])
+        self._add_faces(line, len(corners), sum(slashes), skipping[0])
+
+    def _add_faces(self, lines: str, corners: int, slashes: int, skips_uvs: bool) -> None:
+        group = self._material, corners, slashes, skips_uvs
+        if group != self._group:
+            self.lines.append("g {} {} {} {}".format(*group))
+            self._group = group
+        self.lines.append(lines)
+
+    def _absolute(self, number: int, corner: str) -> str:
+        """Return a face corner on a line, whose indices count from the beginning."""
+        indices = []
+        for word, (key, count) in zip(corner.split("/"), self.counts.items(), strict=False):
+            index = int(word) if _INTEGER.fullmatch(word) else None
+            absolute = index if index is None or index > 0 else index + count + 1
+            if absolute is not None and (index == 0 or absolute < 1):
+                reason = f"face corner {corner!r} names a {key!r} that is not there ({count} are)"
+                raise InputError(f"{self._path}: line {number}: {reason}")
+            indices.append(word if absolute is None else str(absolute))
+        return "/".join(indices)

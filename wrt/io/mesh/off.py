@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,14 +79,14 @@ def _from_text(text: str) -> tuple[NDArray[np.float64], _Polygons]:
     vertices, faces = sizes[:2]
     if len(lines) < 1 + vertices + faces:
         raise ValueError(f"{len(lines) - 1} of {vertices + faces} vertices and faces are there; it is truncated")
-    values = _numbers(lines[1 : 1 + vertices])
+    vertex_lines, face_lines = lines[1 : 1 + vertices], lines[1 + vertices :]
+    values = _numbers(vertex_lines)
     if vertices and (values.size % vertices or values.size < 3 * vertices):
         # Some vertices have colours, others none.
-        values = _numbers([" ".join(line.split()[:3]) for line in lines[1 : 1 + vertices]])
+        values = _numbers([" ".join(line.split()[:3]) for line in vertex_lines])
         if values.size != 3 * vertices:
             raise ValueError("a vertex has fewer than three numbers")
     rows = values.reshape(vertices, -1) if vertices else np.zeros((0, 3))
-    face_lines = lines[1 + vertices :]
     if len(face_lines) != faces:  # then they are not a line each, or something follows them
         words = " ".join(face_lines).split()
         polygons = _sequence([int(word) for word in words], faces) if all(map(str.isdecimal, words)) else None
@@ -96,7 +95,7 @@ def _from_text(text: str) -> tuple[NDArray[np.float64], _Polygons]:
     return rows, _one_per_line(face_lines[:faces])
 
 
-def _one_per_line(lines: Sequence[str]) -> _Polygons:
+def _one_per_line(lines: list[str]) -> _Polygons:
     values = _numbers(lines)
     if lines and values.size % len(lines) == 0:
         table = values.reshape(len(lines), -1)
@@ -104,14 +103,14 @@ def _one_per_line(lines: Sequence[str]) -> _Polygons:
         if 0 < size < table.shape[1] and (table[:, 0] == size).all():
             return table[:, 1 : 1 + size].astype(np.int64).ravel(), np.full(len(lines), size)
     words = [line.split() for line in lines]
-    counts = np.array([int(row[0]) for row in words], np.int64)
+    counts = [int(row[0]) for row in words]
     if any(count < 0 or count >= len(row) for count, row in zip(counts, words, strict=True)):
         raise ValueError("a face has fewer corners than it says")
     corners = [int(word) for count, row in zip(counts, words, strict=True) for word in row[1 : 1 + count]]
-    return np.array(corners, np.int64), counts
+    return np.array(corners, np.int64), np.array(counts, np.int64)
 
 
-def _numbers(lines: Sequence[str]) -> NDArray[np.float64]:
+def _numbers(lines: list[str]) -> NDArray[np.float64]:
     return np.fromstring(" ".join(lines), np.float64, sep=" ") if lines else np.zeros(0)
 
 
@@ -120,9 +119,7 @@ def _from_bytes(data: bytes, header: re.Match[str]) -> tuple[NDArray[np.float64]
     columns = 3 + (3 if header["n"] else 0) + (4 if header["c"] else 0) + (2 if header["st"] else 0)
     for order, colored in ((">", True), ("<", False), ("<", True), (">", False)):
         words = np.frombuffer(data, f"{order}i4", len(data) // 4)
-        if len(words) < 3:
-            continue
-        vertices, faces = int(words[0]), int(words[1])
+        vertices, faces = words[:2].tolist() if len(words) >= 3 else (-1, -1)
         end = 3 + vertices * columns
         if vertices < 0 or faces < 0 or end + faces > len(words):
             continue
@@ -135,11 +132,7 @@ def _from_bytes(data: bytes, header: re.Match[str]) -> tuple[NDArray[np.float64]
 def _sequence(words: list[int], faces: int, *, colored: bool = False) -> _Polygons | None:
     """Return polygons that follow one another, or None unless the words are as many polygons as there are faces.
 
-    Args:
-        words: for each polygon the number of its corners and the corners; then, if `colored`, the number of components
-            of its colour and these.
-        faces: the number of polygons.
-        colored: whether the polygons have colours.
+    Each is its number of corners and the corners; if `colored`, then the number of components of its colour and these.
     """
     corners: list[int] = []
     counts: list[int] = []

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.linalg import determinant, product
+from wrt.linalg import determinant, norm, product
 from wrt.scene.camera import Camera
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
 from wrt.scene.srgb import linear_from_srgb
-from wrt.scene.textures import ColorSource
-from wrt.values import array
+from wrt.scene.textures import ImageTexture
+from wrt.values import array, vec3
 
 DEFAULT_REFLECTANCE = (0.62, 0.60, 0.57)
 """Reflectance of a mesh that brings no colour: unglazed clay, light enough to show its shading."""
@@ -37,11 +37,11 @@ class Part:
         uvs: (N, 2), (N, 4) for two sets, or None; v up.
         colors: (N, 3), (N, 4) with alpha, or None; linear Rec. 709; need not be finite.
         face_colors: (M, 3), (M, 4) or None, like `colors`.
-        reflectance: a constant, or an image laid over `uvs`; None where the file names none.
-        material: the full material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
+        reflectance: an image mapped by `uvs`, if the file names one.
+        material: the material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
         two_sided: whether emission is two-sided.
         vertex_format: names a vertex by its number in messages; loaders of some formats renumber vertices.
-        places: (4, 4) transforms of its instances, if there are several; otherwise it lies in world space.
+        places: (4, 4) transforms of its instances, if there are several; otherwise it is in world space.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Part:
     uvs: FloatArray | None = None
     colors: FloatArray | None = None
     face_colors: FloatArray | None = None
-    reflectance: ColorSource | None = None
+    reflectance: ImageTexture | None = None
     material: Material | None = None
     places: list[NDArray[np.float64]] = field(default_factory=list)
     two_sided: bool = False
@@ -100,6 +100,28 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
     return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
 
 
+def viewpoint(matrix: NDArray[np.float64]) -> dict[str, Any]:
+    """Return `origin`, `target` and `up` of a camera that looks along the −z axis of a (4, 4) transform."""
+    origin, up, back = matrix[:3, 3], matrix[:3, 1], matrix[:3, 2]
+    length = norm(back)
+    if length == 0.0:
+        raise InputError("a camera hangs on a node that is scaled to nothing")
+    return {"origin": vec3(origin), "target": vec3(origin - back / length), "up": vec3(up)}
+
+
+def split_vertices(
+    vertices: FloatArray, faces: IntArray, values: FloatArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return vertices, faces and values per vertex, given (3M, K) values at the corners of (M, 3) faces.
+
+    Vertices with several values become several.
+    """
+    corners = faces.reshape(-1)
+    rows = np.column_stack([corners, values])
+    _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return vertices[corners[first]], inverse.reshape(-1, 3), values[first]
+
+
 def rows_of(path: str | Path, value: Any, what: str, width: int) -> NDArray[Any]:
     """Return `value` as (N, width) numbers, or raise InputError; loaders may return ragged lists."""
     rows = array(value, f"{path}: {what}")
@@ -141,30 +163,3 @@ def checked_faces(path: str | Path, faces: IntArray, count: int) -> None:
     if len(faces) and (faces.min() < 0 or faces.max() >= count):
         bad = faces.min() if faces.min() < 0 else faces.max()
         raise InputError(f"{path}: a face names vertex {bad}, but there are {count} (counted from 0)")
-
-
-def positions_of(
-    path: str | Path, vertices: FloatArray, faces: IntArray, vertex_format: str, *, per: int = 1
-) -> NDArray[np.float32]:
-    """Return positions as float32.
-
-    Args:
-        path: the file, for messages.
-        vertices: (N, 3) positions.
-        faces: the faces that use them; unused vertices are not checked.
-        vertex_format: names a vertex by its number in messages.
-        per: vertices per number.
-
-    Raises:
-        InputError: where a used vertex is not finite.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):
-        result = np.ascontiguousarray(vertices, np.float32)
-    if np.isfinite(result).all():
-        return result
-    bad = np.flatnonzero(~np.isfinite(result).all(axis=1))
-    for index in bad[np.isin(bad, faces)][:1]:
-        values = " ".join(f"{x:g}" for x in np.asarray(vertices)[index])
-        name = vertex_format.format(index // per)
-        raise InputError(f"{path}: {name} is at {values}; positions must be finite and at most 3.4e38")
-    return result

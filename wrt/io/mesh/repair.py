@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, positions_of, rows_of
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, rows_of
 from wrt.linalg import norm, product
 from wrt.scene.materials import Diffuse
 from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, Mesh, box_around, far_away, merge
 from wrt.scene.normals import CHUNK, with_normals
 from wrt.scene.scene import Shape
-from wrt.scene.textures import ImageTexture, VertexColor
+from wrt.scene.textures import ColorSource, VertexColor
 
 
 def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> list[Shape]:
@@ -51,15 +52,11 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
 
 def _visible(path: str, parts: list[Part]) -> list[Part]:
     """Return parts, opaque if all are invisible: some programs write d 0 in MTL files for opaque."""
-    unseen = [part for part in parts if getattr(part.material, "opacity", 1.0) == 0.0]
-    if len(unseen) < len(parts):
-        if unseen:
-            first, more = f"{path}: {unseen[0].name!r}", len(unseen) - 1
-            warn(
-                f"{first} and {more} more are invisible: their opacity is 0"
-                if more
-                else f"{first} is invisible: its opacity is 0"
-            )
+    invisible = [part for part in parts if getattr(part.material, "opacity", 1.0) == 0.0]
+    if len(invisible) < len(parts):
+        if invisible:
+            are = f"and {len(invisible) - 1} more are invisible: their" if invisible[1:] else "is invisible: its"
+            warn(f"{path}: {invisible[0].name!r} {are} opacity is 0")
         return parts
     warn(f"{path}: all of it would be invisible, as the opacity of its materials is 0; it is shown opaque")
     opaque = {id(part.material): replace(part.material, opacity=1.0) for part in parts if part.material is not None}
@@ -108,38 +105,49 @@ def _box_corners(part: Part) -> NDArray[np.float64]:
 def _repaired(path: str, part: Part) -> Part:
     """Return a part with finite, used vertices only, and faces that have three distinct corners."""
     count = len(rows_of(path, part.vertices, "vertices", 3))
-    given = np.ascontiguousarray(part.faces)  # once, since rows of files are strided
-    checked_faces(path, given, count)
-    faces = given.astype(np.int32, copy=False)
-    vertices = positions_of(path, part.vertices, faces, part.vertex_format)
+    indices = np.ascontiguousarray(part.faces)  # once, since rows of files are strided
+    checked_faces(path, indices, count)
+    faces = indices.astype(np.int32, copy=False)
+    vertices = _positions(path, part, faces)
     solid = _solid(vertices, faces)
-    face_colors = part.face_colors
-    if not solid.all():
-        faces = faces[solid]
-        face_colors = None if face_colors is None else np.asarray(face_colors)[solid]
-    used, faces = _used(faces, count)
+    used, faces = _used(faces if solid.all() else faces[solid], count)
 
-    def finite(what: str, rows: FloatArray | None) -> NDArray[np.float32] | None:
-        if rows is not None and np.isfinite(rows).all():
-            with np.errstate(over="ignore"):
-                return np.asarray(rows, np.float32)
-        if rows is not None:
-            warn(f"{path}: {what} are left out, as some are not finite")
-        return None
+    def rows(name: str, chosen: NDArray[np.bool_], label: str = "") -> NDArray[Any] | None:
+        """Return the chosen rows of an attribute; with a label only if they are finite, as single precision."""
+        values = getattr(part, name)
+        if values is None:
+            return None
+        values = values if chosen.all() else np.asarray(values)[chosen]
+        if label and not np.isfinite(values).all():
+            warn(f"{path}: {label} are left out, as some are not finite")
+            return None
+        with np.errstate(over="ignore"):
+            return np.asarray(values, np.float32) if label else np.asarray(values)
 
-    def pick(rows: FloatArray | None) -> FloatArray | None:
-        return rows if rows is None or used.all() else np.asarray(rows)[used]
-
-    colors = finite("vertex colours", pick(part.colors))
+    colors = rows("colors", used, "vertex colours")
     return replace(
         part,
         vertices=vertices if used.all() else vertices[used],
         faces=faces,
-        normals=pick(part.normals),
+        normals=rows("normals", used),
         colors=None if colors is None else np.clip(colors, 0.0, 1.0),
-        face_colors=finite("face colours", face_colors),
-        uvs=finite("texture coordinates", pick(part.uvs)),
+        face_colors=rows("face_colors", solid, "face colours"),
+        uvs=rows("uvs", used, "texture coordinates"),
     )
+
+
+def _positions(path: str, part: Part, faces: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return positions in single precision, or raise InputError where a vertex that is used is not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        positions = np.ascontiguousarray(part.vertices, np.float32)
+    if np.isfinite(positions).all():
+        return positions
+    bad = np.flatnonzero(~np.isfinite(positions).all(axis=1))
+    for index in bad[np.isin(bad, faces)][:1]:
+        values = " ".join(f"{x:g}" for x in np.asarray(part.vertices)[index])
+        name = part.vertex_format.format(index)
+        raise InputError(f"{path}: {name} is at {values}; positions must be finite and at most 3.4e38")
+    return positions
 
 
 def _used(faces: NDArray[np.int32], count: int) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
@@ -172,62 +180,50 @@ def _mesh(path: str, part: Part) -> Mesh:
     return Mesh.taking(part.vertices, part.faces, normals, part.uvs, part.colors, f"{Path(path).name}: {part.name}")
 
 
-def _smooth(meshes: list[Mesh], crease_degrees: float, alone: set[int]) -> list[Mesh]:
+def _smooth(meshes: list[Mesh], crease_degrees: float, separate: set[int]) -> list[Mesh]:
     """Give every mesh normals; those without are smoothed together, so that no seams show between materials.
 
-    Meshes numbered in `alone` are in other spaces, and smoothed by themselves.
+    Meshes whose numbers are in `separate` are in other spaces, and smoothed by themselves.
     """
-    bare = [i for i, mesh in enumerate(meshes) if mesh.normals is None and i not in alone]
-    result = [mesh if i in bare else with_normals(mesh, crease_degrees) for i, mesh in enumerate(meshes)]
-    if len(bare) == 1:
-        result[bare[0]] = with_normals(meshes[bare[0]], crease_degrees)
-    if len(bare) <= 1:
-        return result
-    whole = with_normals(merge([meshes[i] for i in bare], "mesh"), crease_degrees)
+    together = [i for i, mesh in enumerate(meshes) if mesh.normals is None and i not in separate]
+    if len(together) < 2:
+        return [with_normals(mesh, crease_degrees) for mesh in meshes]
+    result = [mesh if i in together else with_normals(mesh, crease_degrees) for i, mesh in enumerate(meshes)]
+    merged = with_normals(merge([meshes[i] for i in together], "mesh"), crease_degrees)
+    assert merged.normals is not None
     stop = 0
-    for i in bare:
+    for i in together:
         start, stop = stop, stop + len(meshes[i].faces)
-        used, faces = _used(whole.faces[start:stop], len(whole.vertices))
-        picked = {
-            field: getattr(whole, field)[used] if getattr(meshes[i], field) is not None else None
-            for field in ("uvs", "colors")
-        }
-        assert whole.normals is not None
-        result[i] = Mesh.taking(whole.vertices[used], faces, whole.normals[used], name=meshes[i].name, **picked)
+        used, faces = _used(merged.faces[start:stop], len(merged.vertices))
+        uvs = None if meshes[i].uvs is None or merged.uvs is None else merged.uvs[used]
+        colors = None if meshes[i].colors is None or merged.colors is None else merged.colors[used]
+        result[i] = Mesh.taking(merged.vertices[used], faces, merged.normals[used], uvs, colors, meshes[i].name)
     return result
 
 
-def _colored(colors: NDArray[np.float32]) -> Diffuse:
-    """Return a diffuse material of the vertex colours, with their alpha, if any, as opacity."""
-    return Diffuse(VertexColor(), opacity=VertexColor(alpha=True) if colors.shape[1] == 4 else 1.0)
-
-
 def _shape(part: Part, mesh: Mesh) -> Shape:
-    """Choose the material: the texture if there are coordinates, else the colours, else the constant."""
+    """Choose the part's material, or its image if there are coordinates, else colours, else a constant."""
     if part.material is not None:
         return Shape(mesh, part.material, two_sided_emission=part.two_sided, name=mesh.name)
-    reflectance = part.reflectance
-    if isinstance(reflectance, ImageTexture):
-        if mesh.uvs is not None:
-            return Shape(mesh, Diffuse(reflectance), name=mesh.name)
-        # Without texture coordinates, the mean of the texture is the best constant.
-        average = np.clip(reflectance.pixels.mean(axis=(0, 1), dtype=np.float64) * reflectance.factor, 0.0, 1.0)
-        reflectance = tuple(float(x) for x in average)
+    image = part.reflectance
+    if image is not None and mesh.uvs is not None:
+        return Shape(mesh, Diffuse(image), name=mesh.name)
     if part.face_colors is not None:
-        corners = mesh.faces.reshape(-1)
-        colors = np.repeat(np.clip(part.face_colors, 0.0, 1.0), 3, axis=0).astype(np.float32)
-        split = Mesh.taking(
-            mesh.vertices[corners],
-            np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
-            None if mesh.normals is None else mesh.normals[corners],
-            None if mesh.uvs is None else mesh.uvs[corners],
-            colors,
-            mesh.name,
-        )
-        return Shape(split, _colored(colors), name=mesh.name)
-    if reflectance is None or mesh.colors is not None:
+        return bare_shape(_with_face_colors(mesh, part.face_colors))
+    if image is None or mesh.colors is not None:
         return bare_shape(mesh)
-    return Shape(mesh, Diffuse(reflectance), name=mesh.name)
+    # Without texture coordinates, the mean of the texture is the best constant.
+    mean = image.pixels.mean(axis=(0, 1), dtype=np.float64) * image.factor
+    return Shape(mesh, Diffuse(tuple(np.clip(mean, 0.0, 1.0).tolist())), name=mesh.name)
+
+
+def _with_face_colors(mesh: Mesh, face_colors: FloatArray) -> Mesh:
+    """Return a mesh whose faces share no vertices, so that each has a colour."""
+    corners = mesh.faces.reshape(-1)
+    normals, uvs = (None if rows is None else rows[corners] for rows in (mesh.normals, mesh.uvs))
+    colors = np.repeat(np.clip(face_colors, 0.0, 1.0), 3, axis=0).astype(np.float32)
+    faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+    return Mesh.taking(mesh.vertices[corners], faces, normals, uvs, colors, mesh.name)
 
 
 def bare_shape(mesh: Mesh) -> Shape:
@@ -241,4 +237,5 @@ def bare_shape(mesh: Mesh) -> Shape:
     low, high = mesh.colors.min(), mesh.colors.max()
     if low < 0.0 or high > 1.0:
         raise InputError(f"{mesh.name}: colors must be linear, from 0 to 1; they are from {low:g} to {high:g}")
-    return Shape(mesh, _colored(mesh.colors), name=mesh.name)
+    opacity: ColorSource = VertexColor(alpha=True) if mesh.colors.shape[1] == 4 else 1.0
+    return Shape(mesh, Diffuse(VertexColor(), opacity=opacity), name=mesh.name)

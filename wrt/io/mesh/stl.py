@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.parts import Part, positions_of
+from wrt.io.mesh.parts import Part
 from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.safe_read import as_text, as_utf8
 from wrt.scene.normals import same_positions
@@ -43,8 +43,9 @@ def read_stl(path: Path, data: bytes) -> list[Part]:
         name = fields.get("metadata", {}).get("name") or path.stem
         part = part_of(path, str(name), fields)
         if part is not None:
-            positions = positions_of(path, part.vertices, part.faces, "a corner of triangle {} (counted from 0)", per=3)
-            same = same_positions(positions)
+            with np.errstate(over="ignore", invalid="ignore"):  # of positions that are refused later
+                same = same_positions(np.asarray(part.vertices, np.float32))
             _, first = np.unique(same, return_index=True)
-            parts.append(Part(part.name, part.vertices[first], same[part.faces]))
+            corner = "a corner of a triangle"
+            parts.append(Part(part.name, part.vertices[first], same[part.faces], vertex_format=corner))
     return parts

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io import memory_limits
-from wrt.io.mesh.parts import Contents, Part, checked_faces, placed
+from wrt.io.mesh.parts import Contents, Part, checked_faces, placed, split_vertices
 from wrt.io.safe_read import first_line
 from wrt.io.texture_images import TextureImages
 from wrt.linalg import product
@@ -31,7 +31,7 @@ _PER_BYTE = 4
 """Memory of a byte of text once it is parsed, roughly."""
 
 _WRAPS = {"wrap": "repeat", "mirror": "mirror", "clamp": "clamp", "none": "clamp"}
-_COLORS, _TEXTURES = ("basematerials", "colorgroup", "compositematerials"), "texture2dgroup"
+_SUPPORTED = ("basematerials", "colorgroup", "compositematerials", "texture2dgroup")
 _NO_COLOR = (1.0, 1.0, 1.0, 1.0)
 
 _Matrix = NDArray[np.float64]
@@ -41,8 +41,8 @@ _Property = tuple[str, int, int, int]
 
 @dataclass
 class _Object:
-    vertices: list[tuple[float, float, float]] = field(default_factory=list)
-    faces: list[tuple[int, int, int]] = field(default_factory=list)
+    vertices: list[tuple[float, ...]] = field(default_factory=list)
+    faces: list[tuple[int, ...]] = field(default_factory=list)
     properties: list[_Property | None] = field(default_factory=list)
     components: list[tuple[str, str, _Matrix]] = field(default_factory=list)
     default: _Property | None = None
@@ -50,7 +50,7 @@ class _Object:
 
 @dataclass
 class _Group:
-    """Properties of triangles: colours, or coordinates on an image, or entries of several groups."""
+    """Properties of triangles: colours, or coordinates on an image, or entries of several groups, its members."""
 
     kind: str
     values: list[Any] = field(default_factory=list)
@@ -59,7 +59,7 @@ class _Group:
 
 
 class _Model:
-    """One model part of the archive, as expat calls tell it. Names are read without the prefixes of their spaces."""
+    """One model part of the archive. Names are read without the prefixes of their namespaces."""
 
     def __init__(self, text: bytes) -> None:
         self.objects: dict[str, _Object] = {}
@@ -70,92 +70,77 @@ class _Model:
         self._group = _Group("")
         self._mixed: list[int] = []
         parser = expat.ParserCreate()
-        parser.StartElementHandler = self._start
+        parser.StartElementHandler = self._read
         parser.StartDoctypeDeclHandler = self._refuse
         parser.Parse(text, True)
 
     def _refuse(self, *_: Any) -> None:
         raise ValueError("it has a document type, which 3MF forbids")
 
-    def _start(self, name: str, given: dict[str, str]) -> None:
-        read = getattr(self, f"_read_{name.rpartition(':')[2]}", None)
-        if read is not None:
-            read({key.rpartition(":")[2]: value for key, value in given.items()})
+    def _read(self, tag: str, attributes: dict[str, str]) -> None:
+        values = {key.rpartition(":")[2]: value for key, value in attributes.items()}
+        match kind := tag.rpartition(":")[2]:
+            case "vertex":
+                self._object.vertices.append((float(values["x"]), float(values["y"]), float(values["z"])))
+            case "triangle":
+                self._object.faces.append((int(values["v1"]), int(values["v2"]), int(values["v3"])))
+                self._object.properties.append(self._property(values))
+            case "object":
+                self._object = self.objects[values["id"]] = _Object()
+                if "pid" in values:
+                    index = int(values.get("pindex", 0))
+                    self._object.default = values["pid"], index, index, index
+            case "component":
+                self._object.components.append(_reference(values))
+            case "item":
+                self.items.append(_reference(values))
+            case "basematerials" | "colorgroup":
+                self._group = self.groups[values["id"]] = _Group(kind)
+            case "base" | "color":
+                self._group.values.append(_color(values["displaycolor" if kind == "base" else "color"]))
+            case "texture2dgroup":
+                self._group = self.groups[values["id"]] = _Group(kind, image=values["texid"])
+            case "tex2coord":
+                self._group.values.append((float(values["u"]), float(values["v"])))
+            case "texture2d":
+                u, v = (_WRAPS.get(values.get(f"tilestyle{axis}", "wrap"), "repeat") for axis in "uv")
+                self.images[values["id"]] = values["path"], (u, v)
+            case "multiproperties":
+                self._group = self.groups[values["id"]] = _Group(kind, members=values["pids"].split())
+            case "multi":
+                self._group.values.append([int(word) for word in values["pindices"].split()])
+            case "compositematerials":
+                self._group = self.groups[values["id"]] = _Group(kind, members=[values["matid"]])
+                self._mixed = [int(word) for word in values["matindices"].split()]
+            case "composite":
+                self._group.values.append(self._mixture([float(word) for word in values["values"].split()]))
 
-    def _read_vertex(self, given: dict[str, str]) -> None:
-        self._object.vertices.append((float(given["x"]), float(given["y"]), float(given["z"])))
+    def _property(self, values: dict[str, str]) -> _Property | None:
+        """Return the property of a triangle, or that of its object."""
+        default = self._object.default
+        if "p1" not in values:
+            return default
+        first = int(values["p1"])
+        group = values.get("pid") or (default[0] if default else "")
+        return group, first, int(values.get("p2", first)), int(values.get("p3", first))
 
-    def _read_triangle(self, given: dict[str, str]) -> None:
-        self._object.faces.append((int(given["v1"]), int(given["v2"]), int(given["v3"])))
-        own = self._object.default
-        if "p1" in given:
-            first = int(given["p1"])
-            group = given.get("pid") or (own[0] if own else "")
-            own = group, first, int(given.get("p2", first)), int(given.get("p3", first))
-        self._object.properties.append(own)
-
-    def _read_object(self, given: dict[str, str]) -> None:
-        self._object = self.objects[given["id"]] = _Object()
-        if "pid" in given:
-            index = int(given.get("pindex", 0))
-            self._object.default = given["pid"], index, index, index
-
-    def _read_component(self, given: dict[str, str]) -> None:
-        self._object.components.append(_reference(given))
-
-    def _read_item(self, given: dict[str, str]) -> None:
-        self.items.append(_reference(given))
-
-    def _read_basematerials(self, given: dict[str, str]) -> None:
-        self._group = self.groups[given["id"]] = _Group("basematerials")
-
-    def _read_base(self, given: dict[str, str]) -> None:
-        self._group.values.append(_color(given["displaycolor"]))
-
-    def _read_colorgroup(self, given: dict[str, str]) -> None:
-        self._group = self.groups[given["id"]] = _Group("colorgroup")
-
-    def _read_color(self, given: dict[str, str]) -> None:
-        self._group.values.append(_color(given["color"]))
-
-    def _read_texture2dgroup(self, given: dict[str, str]) -> None:
-        self._group = self.groups[given["id"]] = _Group(_TEXTURES, image=given["texid"])
-
-    def _read_tex2coord(self, given: dict[str, str]) -> None:
-        self._group.values.append((float(given["u"]), float(given["v"])))
-
-    def _read_texture2d(self, given: dict[str, str]) -> None:
-        u, v = (_WRAPS.get(given.get(key, "wrap"), "repeat") for key in ("tilestyleu", "tilestylev"))
-        self.images[given["id"]] = given["path"], (u, v)
-
-    def _read_multiproperties(self, given: dict[str, str]) -> None:
-        self._group = self.groups[given["id"]] = _Group("multiproperties", members=given["pids"].split())
-
-    def _read_multi(self, given: dict[str, str]) -> None:
-        self._group.values.append([int(word) for word in given["pindices"].split()])
-
-    def _read_compositematerials(self, given: dict[str, str]) -> None:
-        self._group = self.groups[given["id"]] = _Group("compositematerials", members=[given["matid"]])
-        self._mixed = [int(word) for word in given["matindices"].split()]
-
-    def _read_composite(self, given: dict[str, str]) -> None:
-        """Add a mixture of base materials, whose colours are mixed."""
-        shares = np.array([float(word) for word in given["values"].split()])
+    def _mixture(self, shares: list[float]) -> tuple[float, ...]:
+        """Return the mean of the colours of base materials, by their shares."""
         bases = self.groups[self._group.members[0]].values
         colors = np.array([bases[index] for index in self._mixed[: len(shares)]])
-        total = float(shares.sum())
+        total = float(sum(shares))
         if not np.isfinite(total):
-            raise ValueError(f"shares of a mixture are not finite: {given['values']}")
-        weights = shares[: len(colors)] / total if total > 0.0 else np.full(len(colors), 1.0 / len(colors))
-        self._group.values.append(tuple(product(weights, colors)))
+            raise ValueError(f"shares of a mixture are not finite: {shares}")
+        weights = np.array(shares[: len(colors)]) / total if total > 0.0 else np.full(len(colors), 1.0 / len(colors))
+        return tuple(product(weights, colors))
 
 
-def _reference(given: dict[str, str]) -> tuple[str, str, _Matrix]:
+def _reference(values: dict[str, str]) -> tuple[str, str, _Matrix]:
     """Return the model part, the object, and the (4, 4) transform of a component or an item."""
     matrix = np.eye(4)
-    if "transform" in given:
-        matrix[:3] = np.array([float(word) for word in given["transform"].split()]).reshape(4, 3).T
-    return given.get("path", ""), given["objectid"], matrix
+    if "transform" in values:
+        matrix[:3] = np.array([float(word) for word in values["transform"].split()]).reshape(4, 3).T
+    return values.get("path", ""), values["objectid"], matrix
 
 
 def _color(text: str) -> tuple[float, ...]:
@@ -193,28 +178,27 @@ class _Reader:
         self._path, self._archive = path, archive
         self._models: dict[str, _Model] = {}
         self._images = TextureImages(path)
-        self._told: set[str] = set()
-        names = archive.namelist()
-        self._names = {name.lstrip("/").lower(): name for name in names}
-        models = [name for name in names if name.lower().endswith(".model")]
+        self._left_out: set[str] = set()
+        self._names = {name.lstrip("/").lower(): name for name in archive.namelist()}
+        models = [name for name in archive.namelist() if name.lower().endswith(".model")]
         if not models:
             raise InputError(f"{path}: not a 3MF file: there is no model in it")
-        self._root = self._start() or models[0]
+        self._root = self._root_model() or models[0]
 
-    def _start(self) -> str:
-        """Return the model part that the archive begins with."""
-        found: list[str] = []
+    def _root_model(self) -> str:
+        """Return the model part that the archive's relationships name, or "" if there is none."""
+        targets: list[str] = []
 
-        def note(_: str, given: dict[str, str]) -> None:
-            if given.get("Type", "").endswith("/3dmodel"):
-                found.append(given.get("Target", ""))
+        def note(_: str, attributes: dict[str, str]) -> None:
+            if attributes.get("Type", "").endswith("/3dmodel"):
+                targets.append(attributes.get("Target", ""))
 
         if "_rels/.rels" not in self._names:
             return ""
         parser = expat.ParserCreate()
         parser.StartElementHandler = note
         parser.Parse(self._bytes("_rels/.rels"), True)
-        return next((name for name in found if name.lstrip("/").lower() in self._names), "")
+        return next((name for name in targets if name.lstrip("/").lower() in self._names), "")
 
     def _bytes(self, name: str) -> bytes:
         return self._archive.read(self._names[posixpath.normpath(name).lstrip("/").lower()])
@@ -230,84 +214,68 @@ class _Reader:
         for name, number, matrix in self._model(self._root).items:
             for key, place in self._meshes(name or self._root, number, matrix, ()):
                 places.setdefault(key, []).append(place)
-        return [
-            placed(part, matrices) for (name, number), matrices in places.items() for part in self._of(name, number)
-        ]
+        return [placed(part, matrices) for key, matrices in places.items() for part in self._parts_of(*key)]
 
     def _meshes(
-        self, name: str, number: str, matrix: _Matrix, above: tuple[tuple[str, str], ...]
+        self, name: str, number: str, matrix: _Matrix, ancestors: tuple[tuple[str, str], ...]
     ) -> Iterator[tuple[tuple[str, str], _Matrix]]:
         """Yield the objects with triangles that an object consists of, and where they are."""
         key = (name, number)
-        if key in above:
+        if key in ancestors:
             raise InputError(f"{self._path}: object {number} is a component of itself")
         memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE)  # paths may be exponentially many
         found = self._model(name).objects[number]
         if found.faces:
             yield key, matrix
-        for other, inner, place in found.components:
-            yield from self._meshes(other or name, inner, product(matrix, place), (*above, key))
+        for model, component, place in found.components:
+            yield from self._meshes(model or name, component, product(matrix, place), (*ancestors, key))
 
-    def _of(self, name: str, number: str) -> Iterator[Part]:
+    def _parts_of(self, name: str, number: str) -> Iterator[Part]:
         """Yield a part for the colours and one for each image of an object."""
         model = self._model(name)
         found = model.objects[number]
         vertices, faces = np.array(found.vertices, np.float64).reshape(-1, 3), np.array(found.faces, np.int64)
         checked_faces(self._path, faces, len(vertices))
-        by_group: dict[str, list[int]] = {}
-        looked_up = [self._resolved(model, each) for each in found.properties]
-        for k, each in enumerate(looked_up):
-            by_group.setdefault(each[0].image if each is not None and each[0].kind == _TEXTURES else "", []).append(k)
-        for image, rows in by_group.items():
+        corners = [self._corners(model, each) for each in found.properties]
+        by_image: dict[str, list[int]] = {}
+        for k, each in enumerate(corners):
+            by_image.setdefault(each[0] if each else "", []).append(k)
+        for image, rows in by_image.items():
             part = Part(f"object {number}", vertices, faces[rows])
-            chosen = [looked_up[k] for k in rows]
+            values = np.array([each[1] if (each := corners[k]) else [_NO_COLOR] * 3 for k in rows], np.float64)
+            values = values.reshape(-1, values.shape[2])
             if image:
-                values = [group.values[index] for group, *entries in chosen for index in entries]  # type: ignore[misc]
-                _split(part, "uvs", np.array(values, np.float64))
+                part.vertices, part.faces, part.uvs = split_vertices(vertices, part.faces, values)
                 part.reflectance = self._texture(model, image)
-            elif any(each is not None for each in chosen):
-                colors = [
-                    color
-                    for each in chosen
-                    for color in ((_NO_COLOR,) * 3 if each is None else [each[0].values[k] for k in each[1:]])
-                ]
-                rgba = np.array(colors, np.float64)
-                rgba[:, :3] = linear_from_srgb(rgba[:, :3])
-                alpha = rgba[:, 3]  # 0 everywhere counts as none: OpenSCAD has written that for what is opaque
-                _split(part, "colors", rgba if (alpha < 1.0).any() and alpha.any() else rgba[:, :3])
+            elif any(corners[k] for k in rows):
+                values[:, :3] = linear_from_srgb(values[:, :3])
+                alpha = values[:, 3]  # 0 everywhere counts as none: OpenSCAD has written that for what is opaque
+                colors = values if (alpha < 1.0).any() and alpha.any() else values[:, :3]
+                part.vertices, part.faces, part.colors = split_vertices(vertices, part.faces, colors)
             yield part
 
-    def _resolved(self, model: _Model, given: _Property | None) -> tuple[_Group, int, int, int] | None:
-        """Return the group of colours or coordinates of a triangle, and its entries; None where it has none."""
-        if given is None:
+    def _corners(self, model: _Model, assigned: _Property | None) -> tuple[str, list[Any]] | None:
+        """Return the image and the coordinates, or "" and the colours, of a triangle's corners; None if it has none."""
+        if assigned is None:
             return None
-        group, entries = model.groups.get(given[0]), given[1:]
+        group, entries = model.groups.get(assigned[0]), assigned[1:]
         if group is not None and group.kind == "multiproperties" and max(entries) < len(group.values):
             rows = [group.values[index] for index in entries]
             for k in reversed(range(len(group.members))):  # the last is laid over the others
                 member = model.groups.get(group.members[k])
-                if member is not None and member.kind in (*_COLORS, _TEXTURES):
+                if member is not None and member.kind in _SUPPORTED:
                     group, entries = member, tuple(row[k] if k < len(row) else 0 for row in rows)  # type: ignore[assignment]
                     break
-        known = group is not None and group.kind in (*_COLORS, _TEXTURES)
-        if group is None or not known or not 0 <= min(entries) <= max(entries) < len(group.values):
-            what = group.kind if group is not None and not known else "a property that is not there"
-            if what not in self._told:
-                warn(f"{self._path}: {what} is left out of the triangles that have it")
-                self._told.add(what)
-            return None
-        return group, *entries
+        is_supported = group is not None and group.kind in _SUPPORTED
+        if group is not None and is_supported and 0 <= min(entries) <= max(entries) < len(group.values):
+            return group.image, [group.values[index] for index in entries]
+        what = group.kind if group is not None and not is_supported else "a property that is not there"
+        if what not in self._left_out:
+            warn(f"{self._path}: {what} is left out of the triangles that have it")
+            self._left_out.add(what)
+        return None
 
     def _texture(self, model: _Model, number: str) -> ImageTexture | None:
         name, wrap = model.images[number]
         pixels = self._images.pixels(name, "color", f"image {name}", lambda: self._bytes(name))
         return None if pixels is None else ImageTexture(pixels, posixpath.basename(name), wrap=wrap)
-
-
-def _split(part: Part, what: str, values: NDArray[np.float64]) -> None:
-    """Give the corners of a part values of their own: vertices with several of them become several."""
-    corners = part.faces.reshape(-1)
-    rows = np.column_stack([corners, values])
-    _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    part.vertices, part.faces = part.vertices[corners[first]], inverse.reshape(-1, 3)
-    setattr(part, what, values[first])

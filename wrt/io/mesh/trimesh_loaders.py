@@ -18,7 +18,6 @@ import numpy as np
 from wrt.errors import InputError
 from wrt.io.mesh.parts import Part, decoded, matching, rows_of
 from wrt.io.mesh.polygons import triangulate
-from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.safe_read import first_line
 from wrt.values import array
 
@@ -56,54 +55,22 @@ def reading_with_trimesh(path: Path, kind: str) -> Iterator[None]:
         log.disabled = disabled
 
 
-class _Views(io.BytesIO):
-    """A file whose reads return views of its bytes instead of copies."""
-
-    def __init__(self, data: bytes) -> None:
-        super().__init__(data)
-        self._view = memoryview(data)
-
-    def read(self, size: int | None = -1, /) -> Any:
-        """Return up to `size` bytes, or all bytes up to the end."""
-        start = self.tell()
-        stop = self.seek(0, io.SEEK_END) if size is None or size < 0 else min(start + size, len(self._view))
-        self.seek(stop)
-        return self._view[start:stop]
-
-
-def load(
-    path: Path, data: bytes | str, kind: str, *, views: bool = False, sidecars: Sidecars | None = None, **options: Any
-) -> Fields:
-    """Return the output of a trimesh loader.
-
-    Args:
-        path: the file.
-        data: its content.
-        kind: the type of the file, such as "obj".
-        views: whether reads may return memoryviews, which not all loaders accept.
-        sidecars: finds the files that it names; a new one by default.
-        options: further arguments of the loader.
+def load(path: Path, data: bytes | str, kind: str, **options: Any) -> Fields:
+    """Return the output of trimesh's loader of a kind of file, such as "obj", with further arguments of that loader.
 
     Raises:
         InputError: where the loader fails for any reason.
     """
     from trimesh.exchange.load import mesh_loaders
 
-    sidecars = sidecars or Sidecars(path)
-    file = io.StringIO(data) if isinstance(data, str) else (_Views if views else io.BytesIO)(data)
+    file = io.StringIO(data) if isinstance(data, str) else io.BytesIO(data)
     with reading_with_trimesh(path, kind):
-        loaded: Fields = mesh_loaders[kind](file_obj=file, resolver=sidecars, **options)
-    sidecars.warn_of_changes()
+        loaded: Fields = mesh_loaders[kind](file_obj=file, **options)
     return loaded
 
 
 def part_of(path: Path, name: str, fields: Fields) -> Part | None:
-    """Return a loader's mesh as a part without a material, or None if it has no triangles.
-
-    Args:
-        path: the file, for messages.
-        name: of the part.
-        fields: output of the loader; polygons of more than three corners are triangulated here.
+    """Return a loader's mesh, its polygons triangulated, as a part without a material; None if it has no triangles.
 
     Raises:
         InputError: where faces name missing vertices.
@@ -121,13 +88,10 @@ def part_of(path: Path, name: str, fields: Fields) -> Part | None:
         triangles, owner = triangulate(path, vertices, corners, np.full(count, size))
         faces = corners[triangles]
     part = Part(name, vertices, faces)
-    visual = fields.get("visual")
-    colors = fields.get("vertex_colors")
-    if colors is None and visual is not None:
-        colors = visual.vertex_attributes.get("color")
     part.normals = matching(fields.get("vertex_normals"), len(vertices))
-    part.uvs = matching(getattr(visual, "uv", None), len(vertices))
-    colors, face_colors = matching(colors, len(vertices)), matching(fields.get("face_colors"), count)
+    part.uvs = matching(getattr(fields.get("visual"), "uv", None), len(vertices))
+    colors = matching(fields.get("vertex_colors"), len(vertices))
+    face_colors = matching(fields.get("face_colors"), count)
     if colors is not None:
         part.colors = decoded(colors)
     elif face_colors is not None:

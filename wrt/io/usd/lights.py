@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.io.mesh.parts import viewpoint
 from wrt.linalg import norm, product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.lights import DirectionalLight, DiskLight, Light, PointLight, RectangleLight, SphereLight
@@ -34,12 +35,12 @@ class Values:
         """Return a number within limits, or raise InputError."""
         return number(self._values.get(key), f"{self._name}: its {key.removeprefix('inputs:')}", **limits)
 
-    def numbers(self, key: str) -> NDArray[np.float64]:
-        """Return three numbers, or raise InputError."""
-        return np.array(vector(self._values.get(key), f"{self._name}: its {key.removeprefix('inputs:')}"))
+    def color(self) -> NDArray[np.float64]:
+        """Return the colour of a light, or raise InputError."""
+        return np.array(vector(self._values.get("inputs:color"), f"{self._name}: its color"))
 
     def flag(self, key: str) -> bool:
-        """Return whether something is the case."""
+        """Return whether a flag is set."""
         return self._values.get(key) is True
 
     def word(self, key: str) -> str:
@@ -52,13 +53,13 @@ class Values:
 
 
 def path_of(value: Any) -> str:
-    """Return the path of an asset; of one within a USDZ archive, that of the archive and in brackets the rest."""
+    """Return the path of an asset; of one within a USDZ archive, `archive[path]`."""
     return str(value.get("asset", "")).replace("\\", "/") if isinstance(value, dict) else ""
 
 
 def radiance_of(values: Values) -> Vec3:
     """Return the radiance of a light before it is normalised."""
-    color = values.numbers("inputs:color")
+    color = values.color()
     if values.flag("inputs:enableColorTemperature"):
         color = color * _white(values.number("inputs:colorTemperature", above=0.0))
     return vec3(
@@ -91,7 +92,7 @@ def light_of(values: Values, kind: str, matrix: Matrix) -> Light:
         v = v - u * product(u, v) / product(u, u)
         area = norm(np.cross(u, v))
         radiance = radiance / area if normalized else radiance
-        # It shines along −z: its edges run the other way round.
+        # It emits along −z: its edges run the other way round.
         return RectangleLight(vec3(center - 0.5 * (u + v)), vec3(v), vec3(u), vec3(radiance))
     radius = values.number("inputs:radius") * norm(x)
     if kind == "DiskLight":
@@ -105,9 +106,7 @@ def light_of(values: Values, kind: str, matrix: Matrix) -> Light:
 
 def camera_of(values: Values, matrix: Matrix, scale: float) -> Camera:
     """Return a camera that looks along −z of its node; its apertures and focal length are in tenths of a unit."""
-    origin, back, up = matrix[:3, 3], matrix[:3, 2], matrix[:3, 1]
-    forward = -back / norm(back)
-    place: dict[str, Any] = {"origin": vec3(origin), "target": vec3(origin + forward), "up": vec3(up)}
+    place = viewpoint(matrix)
     height = values.number("verticalAperture")
     if values.word("projection") == "orthographic":
         return OrthographicCamera(**place, view_height=0.1 * height * scale)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from wrt.scene.textures import VertexColor
 _ROUND_SEGMENTS = 64
 
 
-def mesh_parts(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> list[Part]:
+def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> list[Part]:
     """Return a part for each material of a mesh, in its own coordinates.
 
     Raises:
@@ -39,114 +40,96 @@ def mesh_parts(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> li
     triangles, owner = triangulate(f"{path}: {name}", points, corners, counts)
     if values["orientation"] == "leftHanded":
         triangles = triangles[:, ::-1]
-    normals = None
-    for given in shape["normals"]:
-        normals = _values(given, 3, corners, counts) if normals is None else normals
-    uvs, colors = _values(shape["uvs"], 2, corners, counts), _values(shape["colors"], 3, corners, counts)
-    return [
-        _part(name, points, corners, triangles[np.isin(owner, faces)], (normals, uvs, colors), bound, materials)
-        for faces, bound in _subsets(shape, len(counts))
-    ]
+    normals = [_at_corners(primvar, 3, corners, counts) for primvar in shape["normals"]]
+    at_corners = {
+        "normals": next((each for each in normals if each is not None), None),
+        "uvs": _at_corners(shape["uvs"], 2, corners, counts),
+        "colors": _at_corners(shape["colors"], 3, corners, counts),
+    }
+    parts = []
+    for faces, material in _subsets(shape, len(counts)):
+        chosen = triangles[np.isin(owner, faces)]
+        if all(each is None for each in at_corners.values()):
+            part = Part(name, points, corners[chosen])
+        else:  # values at corners split the vertices
+            used, chosen = np.unique(chosen, return_inverse=True)
+            part = Part(name, points[corners[used]], chosen.reshape(-1, 3))
+            for field, rows in at_corners.items():
+                setattr(part, field, None if rows is None else rows[used])
+        parts.append(_with_material(part, material, materials))
+    return parts
 
 
-def solid(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> Part:
+def part_of_solid(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> Part:
     """Return a solid as triangles."""
     kind, name = shape["kind"], shape["path"]
     values = Values(shape["values"], f"{path}: {name}")
     axis = np.eye(4)
     if kind == "Cube":
         half = 0.5 * values.number("size")
-        made = box((-half,) * 3, (half,) * 3)
+        mesh = box((-half,) * 3, (half,) * 3)
     elif kind == "Sphere":
-        made = sphere(radius=values.number("radius"))
+        mesh = sphere(radius=values.number("radius"))
     else:
         turns = {"X": np.roll(np.eye(3), 1, axis=0), "Y": np.roll(np.eye(3), 2, axis=0)}
         axis[:3, :3] = turns.get(values.word("axis"), np.eye(3))
         if kind == "Plane":
             w, h = values.number("width"), values.number("length")
-            made = quad((-0.5 * w, -0.5 * h, 0.0), (w, 0.0, 0.0), (0.0, h, 0.0))
+            mesh = quad((-0.5 * w, -0.5 * h, 0.0), (w, 0.0, 0.0), (0.0, h, 0.0))
         else:
-            made = _turned(_profile(kind, values.number("radius"), 0.5 * values.number("height")))
-    made = made.transformed(axis)
-    part = Part(name, made.vertices, made.faces, made.normals, made.uvs)
-    _dress(part, shape["material"], materials)
-    return part
+            mesh = _revolved(_profile(kind, values.number("radius"), 0.5 * values.number("height")))
+    mesh = mesh.transformed(axis)
+    return _with_material(Part(name, mesh.vertices, mesh.faces, mesh.normals, mesh.uvs), shape["material"], materials)
 
 
 def _profile(kind: str, radius: float, half: float) -> NDArray[np.float64]:
     """Return (P, 2) distances from the axis and heights of a round solid, from its lower end to its upper one."""
     if kind == "Capsule":
-        angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ROUND_SEGMENTS // 2)  # of an even number, so that none is 0
+        angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _ROUND_SEGMENTS // 2)  # an even number, so that no angle is 0
         return np.stack([radius * np.cos(angle), radius * np.sin(angle) + np.copysign(half, angle)], axis=1)
     top = radius if kind == "Cylinder" else 0.0
     return np.array([(0.0, -half), (radius, -half), (top, half), (0.0, half)])[: 4 if top else 3]
 
 
-def _turned(profile: NDArray[np.float64]) -> Mesh:
-    """Return the closed surface of a profile that is turned about z; its first and last point lie on the axis."""
+def _revolved(profile: NDArray[np.float64]) -> Mesh:
+    """Return the closed surface of a profile that revolves about z; its first and last point lie on the axis."""
     angle = np.arange(_ROUND_SEGMENTS) * (2.0 * np.pi / _ROUND_SEGMENTS)
-    middle = profile[1:-1, None]
-    rings = np.stack(
-        np.broadcast_arrays(middle[..., 0] * np.cos(angle), middle[..., 0] * np.sin(angle), middle[..., 1]), 2
-    )
-    ends = np.zeros((2, 3))
-    ends[:, 2] = profile[[0, -1], 1]
-    last = len(rings) * _ROUND_SEGMENTS
-    here = np.arange(_ROUND_SEGMENTS)
-    following = np.roll(here, -1)
-    faces = [np.stack([following, here, np.full_like(here, last)], axis=1)]
-    for start in range(0, last - _ROUND_SEGMENTS, _ROUND_SEGMENTS):
-        a, b, c, d = (
-            start + here,
-            start + following,
-            start + _ROUND_SEGMENTS + following,
-            start + _ROUND_SEGMENTS + here,
-        )
-        faces += [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
-    top = last - _ROUND_SEGMENTS
-    faces.append(np.stack([top + here, top + following, np.full_like(here, last + 1)], axis=1))
+    radius, height = profile[1:-1, :1], profile[1:-1, 1:]
+    rings = np.stack(np.broadcast_arrays(radius * np.cos(angle), radius * np.sin(angle), height), 2)
+    ends = np.array([(0.0, 0.0, z) for z in profile[[0, -1], 1]])
+    this = np.arange(_ROUND_SEGMENTS)
+    following = np.roll(this, -1)
+    bottom, top = rings.shape[0] * _ROUND_SEGMENTS + np.zeros_like(this) + [[0], [1]]
+    faces = [np.stack([following, this, bottom], axis=1)]
+    for lower in range(0, bottom[0] - _ROUND_SEGMENTS, _ROUND_SEGMENTS):
+        a, b, upper = lower + this, lower + following, lower + _ROUND_SEGMENTS
+        faces += [np.stack([a, b, upper + following], axis=1), np.stack([a, upper + following, upper + this], axis=1)]
+    last = bottom[0] - _ROUND_SEGMENTS
+    faces.append(np.stack([last + this, last + following, top], axis=1))
     return Mesh(np.concatenate([rings.reshape(-1, 3), ends]), np.concatenate(faces))
 
 
 def _subsets(shape: dict[str, Any], count: int) -> list[tuple[NDArray[np.int64], str | None]]:
     """Return the faces of each material, and the material."""
-    left = np.ones(count, bool)
-    found: list[tuple[NDArray[np.int64], str | None]] = []
-    for given, bound in shape["subsets"]:
-        faces = indices(given)
+    is_bare = np.ones(count, bool)
+    subsets: list[tuple[NDArray[np.int64], str | None]] = []
+    for numbers, material in shape["subsets"]:
+        faces = indices(numbers)
         faces = faces[(faces >= 0) & (faces < count)]
-        left[faces] = False
-        found.append((faces, bound))
-    return [*found, (np.flatnonzero(left), shape["material"])] if left.any() or not found else found
+        is_bare[faces] = False
+        subsets.append((faces, material))
+    if is_bare.any() or not subsets:
+        subsets.append((np.flatnonzero(is_bare), shape["material"]))
+    return subsets
 
 
-def _part(
-    name: str,
-    points: NDArray[np.float32],
-    corners: NDArray[np.int64],
-    triangles: NDArray[np.int64],
-    at_corners: tuple[NDArray[Any] | None, ...],
-    bound: str | None,
-    materials: UsdMaterials,
-) -> Part:
-    """Return the triangles of one material; normals, coordinates and colours at corners part the vertices."""
-    if all(each is None for each in at_corners):
-        part = Part(name, points, corners[triangles])
-    else:
-        used, faces = np.unique(triangles, return_inverse=True)
-        part = Part(name, points[corners[used]], faces.reshape(-1, 3))
-        part.normals, part.uvs, part.colors = (None if each is None else each[used] for each in at_corners)
-    _dress(part, bound, materials)
-    return part
-
-
-def _dress(part: Part, bound: str | None, materials: UsdMaterials) -> None:
-    """Give a part its material; where there is one, the colour for display counts only if that reads it."""
-    material = materials.bound_to(bound, laid=part.uvs is not None, colored=part.colors is not None)
-    if material is not None:
-        part.material = material
-        if not any(isinstance(value, VertexColor) for value in vars(material).values()):
-            part.colors = None
+def _with_material(part: Part, name: str | None, materials: UsdMaterials) -> Part:
+    """Return a part with its material; where there is one, the display colour counts only if that reads it."""
+    material = materials.bound_to(name, has_uvs=part.uvs is not None, has_colors=part.colors is not None)
+    if material is None:
+        return part
+    uses_colors = any(isinstance(value, VertexColor) for value in vars(material).values())
+    return replace(part, material=material, colors=part.colors if uses_colors else None)
 
 
 def indices(value: Any) -> NDArray[np.int64]:
@@ -163,27 +146,27 @@ def _rows(value: Any, width: int) -> NDArray[Any] | None:
     return rows if rows.ndim == 2 and rows.shape[1] == width else None
 
 
-def _values(
-    given: list[Any] | None, width: int, corners: NDArray[np.int64], counts: NDArray[np.int64]
+def _at_corners(
+    primvar: list[Any] | None, width: int, corners: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> NDArray[Any] | None:
     """Return (C, width) values at each corner of the faces, or None where their number or type does not fit.
 
     Args:
-        given: the values and their interpolation, or None.
+        primvar: the values and their interpolation, or None.
         width: numbers in each.
         corners: (C,) point of each corner.
         counts: corners of each face.
     """
-    rows = _rows(given[0], width) if given else None
-    if given is None or rows is None:
+    rows = _rows(primvar[0], width) if primvar else None
+    if primvar is None or rows is None:
         return None
-    places = {
+    numbers = {
         "faceVarying": np.arange(len(corners)),
         "vertex": corners,
         "varying": corners,
         "uniform": np.repeat(np.arange(len(counts)), counts),
         "constant": np.zeros(len(corners), np.int64),
-    }.get(given[1])
-    if places is None or (len(places) and places.max() >= len(rows)):
+    }.get(primvar[1])
+    if numbers is None or (len(numbers) and numbers.max() >= len(rows)):
         return None
-    return np.asarray(rows[places], np.float64)
+    return np.asarray(rows[numbers], np.float64)

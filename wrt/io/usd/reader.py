@@ -1,7 +1,7 @@
 """USD files: meshes, instances, materials, cameras and lights, read by Pixar's library in a process of its own.
 
-Format: OpenUSD 26, UsdGeom, UsdShade with UsdPreviewSurface, and UsdLux. The file says which way is up and how long its
-unit is: the scene has y up and metres. Values are those of the stage's default time.
+Format: OpenUSD 26, UsdGeom, UsdShade with UsdPreviewSurface, and UsdLux. Up axis and unit of the file become y
+and metres. Values are taken at the stage's default time.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.mesh.parts import Contents, Part, placed
 from wrt.io.safe_read import require_file
-from wrt.io.usd.kinds import LIGHTS
 from wrt.io.usd.lights import Values, camera_of, light_of
 from wrt.io.usd.materials import UsdMaterials
-from wrt.io.usd.meshes import indices, mesh_parts, solid
+from wrt.io.usd.meshes import indices, part_of_solid, parts_of_mesh
 from wrt.io.usd.process import description
 from wrt.linalg import inverse, product
 from wrt.scene.camera import Camera
@@ -34,7 +33,7 @@ _MISSING = re.compile(r"Could not open asset @([^@]*)@")
 
 
 def read_usd(path: Path) -> tuple[Contents, Environment | None]:
-    """Return the content of a file, and its dome of light.
+    """Return the content of a file, and the environment of its dome light.
 
     Raises:
         InputError: where Pixar's library is missing or cannot open the file, and on files that it may not read.
@@ -43,10 +42,10 @@ def read_usd(path: Path) -> tuple[Contents, Environment | None]:
         raise InputError(f"{path}: USD files need Pixar's library: pip install 'wrt[usd]'")
     require_file(path)
     content = description(path)
-    read = _Reader(path, content).read()
+    result = _Reader(path, content).read()
     for name in dict.fromkeys(name for text in content["notes"] for name in _MISSING.findall(text)):
         warn(f"{path}: {name!r}, which it refers to, cannot be opened; it is left out")
-    return read
+    return result
 
 
 class _Reader:
@@ -72,22 +71,19 @@ class _Reader:
         for prim, place in zip(self._content["prims"], self._content["places"].reshape(-1, 4, 4), strict=True):
             kind, name = prim["kind"], f"{self._path}: {prim['path']}"
             matrix = product(self._world, place.T)
-            if kind == "Shape":
-                self._add(prim["shape"], matrix)
-                continue
-            values = Values(prim["values"], name)
-            if kind == "PointInstancer":
-                self._add_instances(prim, matrix)
-            elif kind == "DomeLight" and dome is not None:
-                warn(f"{name}: there is more than one dome of light; left out")
-            else:
-                with np.errstate(all="ignore"):  # what is not finite is refused where it is used
-                    if kind == "Camera":
-                        cameras.append(camera_of(values, matrix, self._scale))
-                    elif kind in LIGHTS:
-                        lights.append(light_of(values, kind, matrix))
-                    else:
-                        dome = self._materials.dome(values, matrix)
+            with np.errstate(all="ignore"):  # what is not finite is refused where it is used
+                if kind == "Shape":
+                    self._add(prim["shape"], matrix)
+                elif kind == "PointInstancer":
+                    self._add_instances(prim, name, matrix)
+                elif kind == "Camera":
+                    cameras.append(camera_of(Values(prim["values"], name), matrix, self._scale))
+                elif kind != "DomeLight":
+                    lights.append(light_of(Values(prim["values"], name), kind, matrix))
+                elif dome is None:
+                    dome = self._materials.dome(Values(prim["values"], name), matrix)
+                else:
+                    warn(f"{name}: there is more than one dome of light; left out")
         for text in self._content["left_out"]:
             warn(f"{self._path}: {text}")
         parts = [placed(part, self._places[key]) for key, made in self._parts.items() for part in made]
@@ -98,29 +94,29 @@ class _Reader:
         if key not in self._parts:
             shape = self._content["shapes"][key]
             if shape["kind"] == "Mesh":
-                self._parts[key] = mesh_parts(self._path, shape, self._materials)
+                self._parts[key] = parts_of_mesh(self._path, shape, self._materials)
             else:
-                self._parts[key] = [solid(self._path, shape, self._materials)]
+                self._parts[key] = [part_of_solid(self._path, shape, self._materials)]
         memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE * len(self._parts[key]))
         self._places.setdefault(key, []).append(matrix)
 
-    def _add_instances(self, prim: dict[str, Any], matrix: Matrix) -> None:
+    def _add_instances(self, prim: dict[str, Any], name: str, matrix: Matrix) -> None:
         """Add the prototypes of a point instancer at each of its places."""
-        which = indices(prim["values"]["protoIndices"])
-        places, shown = prim["instances"], np.array(prim["shown"] or np.ones(len(which)), bool)
-        memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE * len(which))
-        if not len(which) == len(places) == len(shown):
+        numbers = indices(prim["values"]["protoIndices"])
+        places, is_shown = prim["instances"], np.array(prim["shown"] or np.ones(len(numbers)), bool)
+        memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE * len(numbers))
+        if not len(numbers) == len(places) == len(is_shown):
             reason = "at rest the numbers of its indices, positions, orientations and scales do not agree"
-            warn(f"{self._path}: {prim['path']}: {reason}; left out")
+            warn(f"{name}: {reason}; left out")
             return
-        if beyond := int(((which < 0) | (which >= len(prim["prototypes"]))).sum()):
-            warn(f"{self._path}: {prim['path']}: {beyond} of its instances are of no prototype; left out")
+        if beyond := int(((numbers < 0) | (numbers >= len(prim["prototypes"]))).sum()):
+            warn(f"{name}: {beyond} of its instances are of no prototype; left out")
         for number, prototype in enumerate(prim["prototypes"]):
-            for key, own in prototype["shapes"]:
+            for key, place_of_shape in prototype["shapes"]:
                 try:
-                    within = product(inverse(prototype["above"].T), own.T)
+                    local = product(inverse(prototype["above"].T), place_of_shape.T)
                 except np.linalg.LinAlgError:
-                    warn(f"{self._path}: {prim['path']}: its prototypes are shrunk to nothing; left out")
+                    warn(f"{name}: its prototypes are shrunk to nothing; left out")
                     return
-                for place in np.flatnonzero(shown & (which == number)).tolist():
-                    self._add(key, product(product(matrix, places[place].T), within))
+                for instance in np.flatnonzero(is_shown & (numbers == number)).tolist():
+                    self._add(key, product(product(matrix, places[instance].T), local))

@@ -19,14 +19,39 @@ from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdShade, UsdUtils, Work
 from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.safe_read import confined_to, require_file, require_inside
-from wrt.io.usd import message
-from wrt.io.usd.kinds import ATTRIBUTES, LIGHTS, SILENT, SOLIDS
-from wrt.io.usd.process import SECONDS, SECONDS_PER_MEGABYTE
+from wrt.io.usd.process import SECONDS, SECONDS_PER_MEGABYTE, write_message
 
 _SUFFIXES = ("usd", "usda", "usdc", "usdz")
 
+_SOLIDS = ("Cube", "Sphere", "Plane", "Cylinder", "Cone", "Capsule")
+"""Shapes that triangles are made of."""
+
+_SILENT = ("Xform", "Scope", "Material", "Shader", "GeomSubset", "NodeGraph", "SkelRoot", "")
+"""Types that hold others, or are read with the prims that use them."""
+
+_OF_LIGHTS = tuple(
+    f"inputs:{name}"
+    for name in ("color", "intensity", "exposure", "normalize", "enableColorTemperature", "colorTemperature")
+)
+
+_ATTRIBUTES: dict[str, tuple[str, ...]] = {
+    "Mesh": ("points", "faceVertexCounts", "faceVertexIndices", "orientation"),
+    "PointInstancer": ("protoIndices",),
+    "Camera": ("verticalAperture", "projection", "focalLength", "fStop", "focusDistance"),
+    "Cube": ("size",),
+    "Sphere": ("radius",),
+    "Plane": ("width", "length", "axis"),
+    **dict.fromkeys(("Cylinder", "Cone", "Capsule"), ("radius", "height", "axis")),
+    "SphereLight": (*_OF_LIGHTS, "inputs:radius", "treatAsPoint"),
+    "RectLight": (*_OF_LIGHTS, "inputs:width", "inputs:height"),
+    "DiskLight": (*_OF_LIGHTS, "inputs:radius"),
+    "DistantLight": (*_OF_LIGHTS, "inputs:angle"),
+    "DomeLight": (*_OF_LIGHTS, "inputs:texture:file"),
+}
+"""The attributes of each type that are read."""
+
 _BYTES_PER_PRIM = 1024
-"""Memory of a prim's description, and about that of the prim."""
+"""Memory of a prim's description; the prim itself takes about as much."""
 
 _BYTES_PER_INSTANCE = 4096
 """Counted for a prim within an instance, which takes 0.1 ms to visit: this bounds the time to a few seconds."""
@@ -53,7 +78,7 @@ def main() -> None:
         content, arrays = {"error": str(error)}, []
     except UnicodeDecodeError:
         content, arrays = {"error": f"{path}: not a USD file that can be read: a name in it is not UTF-8"}, []
-    message.write(result, content, arrays)
+    write_message(result, content, arrays)
     os._exit(0)  # without taking the stage apart
 
 
@@ -71,8 +96,8 @@ def _content(path: Path, arrays: list[memoryview[Any]]) -> dict[str, Any]:
             content = _Description(stage, arrays).content
     except Tf.ErrorException as error:
         raise _unreadable(path, error) from None
-    told = [str(note.commentary) for note in notes.TakeUncoalescedDiagnostics()]
-    return {**content, "files": files, "notes": told}
+    messages = [str(note.commentary) for note in notes.TakeUncoalescedDiagnostics()]
+    return {**content, "files": files, "notes": messages}
 
 
 def _unreadable(path: Path, error: Any) -> InputError:
@@ -110,10 +135,9 @@ class _Bounds:
 
 
 def _layers(path: Path, bounds: _Bounds) -> tuple[list[Any], list[str]]:
-    """Open a file and all layers that it may be composed of; those that cannot be opened are missing.
+    """Return the layers that a file may be composed of, its own first, and their files.
 
-    Returns:
-        The layers, that of the file first, and the paths of their files.
+    Layers that cannot be opened are missing.
     """
     require_file(path)
     bounds.set()
@@ -156,7 +180,7 @@ def _checked(layer: Any, asset: str) -> tuple[str, str] | None:
         return None
     identifier = str(Sdf.ComputeAssetPathRelativeToLayer(layer, asset))
     name = str(Sdf.Layer.SplitIdentifier(identifier)[0])
-    require_inside(Path(_beside(layer, _outer(name))))  # before whether it is there makes any difference
+    require_inside(Path(_beside(layer, _outer(name))))  # before its existence makes any difference
     found = str(Ar.GetResolver().Resolve(name))
     if not found or Sdf.FileFormat.GetFileExtension(found).lower() not in _SUFFIXES:
         return None
@@ -165,7 +189,7 @@ def _checked(layer: Any, asset: str) -> tuple[str, str] | None:
 
 
 def _beside(layer: Any, name: str) -> str:
-    """Return the path of a file that a layer names, whether or not it is there."""
+    """Return the path of a file that a layer names, whether or not it exists."""
     return os.path.normpath(Path(_outer(layer.realPath)).parent / name)
 
 
@@ -212,11 +236,11 @@ class _Description:
             if is_instancer:
                 self._add("PointInstancer", prim, **self._instances(UsdGeom.PointInstancer(prim)))
                 walk.PruneChildren()
-            elif kind == "Mesh" or kind in SOLIDS:
+            elif kind == "Mesh" or kind in _SOLIDS:
                 self._add("Shape", prim, shape=self._shape(prim, kind))
-            elif kind in ("Camera", "DomeLight", *LIGHTS):
+            elif kind in _ATTRIBUTES:  # a camera or a light
                 self._add(kind, prim, values=self._values(prim, kind))
-            elif kind not in SILENT and kind not in self._unknown:
+            elif kind not in _SILENT and kind not in self._unknown:
                 self._unknown.add(kind)
                 self._leave_out(prim, f"a {kind} is not supported")
         self.content["places"] = self._array(memoryview(self._places).cast("d"))
@@ -244,7 +268,7 @@ class _Description:
         return None
 
     def _value(self, attribute: Any) -> Any:
-        """Return the value of an attribute; a path of a file is that of the layer which says it."""
+        """Return the value of an attribute; the path of a file is relative to the layer that gives it."""
         value = attribute.Get()
         if isinstance(value, Sdf.AssetPath) and value.path and not value.resolvedPath:
             layers = [spec.layer for spec in attribute.GetPropertyStack(_NOW) if spec.layer.realPath]
@@ -253,7 +277,7 @@ class _Description:
         return self._plain(value)
 
     def _values(self, prim: Any, kind: str) -> dict[str, Any]:
-        attributes = {name: prim.GetAttribute(name) for name in ATTRIBUTES[kind]}
+        attributes = {name: prim.GetAttribute(name) for name in _ATTRIBUTES[kind]}
         return {name: self._value(attribute) for name, attribute in attributes.items() if attribute}
 
     def _shape(self, prim: Any, kind: str) -> str:
@@ -268,10 +292,10 @@ class _Description:
     def _of_mesh(self, prim: Any) -> dict[str, Any]:
         mesh, primvars = UsdGeom.Mesh(prim), UsdGeom.PrimvarsAPI(prim)
         scheme = mesh.GetSubdivisionSchemeAttr()
-        own = [self._plain(mesh.GetNormalsAttr().Get()), str(mesh.GetNormalsInterpolation())]
+        normals = [self._plain(mesh.GetNormalsAttr().Get()), str(mesh.GetNormalsInterpolation())]
         return {
             "subdivided": scheme.HasAuthoredValue() and str(scheme.Get()) != "none",
-            "normals": [self._primvar(primvars.GetPrimvar("normals")), own],  # the first comes before the other
+            "normals": [self._primvar(primvars.GetPrimvar("normals")), normals],  # the first that is valid counts
             "uvs": self._primvar(primvars.FindPrimvarWithInheritance(_coordinates(primvars))),
             "colors": self._primvar(primvars.FindPrimvarWithInheritance("displayColor")),
             "subsets": [
@@ -299,7 +323,7 @@ class _Description:
             for prim in Usd.PrimRange(prototype, Usd.TraverseInstanceProxies()):
                 memory_limits.take(memory_limits.COMPOSED, _BYTES_PER_PRIM)
                 kind = str(prim.GetTypeName())
-                if kind == "Mesh" or kind in SOLIDS:
+                if kind == "Mesh" or kind in _SOLIDS:
                     place = self._plain(self._cache.GetLocalToWorldTransform(prim))
                     prototypes[-1]["shapes"].append([self._shape(prim, kind), place])
         exclude, all_of_them = UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
@@ -325,7 +349,7 @@ class _Description:
         return path
 
     def _node(self, prim: Any) -> str:
-        """Describe a shader and those that are connected to it, and return its path."""
+        """Describe a shader and all shaders connected to it, and return its path."""
         nodes, waiting = self.content["nodes"], [prim]
         while waiting:
             shader = UsdShade.Shader(waiting.pop())
@@ -334,18 +358,18 @@ class _Description:
                 continue
             identity = shader.GetPrim().GetAttribute("info:id")
             nodes[path] = {"id": str(identity.Get()) if identity else "", "inputs": {}, "sources": {}}
-            for given in UsdShade.ConnectableAPI(shader).GetInputs():
-                name = str(given.GetBaseName())
-                nodes[path]["inputs"][name] = self._input(given)
-                if sources := given.GetConnectedSources()[0]:
+            for shader_input in UsdShade.ConnectableAPI(shader).GetInputs():
+                name = str(shader_input.GetBaseName())
+                nodes[path]["inputs"][name] = self._input(shader_input)
+                if sources := shader_input.GetConnectedSources()[0]:
                     source = sources[0].source.GetPrim()
                     nodes[path]["sources"][name] = [str(source.GetPath()), str(sources[0].sourceName)]
                     waiting.append(source)
         return str(prim.GetPath())
 
-    def _input(self, given: Any) -> Any:
-        """Return an input's value, that of the material where it is connected to one, or None."""
-        for attribute in UsdShade.Utils.GetValueProducingAttributes(given):
+    def _input(self, shader_input: Any) -> Any:
+        """Return an input's value, from the material if it is connected to that, or None."""
+        for attribute in UsdShade.Utils.GetValueProducingAttributes(shader_input):
             if UsdShade.Utils.GetType(attribute.GetName()) == UsdShade.AttributeType.Input:
                 value = self._value(attribute)
                 if value is not None:
@@ -364,5 +388,5 @@ def _coordinates(primvars: Any) -> str:
     """Return the name of a mesh's texture coordinates: "st", or else the first of that role."""
     if primvars.FindPrimvarWithInheritance("st"):
         return "st"
-    others = (each for each in primvars.FindPrimvarsWithInheritance() if each.GetTypeName().role == "TextureCoordinate")
-    return next((str(each.GetPrimvarName()) for each in others), "st")
+    found = (each for each in primvars.FindPrimvarsWithInheritance() if each.GetTypeName().role == "TextureCoordinate")
+    return next((str(each.GetPrimvarName()) for each in found), "st")

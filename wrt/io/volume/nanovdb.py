@@ -75,7 +75,7 @@ def _grids(data: bytes) -> Iterator[tuple[str, bytes]]:
         at += _SEGMENT.size
         metas, names = [], []
         for _ in range(count):
-            meta = np.frombuffer(_part(data, at, _META.itemsize), _META)[0]
+            (meta,) = _records(data, at, 1, _META)
             at += _META.itemsize
             text = _part(data, at, int(meta["name_size"]))
             metas.append(meta)
@@ -117,32 +117,39 @@ def _unzipped(data: bytes, first: int, size: int) -> tuple[bytes, int]:
 
 def _dense(data: bytes) -> tuple[NDArray[np.float32], dict[str, Any]]:
     """Return a grid as an array, with the place of its box."""
-    grid = np.frombuffer(_part(data, 0, _GRID.itemsize), _GRID)[0]
+    (grid,) = _records(data, 0, 1, _GRID)
     if grid["magic"] not in _MAGIC:
         raise InputError("the file is damaged: a grid does not begin as it must")
     if grid["type"] != _FLOAT:
         raise InputError(f"the grid has values of kind {grid['type']}; only float32 numbers can be read")
-    tree = np.frombuffer(_part(data, _GRID.itemsize, _TREE.itemsize), _TREE)[0]
-    _require_small_tiles(data, tree)
-    leaves = _nodes(data, tree, 0, _LEAF)
-    leaf_corners = leaves["origin"].astype(np.int64) & -_LEAF_SIDE
-    tile_corners, tile_values = _tiles(_nodes(data, tree, 1, _LOWER))
-    places = np.concatenate([leaf_corners, tile_corners])
+    (tree,) = _records(data, _GRID.itemsize, 1, _TREE)
+    starts = [_GRID.itemsize + int(offset) for offset in tree["offsets"]]
+    leaves, lower_nodes, upper_nodes = (
+        _records(data, starts[level], int(tree["nodes"][level]), kind)
+        for level, kind in enumerate((_LEAF, _LOWER, _UPPER))
+    )
+    if any(len(_tile_numbers(node)) for node in upper_nodes):
+        raise InputError("it has blocks of 128 x 128 x 128 cells of one value, which cannot be read; voxelise them")
+    (root,) = _records(data, starts[3], 1, _ROOT)
+    entries = _records(data, starts[3] + _ROOT.itemsize, int(root["entries"]), _ROOT_ENTRY)
+    if ((entries["child"] == 0) & (entries["active"] != 0)).any():
+        raise InputError("it has blocks of 4096 x 4096 x 4096 cells of one value, which cannot be read")
+    corners = [leaves["origin"].astype(np.int64) & -_LEAF_SIDE]
+    blocks = [*leaves["values"]]
+    for node in lower_nodes:  # blocks of one value have no leaves
+        numbers = _tile_numbers(node)
+        steps = np.stack([numbers >> 8, (numbers >> 4) & 15, numbers & 15], axis=1)
+        corners.append((node["origin"].astype(np.int64) & -_LOWER_SIDE) + _LEAF_SIDE * steps)
+        blocks += node["table"][numbers, 0].tolist()
+    places = np.concatenate(corners)
     if not len(places):
         raise InputError("the grid is empty")
     low, high = places.min(axis=0), places.max(axis=0) + _LEAF_SIDE
     nx, ny, nz = (high - low).tolist()
     memory_limits.take(memory_limits.VOLUMES, 4 * nx * ny * nz)
     values = np.zeros((nx, ny, nz), np.float32)
-
-    def put(corner: NDArray[np.int64], block: Any) -> None:
-        x, y, z = corner - low
+    for (x, y, z), block in zip((places - low).tolist(), blocks, strict=True):
         values[x : x + _LEAF_SIDE, y : y + _LEAF_SIDE, z : z + _LEAF_SIDE] = block
-
-    for corner, leaf in zip(leaf_corners, leaves["values"], strict=True):
-        put(corner, leaf)
-    for corner, value in zip(tile_corners, tile_values, strict=True):
-        put(corner, value)
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = grid["matrix"], grid["shift"]
     # A value belongs to the point of its index, which is the centre of its cell.
@@ -150,37 +157,12 @@ def _dense(data: bytes) -> tuple[NDArray[np.float32], dict[str, Any]]:
     return np.ascontiguousarray(values.transpose(2, 1, 0)), box
 
 
-def _nodes(data: bytes, tree: Any, level: int, kind: np.dtype[Any]) -> NDArray[Any]:
-    """Return the nodes of a level."""
-    first, count = _GRID.itemsize + int(tree["offsets"][level]), int(tree["nodes"][level])
+def _records(data: bytes, first: int, count: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return records at an offset, which must be whole."""
     return np.frombuffer(_part(data, first, count * kind.itemsize), kind)
-
-
-def _require_small_tiles(data: bytes, tree: Any) -> None:
-    """Raise InputError where a block of 128³ cells or more has no node since it has one value."""
-    for node in _nodes(data, tree, 2, _UPPER):
-        if len(_tile_numbers(node)):
-            raise InputError("it has blocks of 128 x 128 x 128 cells of one value, which cannot be read; voxelise them")
-    first = _GRID.itemsize + int(tree["offsets"][3])
-    root = np.frombuffer(_part(data, first, _ROOT.itemsize), _ROOT)[0]
-    size = int(root["entries"]) * _ROOT_ENTRY.itemsize
-    entries = np.frombuffer(_part(data, first + _ROOT.itemsize, size), _ROOT_ENTRY)
-    if ((entries["child"] == 0) & (entries["active"] != 0)).any():
-        raise InputError("it has blocks of 4096 x 4096 x 4096 cells of one value, which cannot be read")
 
 
 def _tile_numbers(node: Any) -> NDArray[np.int64]:
     """Return which entries of a node are blocks of one value."""
     active, children = (np.unpackbits(node[name], bitorder="little").astype(bool) for name in ("active", "children"))
     return np.nonzero(active & ~children)[0]
-
-
-def _tiles(nodes: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the corners (N, 3) and values (N,) of blocks of 8³ cells that are no leaves since they have one value."""
-    corners, values = [np.zeros((0, 3), np.int64)], [np.zeros(0, np.float32)]
-    for node in nodes:
-        numbers = _tile_numbers(node)
-        steps = np.stack([numbers >> 8, (numbers >> 4) & 15, numbers & 15], axis=1)
-        corners.append((node["origin"].astype(np.int64) & -_LOWER_SIDE) + _LEAF_SIDE * steps)
-        values.append(node["table"][numbers, 0])
-    return np.concatenate(corners), np.concatenate(values)

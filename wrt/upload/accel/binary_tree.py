@@ -182,10 +182,9 @@ def _reinsert(nodes: Any, device: Device) -> None:
     if len(numbers) < LEAST:
         return
     parents = backend.array(np.full(len(nodes), -1, np.int32), int, device.name)
-    all_nodes = nodes.numpy()
-    for level in levels:
-        inner = level[all_nodes["right"][level] != 0]
-        device.launch(kernels.write_parents, len(inner), [backend.array(inner, int, device.name), nodes, parents])
+    every_node = np.concatenate(levels)
+    inner = every_node[nodes.numpy()["right"][every_node] != 0]
+    device.launch(kernels.write_parents, len(inner), [backend.array(inner, int, device.name), nodes, parents])
     touched = backend.empty(len(nodes), int, device.name)
     for _ in range(ROUNDS):
         moving = _largest(nodes, numbers)

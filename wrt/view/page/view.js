@@ -1,5 +1,5 @@
 // The live view: one module for the page of `wrt view` and for the widget of notebooks.
-// A link has send(message) and calls link.receive(message) or link.frame(header, bytes).
+// A link has send(message), and calls link.receive(message, bytes) with what comes; see wrt/view/viewer.py.
 
 const LAYERS = {
   "": "Picture", noise: "Noise", albedo: "Albedo", normal: "Normal", geometric_normal: "Geometric normal",
@@ -29,8 +29,6 @@ function rotated(v, axis, angle) { // Rodrigues' formula
   const c = Math.cos(angle), s = Math.sin(angle);
   return add(add(mul(v, c), mul(cross(axis, v), s)), mul(axis, dot(axis, v) * (1 - c)));
 }
-
-const copied = (camera) => structuredClone(camera);
 
 export function orbited(camera, dx, dy) {
   const up = unit(camera.up), away = sub(camera.origin, camera.target);
@@ -85,9 +83,8 @@ function short(number) {
   return number.toFixed(0) + " ";
 }
 
-export function mount(root, link, { download = null, title = true } = {}) {
-  const state = { camera: null, home: null, bounds: null, serial: 0, sent: new Map(), latencies: [], picking: false,
-    frames: 0, header: null, decoding: false, waiting: null, closed: false };
+export function mount(root, link, { title = true } = {}) {
+  const state = { camera: null, home: null, bounds: null, serial: 0, picking: false, frames: 0, header: null };
   const canvas = element("canvas", { class: "wrt-canvas", tabindex: 0, role: "img", width: 4, height: 3,
     "aria-label": "The picture. Arrow keys orbit, shift and arrows pan, plus and minus zoom." });
   const problem = element("div", { class: "wrt-error", role: "alert", hidden: true });
@@ -111,7 +108,10 @@ export function mount(root, link, { download = null, title = true } = {}) {
   const button = (text, action, more = {}) => element("button", { type: "button", onclick: action, ...more }, text);
   const focus = button("Pick focus", () => pick(!state.picking), { "aria-pressed": "false" });
   const heading = element("h2", {}, "wrt");
-  const saves = download ? [button("Save PNG", () => save("png")), button("Save EXR", () => save("exr"))] : [];
+  const saves = ["PNG", "EXR"].map((kind) => button(`Save ${kind}`, () => {
+    say("Saving…", 0);
+    link.send({ type: "save", suffix: `.${kind.toLowerCase()}` });
+  }));
   const panel = element("aside", { class: "wrt-panel", "aria-label": "Controls" },
     ...(title ? [heading] : []),
     field("Exposure, stops", exposure, exposed), field("Tone curve", tone),
@@ -139,34 +139,21 @@ export function mount(root, link, { download = null, title = true } = {}) {
     problem.textContent = text;
   }
 
-  async function save(kind) {
-    say("Saving…", 0);
-    try {
-      say(await download(kind));
-    } catch (error) {
-      say(`Not saved: ${error.message}`);
-    }
-  }
-
   // Cameras: at most one is sent for each frame of the display, always the newest.
   let due = false;
   function look(camera) {
     if (!state.camera) return;
     state.camera = camera;
-    if (state.moved === undefined) state.moved = performance.now();
     if (due) return;
     due = true;
     requestAnimationFrame(() => {
       due = false;
-      const serial = `${state.id}.${++state.serial}`;
-      state.sent.set(serial, state.moved);
-      state.moved = undefined;
-      link.send({ type: "camera", camera: state.camera, serial });
+      link.send({ type: "camera", camera: state.camera, serial: `${state.id}.${++state.serial}` });
     });
   }
   state.id = Math.random().toString(36).slice(2);
 
-  function home() { if (state.home) look(copied(state.home)); }
+  function home() { if (state.home) look(structuredClone(state.home)); }
   function everything() { if (state.camera && state.bounds) fly(framed(state.camera, state.bounds)); }
 
   function fly(to) {
@@ -270,13 +257,6 @@ export function mount(root, link, { download = null, title = true } = {}) {
     link.send({ type: "ack", frame: header.frame });
     state.frames += 1;
     state.header = header;
-    if (state.sent.has(header.serial)) {
-      state.latencies.push(performance.now() - state.sent.get(header.serial));
-      for (const serial of [...state.sent.keys()]) { // it and those before it
-        state.sent.delete(serial);
-        if (serial === header.serial) break;
-      }
-    }
     if (header.moving) return;
     bar.max = header.target;
     bar.value = header.spp;
@@ -285,17 +265,23 @@ export function mount(root, link, { download = null, title = true } = {}) {
     speed.textContent = header.paths_per_second == null ? "" : `${short(header.paths_per_second)}paths/s`;
   }
 
-  link.frame = async (header, bytes) => {
-    try {
-      await draw(header, bytes);
-    } catch (error) {
-      link.send({ type: "ack", frame: header.frame });
-      fail(`A frame cannot be shown: ${error.message}`);
-    }
-  };
+  function save(name, bytes) { // by the browser, as a download
+    const file = URL.createObjectURL(new Blob([bytes]));
+    element("a", { href: file, download: name }).click();
+    setTimeout(() => URL.revokeObjectURL(file), 10000);
+    say(`${name} saved.`);
+  }
 
-  link.receive = async (message) => {
-    if (message.type === "state") {
+  link.receive = async (message, bytes) => {
+    if (message.type === "frame") {
+      try {
+        await draw(message, bytes);
+      } catch (error) {
+        link.send({ type: "ack", frame: message.frame });
+        fail(`A frame cannot be shown: ${error.message}`);
+      }
+    } else if (message.type === "file") save(message.name, bytes);
+    else if (message.type === "state") {
       fail(message.error);
       heading.textContent = message.name || "wrt";
       if (title && message.name) document.title = `${message.name} – wrt view`;
@@ -328,7 +314,6 @@ export function mount(root, link, { download = null, title = true } = {}) {
         say("The browser keeps the clipboard closed.");
         prompt("The camera", message.text.trim().replaceAll("\n", "; "));
       }
-      state.toml = message.text;
     } else if (message.type === "error") {
       say(message.text);
       denoise.checked = state.denoise;
@@ -346,17 +331,10 @@ export function mount(root, link, { download = null, title = true } = {}) {
   return { state, look, view, still };
 }
 
-function parsed(buffer) { // see wrt/view/frames.py
+function parsed(buffer) { // see wrt/view/server.py
   const size = new DataView(buffer).getUint32(0, true);
-  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
-  return [header, new Uint8Array(buffer, 4 + size)];
-}
-
-function saved(name, blob) { // by the browser, as a download
-  const file = URL.createObjectURL(blob);
-  element("a", { href: file, download: name }).click();
-  setTimeout(() => URL.revokeObjectURL(file), 10000);
-  return `${name} saved.`;
+  const message = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  return [message, new Uint8Array(buffer, 4 + size)];
 }
 
 // The page of `wrt view`: a WebSocket that is opened again when it breaks.
@@ -365,19 +343,13 @@ function page(root) {
   const link = {};
   let socket = null, wait = 250;
   link.send = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
-  const shown = mount(root, link, { async download(kind) {
-    const answer = await fetch(`picture.${kind}?token=${encodeURIComponent(token)}`);
-    if (!answer.ok) throw new Error((await answer.text()).trim());
-    const name = /filename="(.*)"/.exec(answer.headers.get("Content-Disposition"))?.[1] ?? `picture.${kind}`;
-    return saved(name, await answer.blob());
-  } });
+  const shown = mount(root, link);
   function connect() {
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live?token=${encodeURIComponent(token)}`);
     socket.binaryType = "arraybuffer";
     let opened = false;
     socket.onopen = () => { opened = true; wait = 250; link.lost(""); };
-    socket.onmessage = ({ data }) =>
-      typeof data === "string" ? link.receive(JSON.parse(data)) : link.frame(...parsed(data));
+    socket.onmessage = ({ data }) => link.receive(...(typeof data === "string" ? [JSON.parse(data)] : parsed(data)));
     socket.onclose = () => {
       link.lost(opened || wait > 250 ? "The connection is lost; wrt view may have ended. Trying again…"
         : "No connection: is the address the one that wrt view has printed, with its token?");
@@ -393,19 +365,8 @@ function page(root) {
 function render({ model, el }) {
   const link = { send: (message) => model.send(message) };
   const last = model.get("snapshot"); // of a saved notebook, where nothing may answer
-  const shown = mount(el, link, { title: false, async download(kind) {
-    const answer = new Promise((resolve) => (link.saved = resolve));
-    link.send({ type: "save", suffix: `.${kind}` });
-    const [name, bytes] = await answer;
-    return saved(name, new Blob([bytes]));
-  } });
-  const listen = (message, buffers) => {
-    if (message.type === "frame") {
-      const { buffer, byteOffset, byteLength } = buffers[0];
-      link.frame(...parsed(buffer.slice(byteOffset, byteOffset + byteLength)));
-    } else if (message.type === "file") link.saved?.([message.name, buffers[0]]);
-    else link.receive(message);
-  };
+  const shown = mount(el, link, { title: false });
+  const listen = (message, buffers) => link.receive(message, buffers?.[0]);
   model.on("msg:custom", listen);
   if (last) shown.still(`data:image/png;base64,${last}`);
   globalThis.wrtWidget = { ...shown, link };
