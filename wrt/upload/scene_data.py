@@ -121,7 +121,6 @@ def build_scene(
         materials.models,
         materials.textured,
         environment_kind(environment),
-        opacity=materials.opacity,
         composite=materials.composite,
         tangents=materials.tangents,
         light_shapes=table.shape_models,
