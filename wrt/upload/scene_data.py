@@ -120,7 +120,6 @@ def build_scene(
         materials.models,
         materials.textured,
         environment_kind(prepared.environment),
-        opacity=materials.opacity,
         composite=materials.composite,
         tangents=materials.tangents,
         light_shapes=table.shape_models,
