@@ -25,7 +25,7 @@ class Limit:
 
     Attributes:
         what: the content, for messages.
-        free: bytes that a load may take whatever the size of its files.
+        free: bytes that a load may take regardless of the size of its files.
         per_byte: additional bytes for each byte of its files.
     """
 
@@ -114,7 +114,7 @@ def require(limit: Limit, size: int) -> None:
 
 
 def count(limit: Limit, size: int) -> None:
-    """Count `size` more bytes, or steps, whatever the limit."""
+    """Count `size` more bytes, or steps, without a check."""
     load = LOAD.get()
     if load is not None:
         load.counts[limit] += size

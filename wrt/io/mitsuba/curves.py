@@ -73,7 +73,7 @@ def _control_points(path: Path, least: int) -> list[Array]:
 
 
 def _around(points: Array, detail: Detail) -> tuple[int, float]:
-    """Return how many sides a tube needs, and by how much it may be off, in metres."""
+    """Return the number of sides of a tube, and its tolerance in metres."""
     radius = max(float(points[:, 3].max()), 1e-12)
     tolerance = min(detail.tolerance(point, radius) for point in points[:: max(1, len(points) // 8), :3])
     share = min(max(0.5 * tolerance / radius, 1e-9), 1.0)

@@ -99,6 +99,7 @@ class Materials:
     def surface(self, plugin: Plugin) -> Surface:
         """Return the surface of a `bsdf`."""
         if plugin not in self._surfaces:
+            plugin.ignore()
             with plugin.locating():
                 self._surfaces[plugin] = self._made(plugin)
         return self._surfaces[plugin]

@@ -23,7 +23,7 @@ from wrt.scene.scene import Scene
 
 _GRIDS = ("gridvolume", "grid")
 
-_BEYOND = 1e-4  # a grid reaches this far beyond the shape it fills, in its own lengths
+_BEYOND = 1e-4  # margin of a grid around the shape that it fills, relative to the grid
 _MOST_CONTINUED = 2**26  # most numbers in a grid that is continued
 Coefficients = tuple[float, ...]
 
@@ -215,7 +215,7 @@ def _volume(grid: Plugin, *, fills_all: bool = False) -> tuple[Volume, dict[str,
     if grid.choice("filter_type", "trilinear", "nearest") == "nearest":
         grid.warn("'nearest' is not known; values are interpolated")
     if grid.choice("wrap_mode", "clamp", "repeat", "mirror") != "clamp" and not fills_all:
-        grid.warn("beyond its box there is nothing, whatever its 'wrap_mode'")
+        grid.warn("outside of its box the density is 0; its 'wrap_mode' is left out")
     places: dict[str, Any] = {"transform": grid.transform()}
     if grid.boolean("use_grid_bbox", False):
         places |= {key: value for key, value in volume.places.items() if key != "transform"}

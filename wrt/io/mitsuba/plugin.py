@@ -172,8 +172,8 @@ class Plugin:
         return next((each for child, each in self.objects if child == name), None)
 
     def ignore(self, *names: str) -> None:
-        """Mark parameters that do not affect the picture as read."""
-        self._read.update(names)
+        """Mark parameters that do not affect the picture as read, and the object as used."""
+        self._read.update(("", *names))
 
     def ignore_all(self) -> None:
         """Mark all parameters as read."""

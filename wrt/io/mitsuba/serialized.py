@@ -27,7 +27,7 @@ _NORMALS, _UVS, _COLORS, _FACE_NORMALS, _DOUBLE = 0x1, 0x2, 0x8, 0x10, 0x2000
 """Flags of versions 3 and 4; _FACE_NORMALS also of version 5."""
 
 _PACKED_NORMALS, _PACKED_TANGENTS, _PACKED_UVS = 0x1, 0x2, 0x4
-"""Flags of version 5, which has eight numbers for each vertex whatever they mean."""
+"""Flags of version 5, whose vertices always have eight numbers."""
 
 
 @dataclass

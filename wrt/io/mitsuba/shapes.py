@@ -65,6 +65,7 @@ class Shapes:
 
     def _shapes(self, plugin: Plugin) -> list[Shape]:
         """Return the shapes of a plugin; none for a shape group, or for a shape that became a light."""
+        plugin.ignore("silhouette_sampling_weight")
         if plugin.type == "shapegroup":
             return []  # only its instances are visible
         if plugin.type == "instance":
@@ -107,7 +108,6 @@ class Shapes:
         inside = self.media.interior(plugin)
         self.media.note_exterior(plugin)
         flip = plugin.boolean("flip_normals", False)
-        plugin.ignore("silhouette_sampling_weight")
         if self._exact_lights and emits and isinstance(emission, tuple) and surface.is_black:
             light = self._exact_light(plugin, emission, flip)
             if light is not None:

@@ -14,19 +14,7 @@ from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.npy import read_array, read_arrays
 from wrt.io.safe_read import naming_file, read_file
-from wrt.io.toml.scene_keys import (
-    DEFORMATION_ARCHIVE,
-    DEFORMATION_FILES,
-    DENSITY,
-    DENSITY_OWN,
-    EVEN_MOTION,
-    INSTANCE,
-    KEYFRAME,
-    KEYFRAMES,
-    MATRIX_KEYFRAME,
-    TRANSFORM,
-    TURN,
-)
+from wrt.io.toml import scene_keys
 from wrt.io.toml.tables import Table, TableReader, numbers_of, table_of, text_of
 from wrt.io.volume.read import load_density, read_volume
 from wrt.linalg import product
@@ -52,7 +40,7 @@ def read_places(reader: TableReader, table: dict[str, Any]) -> list[Transform]:
     places: list[Transform] = []
 
     def add(place: dict[str, Any]) -> None:
-        reader.check_table(place, INSTANCE)
+        reader.check_table(place, scene_keys.INSTANCE)
         places.append(after(_motion(reader, place), reader.transform(place)))
 
     reader.each(table, "instances", add)
@@ -72,21 +60,21 @@ def read_motion(reader: TableReader, table: Table, center: Vec3) -> Motion:
     """
     pivot = np.array(vector(table.get("center", center), "center"))
     if "times" in table:
-        reader.check_table(table, EVEN_MOTION)
+        reader.check_table(table, scene_keys.EVEN_MOTION)
         turn = table_of(table.get("rotate", {"axis": [0.0, 1.0, 0.0], "degrees": 0.0}))
         with reader.at("rotate"):
-            reader.check_table(turn, TURN)
+            reader.check_table(turn, scene_keys.TURN)
         offset = vector(table.get("translate", [0.0, 0.0, 0.0]), "translate")
         return Motion.rotation(turn["axis"], turn["degrees"], pivot, numbers_of(table["times"], "times"), offset)
-    reader.check_table(table, KEYFRAMES)
+    reader.check_table(table, scene_keys.KEYFRAMES)
     times: list[float] = []
     matrices: list[NDArray[np.float64]] = []
 
     def add(key: Table) -> None:
-        reader.check_table(key, KEYFRAME, fields=MATRIX_KEYFRAME)
+        reader.check_table(key, scene_keys.KEYFRAME, fields=scene_keys.MATRIX_KEYFRAME)
         times.append(number(key["time"], "time"))
         if "matrix" in key:
-            reader.check_table(key, MATRIX_KEYFRAME)
+            reader.check_table(key, scene_keys.MATRIX_KEYFRAME)
             matrices.append(_affine(key["matrix"]))
             return
         matrices.append(reader.transform(key))
@@ -137,13 +125,13 @@ def read_deformation(
     with reader.at("deformation"):
         keyframes = table_of(table["deformation"])
         if "file" in keyframes:
-            reader.check_table(keyframes, DEFORMATION_ARCHIVE)
+            reader.check_table(keyframes, scene_keys.DEFORMATION_ARCHIVE)
             with reader.at("file"):
                 archive = reader.file(keyframes["file"])
                 arrays = read_arrays(archive, ("times", "vertices"), ("normals",))
                 with naming_file(archive):
                     return Deformation(**arrays)
-        reader.check_table(keyframes, DEFORMATION_FILES)
+        reader.check_table(keyframes, scene_keys.DEFORMATION_FILES)
         files, times = keyframes["files"], keyframes["times"]
         if not isinstance(files, list) or not isinstance(times, list) or len(files) != len(times):
             raise InputError("files and times must be two arrays of one length")
@@ -168,14 +156,14 @@ def read_deformation(
 
 def read_density(reader: TableReader, table: dict[str, Any]) -> DensityGrid:
     """Return the density of a medium from files."""
-    reader.check_table(table, DENSITY, fields=DENSITY_OWN)
-    options = {key: table[key] for key in DENSITY_OWN if key in table}
+    reader.check_table(table, scene_keys.DENSITY, fields=scene_keys.DENSITY_OWN)
+    options = {key: table[key] for key in scene_keys.DENSITY_OWN if key in table}
     for key in (each for each in ("albedo", "emission") if each in table):  # otherwise the file's own count
         options[key] = reader.read(table, key, lambda value: read_volume(reader.file(value)).values)
     grid = reader.read(table, "grid", text_of)
     with reader.at("file"):
         density = load_density(reader.file(table["file"]), grid=grid, **options)
-    if not TRANSFORM.keys() & table.keys():
+    if not scene_keys.TRANSFORM.keys() & table.keys():
         return density
     in_file = np.eye(4) if density.transform is None else density.transform
     return dataclasses.replace(density, transform=product(reader.transform(table), in_file))

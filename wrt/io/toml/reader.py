@@ -20,22 +20,9 @@ from wrt.io import memory_limits
 from wrt.io.file_type import hinting
 from wrt.io.images import load_environment, read_image
 from wrt.io.safe_read import PathLike, require_file
+from wrt.io.toml import scene_keys
 from wrt.io.toml.placement import after, joined, read_deformation, read_density, read_motion, read_places
-from wrt.io.toml.scene_keys import (
-    BOOLEAN,
-    IMAGE_ENVIRONMENT,
-    NORMAL_MAP,
-    POINTS,
-    SECTIONS,
-    SHAPE,
-    TEXT,
-    TEXTURE,
-    TRANSFORM,
-    VERTEX_COLORS,
-    Keys,
-    array_of,
-    own_fields,
-)
+from wrt.io.toml.scene_keys import BOOLEAN, POINTS, TEXT, Keys, array_of, own_fields
 from wrt.io.toml.tables import Result, Table, TableReader, choice, points_of, read_toml, table_of, text_of
 from wrt.scene import shapes
 from wrt.scene.camera import CAMERAS, Camera
@@ -83,8 +70,8 @@ def shape_makers() -> dict[str, Callable[..., Any]]:
     return dict(_SceneReader(Path(), None).makers())
 
 
-def found(section: str, name: Any, objects: dict[str, Result]) -> Result:
-    """Return the object of a section that a name stands for, or raise InputError."""
+def look_up(section: str, name: Any, objects: dict[str, Result]) -> Result:
+    """Return the object of a section by its name, or raise InputError."""
     if text_of(name) not in objects:
         raise InputError(f"there is no [{section}.{name}]{did_you_mean(name, objects)}")
     return objects[name]
@@ -111,7 +98,7 @@ class _SceneReader(TableReader):
         }
 
     def scene(self, tree: Table) -> Scene:
-        self.check_keys(tree, SECTIONS)
+        self.check_keys(tree, scene_keys.SECTIONS)
         scene = Scene()
         scene.settings = self.read(tree, "settings", partial(self.build, RenderSettings)) or scene.settings
         scene.camera = self.read(tree, "camera", self.camera)
@@ -162,13 +149,13 @@ class _SceneReader(TableReader):
         if cls is not ImageEnvironment:
             return self.build(cls, table)
         keys = {key: value for key, value in table.items() if key != "type"}
-        options = self.fields_of(keys, IMAGE_ENVIRONMENT, ImageEnvironment)
+        options = self.fields_of(keys, scene_keys.IMAGE_ENVIRONMENT, ImageEnvironment)
         with self.at("file"):
             return load_environment(self.file(table["file"]), **options)
 
     def medium(self, name: Any) -> Medium:
         """Return a medium by its name."""
-        return found("media", name, self.media)
+        return look_up("media", name, self.media)
 
     def material(self, name: str) -> Material:
         """Return a material by its name; it may name others as its parts, in any order."""
@@ -186,7 +173,7 @@ class _SceneReader(TableReader):
 
     def part(self, name: Any) -> Material:
         """Return a material that another one names."""
-        found("materials", name, self._material_tables)
+        look_up("materials", name, self._material_tables)
         place, self.place = self.place, self.place[:2]
         try:
             return self.material(name)
@@ -200,9 +187,9 @@ class _SceneReader(TableReader):
         return {name: table[name] for name in names if name in table}
 
     def color_source(self, value: Any, kinds: tuple[Any, ...]) -> Any:
-        """Return what a value that may vary stands for: vertex colours, an image, or itself as a constant."""
+        """Return a value that may vary over the surface: vertex colours, an image, or a constant."""
         if isinstance(value, dict) and "texture" not in value and "vertex_colors" in value:
-            options = self.fields_of(value, VERTEX_COLORS, VertexColor)
+            options = self.fields_of(value, scene_keys.VERTEX_COLORS, VertexColor)
             if value["vertex_colors"] is not True:
                 raise InputError(f"vertex_colors must be true, not {value['vertex_colors']!r}")
             return VertexColor(**options)
@@ -214,7 +201,7 @@ class _SceneReader(TableReader):
 
     def texture(self, table: Table) -> ImageTexture:
         """Return an image by its table; the same object for the same table, and its pixels once for all of them."""
-        options = self.fields_of(table, TEXTURE, ImageTexture)
+        options = self.fields_of(table, scene_keys.TEXTURE, ImageTexture)
         linear = boolean(table.get("linear", False), "linear")
         with self.at("texture"):
             file = self.file(table["texture"])
@@ -234,7 +221,7 @@ class _SceneReader(TableReader):
         return self.once(lambda: sealed(read_image(file, linear=linear)), "image", os.path.realpath(file), linear)
 
     def normal_map(self, table: Table) -> NormalMap:
-        options = self.fields_of(table, NORMAL_MAP, NormalMap)
+        options = self.fields_of(table, scene_keys.NORMAL_MAP, NormalMap)
         with self.at("texture"):
             file = self.file(table["texture"])
             pixels = self.image(file, linear=True)
@@ -250,8 +237,8 @@ class _SceneReader(TableReader):
     def shape(self, table: Table) -> list[Shape]:
         """Return a shape, or the several of a mesh file that keeps its own materials."""
         made = self.meshes(table)
-        matrix = self.transform(table) if TRANSFORM.keys() & table.keys() else None
-        material = self.read(table, "material", lambda name: found("materials", name, self.materials))
+        matrix = self.transform(table) if scene_keys.TRANSFORM.keys() & table.keys() else None
+        material = self.read(table, "material", lambda name: look_up("materials", name, self.materials))
         places = read_places(self, table)
         if "deformation" in table or any(isinstance(place, Motion) and not place.is_rigid for place in places):
             made = bake_transforms(made)
@@ -299,7 +286,7 @@ class _SceneReader(TableReader):
 
     def meshes(self, table: Table) -> list[Shape]:
         """Return the meshes of a shape before its transform; those from files bring materials."""
-        made = self.call(choice(table, self.makers()), table, extra=SHAPE)
+        made = self.call(choice(table, self.makers()), table, extra=scene_keys.SHAPE)
         if isinstance(made, Mesh):
             memory_limits.take(memory_limits.MADE, memory_limits.size_of(made))
             return [Shape(made, name=f"{table['type']} {self.place[-1]}")]
