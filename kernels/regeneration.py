@@ -1,9 +1,9 @@
 """The kernel of a pass for GPUs: lanes of a warp begin their next paths together, once half of them wait.
 
-Where each thread follows its paths in a loop of their own, as in `render.py`, those of a warp whose path has ended wait
-for the longest one, at each sample. Here there is one loop, a round of which begins a path if there is none, follows it
-to its next vertex, and adds it to the film if it ended (Novák, Havran and Dachsbacher 2010). Lanes without a path vote,
-so that camera rays, which are alike, are traced side by side. What that saves is in docs/gpu.md.
+If each thread follows its paths in an inner loop, as in `render.py`, threads whose path has ended wait for the longest
+one of their warp, at each sample. Here there is one loop: a round begins a path if there is none, follows it to its
+next vertex, and adds it to the film if it ended (Novák, Havran and Dachsbacher 2010). Lanes without a path vote, so
+that camera rays, which are alike, are traced side by side. The savings are in docs/gpu.md.
 """
 
 from dataclasses import replace
@@ -93,7 +93,7 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
             path = advance_path(scene, path, sampler, settings)
             if works and path.is_done:
                 index += 1
-                # To memory at once: in registers sums, twelve for doubles alone, would be spilled on the way.
+                # To memory at once: sums in registers, twelve for doubles alone, would be spilled.
                 result = path_result(path, settings.clamp_indirect)
                 film.rays[pixel] = film.rays[pixel] + wp.int64(result.rays)
                 if is_finite_color(result.radiance):

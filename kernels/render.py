@@ -1,4 +1,4 @@
-"""The kernel of a pass: each thread adds to one pixel the samples that it still lacks."""
+"""The kernel of a pass: each thread adds to one pixel the samples that it lacks."""
 
 import inspect
 from collections.abc import Callable
@@ -50,33 +50,30 @@ TILE_HEIGHT = wp.constant(4)
 
 @wp.func
 def pixel_of_thread(thread: int, width: int, height: int) -> int:
-    """Return the pixel, row by row, that is the `thread`-th, tile by tile; those at the end of a row are narrower."""
-    top = TILE_HEIGHT * (thread // (TILE_HEIGHT * width))
-    rows = wp.min(TILE_HEIGHT, height - top)
-    in_band = thread - top * width
-    left = TILE_WIDTH * (in_band // (TILE_WIDTH * rows))
-    columns = wp.min(TILE_WIDTH, width - left)
-    in_tile = in_band - left * rows
-    return (top + in_tile // columns) * width + left + in_tile % columns
+    """Return the pixel, row by row, that is the `thread`-th, tile by tile; tiles at the end of a row are narrower."""
+    first_row = TILE_HEIGHT * (thread // (TILE_HEIGHT * width))
+    rows = wp.min(TILE_HEIGHT, height - first_row)
+    in_band = thread - first_row * width
+    first_column = TILE_WIDTH * (in_band // (TILE_WIDTH * rows))
+    columns = wp.min(TILE_WIDTH, width - first_column)
+    in_tile = in_band - first_column * rows
+    return (first_row + in_tile // columns) * width + first_column + in_tile % columns
 
 
 @specialised()
 def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features."""
-    camera_sample = make_camera_sample(features)
-    trace = make_trace(features)
-    add_aovs = make_add_aovs(features)
-    has_aovs, gpu = features.aovs, features.gpu
+    camera_sample, trace, add_aovs = make_camera_sample(features), make_trace(features), make_add_aovs(features)
     sampler_of_pixel = make_sampler_of_pixel(features.sampler)
     name = make_render_kernel.module_name(features)
-    module = gpu_module(name) if gpu else wp.get_module(name)
+    module = gpu_module(name) if features.gpu else wp.get_module(name)
 
     @wp.kernel(module=module, enable_backward=False, launch_bounds=CUDA_BOUNDS)
     @pixel_kernel
     @of_pass
     def render_pass(first_pixel, target_count, seed, camera, filter_table, scene, settings, film, aovs):
         pixel = first_pixel + wp.tid()
-        if wp.static(gpu):
+        if wp.static(features.gpu):
             pixel = pixel_of_thread(pixel, camera.crop_width, film.count.shape[0] // camera.crop_width)
         # Random numbers depend on the place in the whole picture, so that a crop looks as it does there.
         x = camera.crop_x + pixel % camera.crop_width
@@ -88,13 +85,13 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         for index in range(film.count[pixel], target_count):
             sampler.index = wp.uint32(index)
             sample = camera_sample(camera, filter_table, sampler, x, y)
-            seen = sample.seen
+            camera_ray = sample.seen
             result = PathResult()
-            if seen.visible:
-                result = trace(scene, seen.ray, seen.footprint, sampler, settings)
-                if wp.static(has_aovs):
+            if camera_ray.visible:
+                result = trace(scene, camera_ray.ray, camera_ray.footprint, sampler, settings)
+                if wp.static(features.aovs):
                     offset = sample.position - wp.vec2(float(x) + 0.5, float(y) + 0.5)
-                    rays += add_aovs(scene, camera, seen, sampler, aovs, pixel, offset)
+                    rays += add_aovs(scene, camera, camera_ray, sampler, aovs, pixel, offset)
             rays += result.rays
             if is_finite_color(result.radiance):
                 value = wp.vec3d(result.radiance)

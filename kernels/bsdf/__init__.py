@@ -1,4 +1,4 @@
-"""Reflection models by name, and the dispatch among those that a scene uses.
+"""Reflection models by name, and the dispatch among the models of a scene.
 
 A model is a `Model` (see `kernels/core/bsdf.py`), or a factory that makes one from parts: `make_rough_conductor` makes
 "rough_conductor:ggx:smith" from "ggx" and "smith". To add one, write its file, name it in `_FILES`, and describe it in
@@ -14,8 +14,6 @@ from wrt.kernels.core.bsdf import (
     Bsdf,
     BsdfSample,
     Model,
-    SpecularLobes,
-    no_lobes,
     no_sample,
     zero_evaluate,
     zero_pdf,
@@ -47,8 +45,7 @@ model_of = BSDFS.model_of
 def filtered_name(name: str) -> str:
     """Return the name of a model under a filtered normal map: GGX facets on bumps are no GGX (`bumpy_ggx.py`).
 
-    Models of multiple bounces keep GGX, whose lost energy is tabulated: that of the mixture is not, and differs by up
-    to 8 %.
+    Models of multiple bounces keep GGX: only its lost energy is tabulated, and the mixture's differs by up to 8 %.
     """
     family, *parts = name.split(":")
     if "multiple" in parts or "bounces" in parts:
@@ -73,27 +70,25 @@ def make_bsdf(names: tuple[str, ...]) -> BsdfFunctions:
     """Return device functions that dispatch among the models `names` by their `model_number`."""
     if not names:
         return BsdfFunctions(zero_evaluate, zero_pdf, _no_sample)
-    model, number = model_of(names[0]), model_number(names[0])
-    model_evaluate, model_pdf, model_sample = model.evaluate, model.pdf, model.sample
-    next_evaluate, next_pdf, next_sample = make_bsdf(names[1:])
+    model, number, following = model_of(names[0]), model_number(names[0]), make_bsdf(names[1:])
 
     @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         if bsdf.model == wp.static(number):
-            return model_evaluate(bsdf, wo, wi)
-        return next_evaluate(bsdf, wo, wi)
+            return model.evaluate(bsdf, wo, wi)
+        return following.evaluate(bsdf, wo, wi)
 
     @wp.func
     def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         if bsdf.model == wp.static(number):
-            return model_pdf(bsdf, wo, wi)
-        return next_pdf(bsdf, wo, wi)
+            return model.pdf(bsdf, wo, wi)
+        return following.pdf(bsdf, wo, wi)
 
     @wp.func
     def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         if bsdf.model == wp.static(number):
-            return model_sample(bsdf, wo, u, u_lobe)
-        return next_sample(bsdf, wo, u, u_lobe)
+            return model.sample(bsdf, wo, u, u_lobe)
+        return following.sample(bsdf, wo, u, u_lobe)
 
     return BsdfFunctions(evaluate, pdf, sample)
 
@@ -104,21 +99,22 @@ def _no_sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample
 
 
 @specialised()
-def make_specular(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function (bsdf, wo) -> SpecularLobes: all delta directions, of which paths sample one."""
+def make_by_viewer(names: tuple[str, ...], attribute: str, otherwise: wp.Function) -> wp.Function:
+    """Return the device function (bsdf, wo) that is this attribute of the BSDF's model, `otherwise` if it has none."""
     if not names:
-        return no_lobes
-    number = model_number(names[0])
-    model_lobes = model_of(names[0]).specular or no_lobes
-    next_lobes = make_specular(names[1:])
+        return otherwise
+    function, number = getattr(model_of(names[0]), attribute), model_number(names[0])
+    following = make_by_viewer(names[1:], attribute, otherwise)
+    if function is None:
+        return following
 
     @wp.func
-    def lobes(bsdf: Bsdf, wo: wp.vec3) -> SpecularLobes:
+    def by_viewer(bsdf: Bsdf, wo: wp.vec3):
         if bsdf.model == wp.static(number):
-            return model_lobes(bsdf, wo)
-        return next_lobes(bsdf, wo)
+            return function(bsdf, wo)
+        return following(bsdf, wo)
 
-    return lobes
+    return by_viewer
 
 
 def models_with(names: tuple[str, ...], attribute: str) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import warp as wp
 
 from wrt.kernels.bsdf.dielectric import seen_from
 from wrt.kernels.bsdf.lobes.facets import make_sample, mirrored
-from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric
+from wrt.kernels.bsdf.lobes.fresnel import fresnel_dielectric, fresnel_schlick, refracted_by, schlick_weight
 from wrt.kernels.bsdf.rough_dielectric import cosine_to, facet_normal, is_matched, refraction_density, transmittance
 from wrt.kernels.core.bsdf import Bsdf, Model
 from wrt.kernels.core.elementary import sine_cosine
@@ -37,15 +37,6 @@ COAT_MASKING_ALPHA = wp.constant(0.25)
 COAT_SHARE = wp.constant(0.25)
 """The coat reflects a quarter of what a layer of varnish would (Burley 2012, section 5.6)."""
 COAT_F0 = wp.constant(0.04)
-BELOW_ONE = wp.constant(0.99999994)
-
-
-@wp.func
-def schlick_weight(cosine: float) -> float:
-    """Return (1 − cosθ)⁵."""
-    x = wp.clamp(1.0 - cosine, 0.0, 1.0)
-    x2 = x * x
-    return x2 * x2 * x
 
 
 @wp.func
@@ -97,8 +88,7 @@ def sheen(bsdf: Bsdf, cos_d: float) -> wp.vec3:
 def tinted_schlick(bsdf: Bsdf, cosine: float) -> wp.vec3:
     """Return Schlick's reflectance of a dielectric whose reflection at normal incidence has the hue of the base."""
     r = (bsdf.slots[IOR][0] - 1.0) / (bsdf.slots[IOR][0] + 1.0)
-    f0 = hue(bsdf.slots[BASE]) * (r * r)
-    return f0 + (wp.vec3(1.0) - f0) * schlick_weight(cosine)
+    return fresnel_schlick(cosine, hue(bsdf.slots[BASE]) * (r * r))
 
 
 # --- Coat ------------------------------------------------------------------------------------------
@@ -176,9 +166,7 @@ def facet_reflectance(bsdf: Bsdf, front: bool, cos_m: float, eta: float) -> wp.v
         return wp.vec3(clear(bsdf) * fresnel)
     metallic = bsdf.slots[METALLIC][0]
     tint = bsdf.slots[TINT][0]
-    base = bsdf.slots[BASE]
-    metal = base + (wp.vec3(1.0) - base) * schlick_weight(cos_m)
-    result = metal * metallic + wp.vec3((1.0 - metallic) * (1.0 - tint) * fresnel)
+    result = fresnel_schlick(cos_m, bsdf.slots[BASE]) * metallic + wp.vec3((1.0 - metallic) * (1.0 - tint) * fresnel)
     if tint > 0.0:
         result += tinted_schlick(bsdf, cos_m) * ((1.0 - metallic) * tint)
     return result
@@ -195,8 +183,7 @@ def lobe_weights(bsdf: Bsdf, front: bool) -> wp.vec3:
 
 def _make_body(transmits: bool) -> Model:
     """Return the model of the boundary of a body."""
-    parts = make_microfacet("ggx", "smith-separable")
-    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    facet = make_microfacet("ggx", "smith-separable")
 
     @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
@@ -209,7 +196,7 @@ def _make_body(transmits: bool) -> Model:
         cos_m = cosine_to(m, wo, wi)
         if cos_m > 0.0:
             shape = alphas(bsdf.slots[ROUGHNESS][0], bsdf.slots[ANISOTROPY][0])
-            facets = d(m, shape) * g(wo, wi, m, shape) / wp.max(wo[2], 1.0e-15)
+            facets = facet.d(m, shape) * facet.g(wo, wi, m, shape) / wp.max(wo[2], 1.0e-15)
             if wi[2] > 0.0:
                 value = facet_reflectance(bsdf, front, cos_m, eta) * (0.25 * facets)
             else:
@@ -240,7 +227,7 @@ def _make_body(transmits: bool) -> Model:
         m = facet_normal(wo, wi, eta)
         cos_m = cosine_to(m, wo, wi)
         if cos_m > 0.0:
-            drawn = normal_pdf(wo, m, alphas(bsdf.slots[ROUGHNESS][0], bsdf.slots[ANISOTROPY][0]))
+            drawn = facet.normal_pdf(wo, m, alphas(bsdf.slots[ROUGHNESS][0], bsdf.slots[ANISOTROPY][0]))
             share = reflected_share(bsdf, front, cos_m, eta)
             if wi[2] > 0.0:
                 density = weights[0] * share * drawn / (4.0 * cos_m)
@@ -263,20 +250,18 @@ def _make_body(transmits: bool) -> Model:
         if u_lobe >= weights[0]:
             return mirrored(wo, coat_normal(bsdf, u))
         eta = seen_from(bsdf.slots[IOR][0], front)
-        m = sample_normal(wo, alphas(bsdf.slots[ROUGHNESS][0], bsdf.slots[ANISOTROPY][0]), u)
+        m = facet.sample_normal(wo, alphas(bsdf.slots[ROUGHNESS][0], bsdf.slots[ANISOTROPY][0]), u)
         cos_m = wp.dot(wo, m)
         if cos_m <= 0.0:
             return wp.vec3(0.0)
         if u_lobe / weights[0] < reflected_share(bsdf, front, cos_m, eta):
             return mirrored(wo, m)
-        cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_m, eta), 0.0))
-        wi = m * (cos_m / eta - cos_t) - wo / eta
+        wi = refracted_by(m, wo, cos_m, eta)
         return wp.where(wi[2] < 0.0, wp.normalize(wi), wp.vec3(0.0))
 
     index_slot = int(IOR) if transmits else -1
-    return Model(
-        evaluate, pdf, make_sample(evaluate, pdf, direction), SLOTS, transmits=transmits, index_slot=index_slot
-    )
+    sample = make_sample(evaluate, pdf, direction)
+    return Model(evaluate, pdf, sample, SLOTS, transmits=transmits, index_slot=index_slot)
 
 
 # --- A thin sheet ----------------------------------------------------------------------------------
@@ -307,8 +292,7 @@ def thin_weights(bsdf: Bsdf) -> wp.vec4:
 
 def _make_thin() -> Model:
     """Return the model of a thin sheet, alike from both sides."""
-    parts = make_microfacet("ggx", "smith-separable")
-    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    facet = make_microfacet("ggx", "smith-separable")
 
     @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
@@ -323,7 +307,7 @@ def _make_thin() -> Model:
         value = wp.vec3(0.0)
         if shiny > 0.0:
             shape = thin_alphas(bsdf, through)
-            facets = 0.25 * shiny * d(m, shape) * g(wo, up, m, shape) / wp.max(wo[2], 1.0e-15)
+            facets = 0.25 * shiny * facet.d(m, shape) * facet.g(wo, up, m, shape) / wp.max(wo[2], 1.0e-15)
             fresnel = fresnel_dielectric(cos_m, bsdf.slots[IOR][0])
             if through:
                 value = base * ((1.0 - fresnel) * facets)
@@ -350,7 +334,7 @@ def _make_thin() -> Model:
         facets = wp.where(through, weights[1], weights[0])
         density = wp.where(through, weights[3], weights[2]) * INV_PI * up[2]
         if facets > 0.0:
-            density += facets * normal_pdf(wo, m, thin_alphas(bsdf, through)) / (4.0 * wp.dot(wo, m))
+            density += facets * facet.normal_pdf(wo, m, thin_alphas(bsdf, through)) / (4.0 * wp.dot(wo, m))
         return density
 
     @wp.func
@@ -361,7 +345,7 @@ def _make_thin() -> Model:
         through = u_lobe >= shiny + weights[2]
         if u_lobe < shiny:
             through = u_lobe >= weights[0]
-            m = sample_normal(wo, thin_alphas(bsdf, through), u)
+            m = facet.sample_normal(wo, thin_alphas(bsdf, through), u)
             if wp.dot(wo, m) > 0.0:
                 wi = mirrored(wo, m)
         else:

@@ -143,9 +143,7 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
     """
     if fresnel not in ROWS_OF_FRESNEL or bounces not in BOUNCES:
         raise ValueError(f"no rough conductor of {fresnel!r} and {bounces!r} bounces")
-    parts = make_microfacet(distribution, masking)
-    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
-    shape_of = make_shape_of(distribution)
+    facet, shape_of = make_microfacet(distribution, masking), make_shape_of(distribution)
     reflectance = make_reflectance(fresnel, bounces == "film", 2)
 
     @wp.func
@@ -155,7 +153,7 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
         shape = shape_of(bsdf)
         m = wp.normalize(wo + wi)
         # Do not cancel cosθo against the cosine in G: both may be close to zero.
-        value = d(m, shape) * g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
+        value = facet.d(m, shape) * facet.g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
         return wp.cw_mul(bsdf.slots[REFLECTANCE], reflectance(bsdf, wp.min(wp.dot(wo, m), 1.0))) * value
 
     @wp.func
@@ -164,11 +162,11 @@ def make_rough_conductor(distribution: str, masking: str, fresnel: str, bounces:
             return 0.0
         m = wp.normalize(wo + wi)
         # dω_m / dω_i = 1 / (4 wo·m): Walter et al. 2007, eq. 14.
-        return normal_pdf(wo, m, shape_of(bsdf)) / (4.0 * wp.max(wp.dot(wo, m), 1.0e-15))
+        return facet.normal_pdf(wo, m, shape_of(bsdf)) / (4.0 * wp.max(wp.dot(wo, m), 1.0e-15))
 
     @wp.func
     def direction_single(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
-        return mirrored(wo, sample_normal(wo, shape_of(bsdf), u))
+        return mirrored(wo, facet.sample_normal(wo, shape_of(bsdf), u))
 
     evaluate, pdf, direction = evaluate_single, pdf_single, direction_single
     slots = 2 + ROWS_OF_FRESNEL[fresnel] + (2 if bounces == "film" else 0)
@@ -203,17 +201,17 @@ def _with_multiple_bounces(
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return wp.vec3(0.0)
-        lost = average_missing_energy(bsdf.tables, bsdf.table, alpha_of(bsdf))
-        lobe = multiple_bounce_lobe(missing(bsdf, wo), missing(bsdf, wi), lost) * wi[2]
-        return evaluate_single(bsdf, wo, wi) + multiple_bounce_fresnel(average(bsdf), lost) * lobe
+        missing_average = average_missing_energy(bsdf.tables, bsdf.table, alpha_of(bsdf))
+        lobe = multiple_bounce_lobe(missing(bsdf, wo), missing(bsdf, wi), missing_average) * wi[2]
+        return evaluate_single(bsdf, wo, wi) + multiple_bounce_fresnel(average(bsdf), missing_average) * lobe
 
     @wp.func
     def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return 0.0
         share = missing(bsdf, wo)
-        other = multiple_bounces_pdf(bsdf.tables, bsdf.table, wi, alpha_of(bsdf))
-        return (1.0 - share) * pdf_single(bsdf, wo, wi) + share * other
+        density = multiple_bounces_pdf(bsdf.tables, bsdf.table, wi, alpha_of(bsdf))
+        return (1.0 - share) * pdf_single(bsdf, wo, wi) + share * density
 
     @wp.func
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:

@@ -1,4 +1,4 @@
-"""Smooth boundaries between transparent media: refracting ones, thin panes, and those that light passes unchanged.
+"""Smooth boundaries between transparent media: refracting ones, thin panes, and ones that light passes unchanged.
 
 Fresnel's exact equations, or Schlick's approximation of them, give the probabilities of reflection and refraction.
 Refraction scales radiance by (n_i / n_t)², because the solid angle of a beam changes. With dispersion each channel has
@@ -19,9 +19,9 @@ from wrt.kernels.core.bsdf import (
     BsdfSample,
     Model,
     SpecularLobes,
+    delta_sample,
     mirror_lobe,
     mirror_sample,
-    no_sample,
     zero_evaluate,
     zero_pdf,
 )
@@ -192,11 +192,7 @@ THIN_DIELECTRIC = Model(
 
 @wp.func
 def _sample_null(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    s = no_sample()
-    s.wi = -wo
-    s.weight = wp.vec3(1.0)
-    s.delta = True
-    return s
+    return delta_sample(-wo, wp.vec3(1.0))
 
 
 @wp.func

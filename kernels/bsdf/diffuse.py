@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, no_sample
 from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
 
 REFLECTANCE = wp.constant(0)
@@ -23,12 +23,10 @@ def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     """Return a direction with density cosθ/π."""
-    s = BsdfSample()
+    s = no_sample()
     s.wi = square_to_cosine_hemisphere(u)
     s.weight = bsdf.slots[REFLECTANCE]
     s.pdf = INV_PI * s.wi[2]
-    s.delta = False
-    s.eta = 1.0
     return s
 
 

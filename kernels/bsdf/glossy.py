@@ -15,7 +15,7 @@ of incidence.
 (n + 1) / 2π cosⁿα.
 
 Directions below the surface are lost. The model is defined by its sampler: f cosθi = reflectance · density. It is not
-reciprocal, as f(wo, wi) cosθi = f(wi, wo) cosθo, but for the square's corners; over all directions of view a surface
+reciprocal, as f(wo, wi) cosθi = f(wi, wo) cosθo except in the square's corners; over all directions of view a surface
 may reflect more light than it receives.
 """
 
@@ -99,22 +99,23 @@ def pdf_phong(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
     if wi[2] <= 0.0:
         return 0.0
     off = wi - wp.vec3(-wo[0], -wo[1], wo[2])
-    less = 0.5 * wp.dot(off, off)  # 1 − cosα, with all digits where α is small
-    if less >= 1.0:
+    one_minus_cos = 0.5 * wp.dot(off, off)  # with all digits where α is small
+    if one_minus_cos >= 1.0:
         return 0.0
     exponent = bsdf.slots[EXPONENT][0]
-    return (exponent + 1.0) * (0.5 * INV_PI) * exponential(exponent * log1p(-less))
+    return (exponent + 1.0) * (0.5 * INV_PI) * exponential(exponent * log1p(-one_minus_cos))
 
 
 @wp.func
 def sample_phong(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     """Return a direction of the lobe: cosα = u^(1/(n + 1))."""
     square = _square_of(bsdf, wo)
-    less = -expm1(logarithm(1.0 - u[0]) / (bsdf.slots[EXPONENT][0] + 1.0))  # 1 − cosα
-    sin_a = wp.sqrt(less * (2.0 - less))
+    one_minus_cos = -expm1(logarithm(1.0 - u[0]) / (bsdf.slots[EXPONENT][0] + 1.0))
+    sin_a = wp.sqrt(one_minus_cos * (2.0 - one_minus_cos))
     turned = sine_cosine(TWO_PI * u[1])
     s = no_sample()
-    s.wi = wp.normalize(square.r * (1.0 - less) + square.u * (sin_a * turned[1]) + square.v * (sin_a * turned[0]))
+    cos_a = 1.0 - one_minus_cos
+    s.wi = wp.normalize(square.r * cos_a + square.u * (sin_a * turned[1]) + square.v * (sin_a * turned[0]))
     s.pdf = pdf_phong(bsdf, wo, s.wi)
     if s.pdf > 0.0:
         s.weight = bsdf.slots[REFLECTANCE]

@@ -13,7 +13,7 @@ For s > 0 s/t is cos Δφ sin α tan β, so the roughness r = B/A gives the publ
 
 import warp as wp
 
-from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, no_sample
 from wrt.kernels.core.elementary import sine_cosine
 from wrt.kernels.sampling.warps import INV_PI, TWO_PI
 
@@ -141,12 +141,8 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         x = lobe.a * t + lobe.b * h
         y = lobe.c * v
         z = lobe.d * t + h
-    s = BsdfSample()
+    s = no_sample()
     s.wi = wp.normalize(wp.vec3(lobe.axis[0] * x - lobe.axis[1] * y, lobe.axis[1] * x + lobe.axis[0] * y, z))
-    s.delta = False
-    s.eta = 1.0
-    s.pdf = 0.0
-    s.weight = wp.vec3(0.0)
     if s.wi[2] > 0.0:
         s.pdf = _density(lobe, s.wi)
         s.weight = evaluate(bsdf, wo, s.wi) / s.pdf

@@ -23,12 +23,10 @@ from wrt.kernels.bsdf.lobes.coat_transmittance import (
     coat_transmittance,
     transmitted,
 )
-from wrt.kernels.bsdf.lobes.facets import make_sample, mirrored
-from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, SpecularLobes, mirror_lobe, mirror_sample
+from wrt.kernels.bsdf.lobes.facets import make_round_shapes, make_sample, mirrored
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, SpecularLobes, mirror_lobe, mirror_sample, no_sample
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import BUMPY, LEAST_ALPHA, make_microfacet
-from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
-from wrt.kernels.microfacet.widening import widened_evenly
 from wrt.kernels.sampling.warps import INV_PI, square_to_cosine_hemisphere
 
 REFLECTANCE = wp.constant(0)  # of the base
@@ -95,12 +93,9 @@ def _sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     share = base_share(bsdf, let_in)
     if u_lobe >= share:
         return mirror_sample(wo, bsdf.slots[SPECULAR] * ((1.0 - let_in) / (1.0 - share)))
-    s = BsdfSample()
+    s = no_sample()
     s.wi = square_to_cosine_hemisphere(u)
-    s.delta = False
-    s.eta = 1.0
     s.pdf = share * INV_PI * s.wi[2]
-    s.weight = wp.vec3(0.0)
     if s.pdf > 0.0:
         s.weight = _evaluate(bsdf, wo, s.wi) / s.pdf
     return s
@@ -118,31 +113,15 @@ PLASTIC = Model(_evaluate, _pdf, _sample, slots=5, specular=_specular)
 
 
 @wp.func
-def coat_shape(bsdf: Bsdf) -> wp.vec3:
-    """Return the shape of the distribution of normals, widened by a filtered normal map."""
-    alpha = wp.clamp(bsdf.slots[ALPHA][0], LEAST_ALPHA, 1.0)
-    return widened_evenly(wp.vec3(alpha, alpha, 0.0), bsdf.normal_variance)
+def alpha_of(bsdf: Bsdf) -> float:
+    """Return the roughness of the coat, clamped."""
+    return wp.clamp(bsdf.slots[ALPHA][0], LEAST_ALPHA, 1.0)
 
 
 @wp.func
-def rough_as_bumpy_coat(bsdf: Bsdf) -> wp.vec3:
-    """Return the same where a filtered normal map puts GGX on bumps."""
-    alpha = wp.clamp(bsdf.slots[ALPHA][0], LEAST_ALPHA, 1.0)
-    variance = 0.5 * (bsdf.normal_variance[0] + bsdf.normal_variance[1])
-    return rough_as_bumpy(wp.vec3(alpha, alpha, 0.0), wp.vec2(variance))
-
-
-@wp.func
-def bumpy_coat_shape(bsdf: Bsdf) -> BumpyShape:
-    """Return the distribution of normals of GGX on bumps."""
-    alpha = wp.clamp(bsdf.slots[ALPHA][0], LEAST_ALPHA, 1.0)
-    return bumpy_shape(wp.vec3(alpha, alpha, 0.0), rough_as_bumpy_coat(bsdf))
-
-
-@wp.func
-def let_in_at(bsdf: Bsdf, w: wp.vec3, alpha: float) -> float:
-    """Return the share of light from w that reaches the base."""
-    return coat_transmittance(bsdf.tables, bsdf.table, w[2], coat_column(bsdf.tables, bsdf.table, alpha))
+def let_in_at(bsdf: Bsdf, w: wp.vec3, column: float) -> float:
+    """Return the share of light from w that reaches the base, from the table's column."""
+    return coat_transmittance(bsdf.tables, bsdf.table, w[2], column)
 
 
 @specialised()
@@ -152,42 +131,47 @@ def make_rough_plastic(distribution: str, masking: str) -> Model:
     Raises:
         ValueError: if they do not go together.
     """
-    parts = make_microfacet(distribution, masking)
-    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
-    bumpy = distribution == BUMPY
-    shape_of = bumpy_coat_shape if bumpy else coat_shape
-    rough_shape_of = rough_as_bumpy_coat if bumpy else coat_shape
+    facet, shapes = make_microfacet(distribution, masking), make_round_shapes(distribution == BUMPY)
+
+    @wp.func
+    def shape_of(bsdf: Bsdf) -> wp.vec3:
+        return shapes.as_rough(alpha_of(bsdf), bsdf.normal_variance)
 
     @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return wp.vec3(0.0)
-        shape = shape_of(bsdf)
+        rough = shape_of(bsdf)
+        shape = shapes.of_normals(alpha_of(bsdf), rough)
         h = wo + wi
         m = wp.normalize(h)
         # wo·m = wi·m = |wo + wi| / 2, bit for bit the same when light and viewer are swapped.
         reflected = 1.0 - transmitted(wp.min(0.5 * wp.length(h), 1.0), bsdf.slots[IOR][0])
-        coat = reflected * d(m, shape) * g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
-        alpha = rough_shape_of(bsdf)[0]
-        internal = coat_internal_reflectance(bsdf.tables, bsdf.table, coat_column(bsdf.tables, bsdf.table, alpha))
-        base = base_value(bsdf, internal, wi[2], let_in_at(bsdf, wo, alpha), let_in_at(bsdf, wi, alpha))
+        coat = reflected * facet.d(m, shape) * facet.g(wo, wi, m, shape) / (4.0 * wp.max(wo[2], 1.0e-15))
+        column = coat_column(bsdf.tables, bsdf.table, rough[0])
+        internal = coat_internal_reflectance(bsdf.tables, bsdf.table, column)
+        base = base_value(bsdf, internal, wi[2], let_in_at(bsdf, wo, column), let_in_at(bsdf, wi, column))
         return bsdf.slots[SPECULAR] * coat + base
 
     @wp.func
     def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         if wi[2] <= 0.0 or wo[2] <= 0.0:
             return 0.0
-        share = base_share(bsdf, let_in_at(bsdf, wo, rough_shape_of(bsdf)[0]))
+        rough = shape_of(bsdf)
+        share = base_share(bsdf, let_in_at(bsdf, wo, coat_column(bsdf.tables, bsdf.table, rough[0])))
         m = wp.normalize(wo + wi)
         # dω_m / dω_i = 1 / (4 wo·m): Walter et al. 2007, eq. 14.
-        coat = normal_pdf(wo, m, shape_of(bsdf)) / (4.0 * wp.max(wp.dot(wo, m), 1.0e-15))
+        coat = facet.normal_pdf(wo, m, shapes.of_normals(alpha_of(bsdf), rough)) / (
+            4.0 * wp.max(wp.dot(wo, m), 1.0e-15)
+        )
         return share * INV_PI * wi[2] + (1.0 - share) * coat
 
     @wp.func
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
-        if u_lobe < base_share(bsdf, let_in_at(bsdf, wo, rough_shape_of(bsdf)[0])):
+        rough = shape_of(bsdf)
+        if u_lobe < base_share(bsdf, let_in_at(bsdf, wo, coat_column(bsdf.tables, bsdf.table, rough[0]))):
             return square_to_cosine_hemisphere(u)
-        return mirrored(wo, sample_normal(wo, shape_of(bsdf), u))
+        return mirrored(wo, facet.sample_normal(wo, shapes.of_normals(alpha_of(bsdf), rough), u))
 
     sample = make_sample(evaluate, pdf, direction)
     return Model(evaluate, pdf, sample, slots=5, widens=True)

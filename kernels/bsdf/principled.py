@@ -25,6 +25,7 @@ look the same from both sides. A thin sheet reflects as if it were opaque; its t
 reflected light, mirrored through the surface.
 """
 
+from types import ModuleType
 from typing import NamedTuple
 
 import warp as wp
@@ -36,10 +37,10 @@ from wrt.kernels.bsdf.lobes.albedo import (
     multiple_bounce_lobe,
 )
 from wrt.kernels.bsdf.lobes.albedo_fits import average_facet_albedo, facet_albedo
-from wrt.kernels.bsdf.lobes.coats import Layer, Response, add_coat, add_sheen, bumpy_facet_response, facet_response
+from wrt.kernels.bsdf.lobes.coats import Layer, Response, add_coat, add_sheen
 from wrt.kernels.bsdf.lobes.dispersion import dispersive
-from wrt.kernels.bsdf.lobes.facets import mirrored
-from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
+from wrt.kernels.bsdf.lobes.facets import make_facet_response, mirrored
+from wrt.kernels.bsdf.lobes.fresnel import refracted_by
 from wrt.kernels.bsdf.lobes.principled_base import (
     FEATURE_ROWS,
     IOR,
@@ -47,8 +48,8 @@ from wrt.kernels.bsdf.lobes.principled_base import (
     average_schlick,
     film_on,
     make_base_of,
-    make_bumpy_of,
     make_cos_outside,
+    make_shape_of,
     make_split,
     make_turned,
     rows_of,
@@ -63,7 +64,7 @@ from wrt.kernels.sampling.warps import INV_PI, lattice_point, square_to_cosine_h
 
 FILM_FACETS = wp.constant(4)
 FILM_CAUTION = wp.constant(0.15)
-"""So many facets tell a film's albedo to this share of what it changes, which the layer below does not get."""
+"""With FILM_FACETS facets, a film's albedo is known to this share of its change, which the layer below does not get."""
 
 
 class _Energy(NamedTuple):
@@ -90,13 +91,13 @@ def film_albedo(b: Base, w: wp.vec3, white: wp.vec2, facets: int, caution: float
     """
     plain = b.f0 * (white[0] - white[1]) + wp.vec3(b.f90 * white[1])
     up = wp.vec3(w[0], w[1], wp.max(wp.abs(w[2]), 1.0e-4))
-    more = caution * wp.sqrt(wp.max(b.shape[0], b.shape[1]))
+    added = caution * wp.sqrt(wp.max(b.shape[0], b.shape[1]))
     change = wp.vec3(0.0)
     k = int(0)
     while k < facets:
         m = ggx.sample_normal(up, b.shape, lattice_point(k, facets))
         found = film_on(b, wp.dot(up, m), b.f0, b.f90)
-        change += found + wp.vec3(wp.abs(found[0]), wp.abs(found[1]), wp.abs(found[2])) * more
+        change += found + wp.vec3(wp.abs(found[0]), wp.abs(found[1]), wp.abs(found[2])) * added
         k += 1
     return plain + change * (white[0] / float(facets))
 
@@ -115,9 +116,6 @@ def average_film_albedo(b: Base, white: wp.vec2) -> wp.vec3:
 @specialised()
 def _make_energy(features: tuple[str, ...]) -> _Energy:
     body = "transmission" in features
-    transmits = body or "thin" in features
-    bounces = "bounces" in features
-    filmed = "film" in features
 
     @wp.func
     def missing(bsdf: Bsdf, b: Base, w: wp.vec3) -> float:
@@ -134,17 +132,17 @@ def _make_energy(features: tuple[str, ...]) -> _Energy:
         dielectric = schlick_albedo(white, wp.max(b.f0), b.f90)
         below = (1.0 - b.metallic) * (1.0 - dielectric) * wp.max(b.color)
         facets = wp.lerp(dielectric, schlick_albedo(white, wp.max(b.color), 1.0), b.metallic)
-        if wp.static(filmed):
+        if wp.static("film" in features):
             reflected = film_albedo(b, wo, white, 1, 0.0)
             below = (1.0 - b.metallic) * (1.0 - wp.min(reflected)) * wp.max(b.color)
             facets = wp.lerp(wp.max(reflected), schlick_albedo(white, wp.max(b.color), 1.0), b.metallic)
-        if wp.static(transmits):
+        if wp.static(body or "thin" in features):
             facets += below * b.transmission
         if wp.static(body):
             if not bsdf.front:
                 facets = wp.lerp(facets, 1.0, (1.0 - b.metallic) * b.transmission)
         spread = below * (1.0 - b.transmission)
-        if wp.static(bounces):
+        if wp.static("bounces" in features):
             average = average_missing_energy(bsdf.tables, bsdf.table, wp.sqrt(b.shape[0] * b.shape[1]))
             spread += wp.max(bounced(bsdf, b, average)) * missing(bsdf, b, wo)
         return wp.vec2(facets, spread)
@@ -167,9 +165,7 @@ def _make_diffuse(features: tuple[str, ...]) -> wp.Function:
     """Return (bsdf, base, wo, wi, white) -> f cosθi of the diffuse layer and of light that facets blocked."""
     if "film" in features:
         return _diffuse_below_film
-    bounces = "bounces" in features
     energy = _make_energy(features)
-    missing, bounced = energy.missing, energy.bounced
 
     @wp.func
     def diffuse(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3, white: wp.vec2) -> wp.vec3:
@@ -178,16 +174,16 @@ def _make_diffuse(features: tuple[str, ...]) -> wp.Function:
         left_o = 1.0 - schlick_albedo(white, f0, b.f90)
         left_i = 1.0 - schlick_albedo(facet_albedo(wi, b.shape), f0, b.f90)
         lobe = wp.vec3(0.0)
-        if wp.static(bounces):
-            lost = average_missing_energy(bsdf.tables, bsdf.table, wp.sqrt(b.shape[0] * b.shape[1]))
-            lost_o = missing(bsdf, b, wo)
-            lost_i = missing(bsdf, b, wi)
-            lobe = bounced(bsdf, b, lost) * multiple_bounce_lobe(lost_o, lost_i, lost)
+        if wp.static("bounces" in features):
+            missing = average_missing_energy(bsdf.tables, bsdf.table, wp.sqrt(b.shape[0] * b.shape[1]))
+            missing_o = energy.missing(bsdf, b, wo)
+            missing_i = energy.missing(bsdf, b, wi)
+            lobe = energy.bounced(bsdf, b, missing) * multiple_bounce_lobe(missing_o, missing_i, missing)
             # The layer above reflects this light too.
-            more = wp.max(multiple_bounce_fresnel(average_schlick(b.f0, b.f90), lost))
-            average -= more * lost
-            left_o -= more * lost_o
-            left_i -= more * lost_i
+            reflected = wp.max(multiple_bounce_fresnel(average_schlick(b.f0, b.f90), missing))
+            average -= reflected * missing
+            left_o -= reflected * missing_o
+            left_i -= reflected * missing_i
         let_out = wp.max(left_o, 0.0) * wp.max(left_i, 0.0) / wp.max(average, 1.0e-4)
         base = b.color * ((1.0 - b.metallic) * (1.0 - b.transmission) * INV_PI * let_out)
         return (base + lobe) * wi[2]
@@ -195,10 +191,19 @@ def _make_diffuse(features: tuple[str, ...]) -> wp.Function:
     return diffuse
 
 
+def _distribution(features: tuple[str, ...]) -> ModuleType:
+    """Return the module of the distribution of normals."""
+    return bumpy_ggx if "bumpy" in features else ggx
+
+
 @specialised()
-def _make_refraction(split: wp.Function, bumpy_of: wp.Function | None) -> wp.Function:
+def _make_refraction(features: tuple[str, ...]) -> wp.Function:
     """Return (bsdf, base, wo, wi, share) -> Response of facets that refract into a body."""
-    bumpy = bumpy_of is not None
+    split, shape_of, distribution = (
+        make_split(True, "film" in features),
+        make_shape_of(features),
+        _distribution(features),
+    )
 
     @wp.func
     def refracted(bsdf: Bsdf, b: Base, wo: wp.vec3, wi: wp.vec3, share: float) -> Response:
@@ -209,17 +214,12 @@ def _make_refraction(split: wp.Function, bumpy_of: wp.Function | None) -> wp.Fun
         if cos_o > 0.0:
             cos_i = -wp.dot(wi, m)
             s = split(b, cos_o, wp.where(bsdf.front, cos_o, cos_i))
+            shape = shape_of(bsdf, b)
+            density = distribution.d(m, shape) * cos_o * refraction_density(cos_o, cos_i, eta)
+            density = density / distribution.projected_area(wo, shape)
             # G1(wi) = cosθi / P: the density of visible normals contains that of wo.
-            if wp.static(bumpy):
-                shape = bumpy_of(bsdf, b)
-                density = bumpy_ggx.d(m, shape) * cos_o * refraction_density(cos_o, cos_i, eta)
-                density = density / bumpy_ggx.projected_area(wo, shape)
-                hidden = -wi[2] / bumpy_ggx.projected_area(-wi, shape)
-            else:
-                density = ggx.d(m, b.shape) * cos_o * refraction_density(cos_o, cos_i, eta)
-                density = density / ggx.projected_area(wo, b.shape)
-                hidden = -wi[2] / ggx.projected_area(-wi, b.shape)
-            r.value = s.transmitted * (density * hidden / (eta * eta))
+            visible = -wi[2] / distribution.projected_area(-wi, shape)
+            r.value = s.transmitted * (density * visible / (eta * eta))
             r.density = density * (1.0 - s.chosen) * share
         return r
 
@@ -239,8 +239,12 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
     shares = _make_energy(features).shares
     diffuse = _make_diffuse(features)
     bumpy = "bumpy" in features
-    bumpy_of = make_bumpy_of(features) if bumpy else None
-    refracted = _make_refraction(split, bumpy_of)
+    distribution, shape_of, facet_response = (
+        _distribution(features),
+        make_shape_of(features),
+        make_facet_response(bumpy),
+    )
+    refracted = _make_refraction(features)
 
     @wp.func
     def evaluate(bsdf: Bsdf, viewer: wp.vec3, light: wp.vec3) -> Response:
@@ -256,10 +260,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
             # wo·m is half the length of wo + wi, bit for bit the same when they are swapped.
             cos_m = 0.5 * wp.length(wo + wi)
             s = split(b, cos_m, outside(bsdf, cos_m))
-            if wp.static(bumpy):
-                facets = bumpy_facet_response(wo, wi, bumpy_of(bsdf, b))
-            else:
-                facets = facet_response(wo, wi, b.shape)
+            facets = facet_response(wo, wi, shape_of(bsdf, b))
             r.value = s.reflected * facets[0]
             if parts[1] > 0.0:
                 r.value = r.value + diffuse(bsdf, b, wo, wi, white)
@@ -269,10 +270,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
             through = wp.vec3(wi[0], wi[1], -wi[2])
             cos_m = 0.5 * wp.length(wo + through)
             s = split(b, cos_m, cos_m)
-            if wp.static(bumpy):
-                facets = bumpy_facet_response(wo, through, bumpy_of(bsdf, b))
-            else:
-                facets = facet_response(wo, through, b.shape)
+            facets = facet_response(wo, through, shape_of(bsdf, b))
             r.value = s.transmitted * facets[0]
             r.density = facets[1] * (1.0 - s.chosen) * share
         if wp.static(body):
@@ -289,10 +287,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
         share = parts[0] / wp.max(parts[0] + parts[1], 1.0e-20)
         if u_lobe >= share:
             return square_to_cosine_hemisphere(u)
-        if wp.static(bumpy):
-            m = bumpy_ggx.sample_normal(wo, bumpy_of(bsdf, b), u)
-        else:
-            m = ggx.sample_normal(wo, b.shape, u)
+        m = distribution.sample_normal(wo, shape_of(bsdf, b), u)
         wi = mirrored(wo, m)
         if wp.static(transmits):
             cos_o = wp.dot(wo, m)
@@ -302,8 +297,7 @@ def make_base_layer(features: tuple[str, ...]) -> Layer:
                     wi = wp.vec3(wi[0], wi[1], -wi[2])
                 else:
                     eta = seen_index(bsdf)
-                    cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
-                    wi = wp.normalize(m * (cos_o / eta - cos_t) - wo / eta)
+                    wi = wp.normalize(refracted_by(m, wo, cos_o, eta))
                     wi = wp.where(wi[2] < 0.0, wi, wp.vec3(0.0))
         return turned(bsdf, wi, -1.0)
 
@@ -324,9 +318,8 @@ def make_principled(*features: str) -> Model:
     Raises:
         ValueError: if a feature is unknown or out of order, or does not go with the others.
     """
-    given = set(features)
-    contradicts = {"transmission", "thin"} <= given or {"film", "bounces"} <= given
-    contradicts = contradicts or ("dispersion" in given and "transmission" not in given)
+    contradicts = {"transmission", "thin"} <= set(features) or {"film", "bounces"} <= set(features)
+    contradicts = contradicts or ("dispersion" in features and "transmission" not in features)
     if [f for f in FEATURE_ROWS if f in features] != list(features) or contradicts:
         raise ValueError(f"no principled model of {', '.join(features)}: features are {', '.join(FEATURE_ROWS)}")
     rows = rows_of(features)
@@ -337,7 +330,6 @@ def make_principled(*features: str) -> Model:
         layer = add_sheen(layer, rows["sheen_color"], rows["sheen_roughness"], body)
     if "coat" in features:
         layer = add_coat(layer, rows["coat"], rows["coat_roughness"], body, "bumpy" in features)
-    respond, direction = layer.evaluate, layer.direction
 
     @wp.func
     def respond_to(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
@@ -346,7 +338,7 @@ def make_principled(*features: str) -> Model:
         if wp.static(not transmits):
             if wi[2] < 0.0:
                 return Response()
-        return respond(bsdf, wo, wi)
+        return layer.evaluate(bsdf, wo, wi)
 
     @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
@@ -359,7 +351,7 @@ def make_principled(*features: str) -> Model:
     @wp.func
     def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         s = no_sample()
-        wi = direction(bsdf, wo, u, u_lobe)
+        wi = layer.direction(bsdf, wo, u, u_lobe)
         r = respond_to(bsdf, wo, wi)
         if r.density > 0.0:
             s.wi = wi

@@ -23,10 +23,11 @@ from wrt.kernels.bsdf.lobes.albedo_dielectric import (
 )
 from wrt.kernels.bsdf.lobes.dispersion import dispersive
 from wrt.kernels.bsdf.lobes.facets import is_widened, make_alpha_of, make_sample, make_shape_of, mirrored
-from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric
-from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.bsdf.lobes.fresnel import fresnel_dielectric, refracted_by
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, delta_sample
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import make_microfacet
+from wrt.kernels.sampling.warps import BELOW_ONE
 
 # Slot 0 is the shape of the distribution: see facets.py.
 IOR = wp.constant(1)  # n_inside / n_outside
@@ -39,7 +40,6 @@ INDEX_MATCHED = wp.constant(1.0e-3)
 most 2.5e-7 of the light at normal incidence and 1 % up to 86 degrees, and bends it by less than 0.06 degrees per unit
 of slope."""
 
-BELOW_ONE = wp.constant(0.99999994)
 OPTIONS = ((), ("multiple",), ("dispersive",), ("multiple", "dispersive"))
 
 
@@ -108,9 +108,7 @@ def make_rough_dielectric(distribution: str, masking: str, *options: str) -> Mod
     """
     if options not in OPTIONS:
         raise ValueError(f"no rough dielectric of {options!r}")
-    parts = make_microfacet(distribution, masking)
-    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
-    shape_of = make_shape_of(distribution)
+    facet, shape_of = make_microfacet(distribution, masking), make_shape_of(distribution)
 
     @wp.func
     def evaluate_single(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
@@ -121,7 +119,7 @@ def make_rough_dielectric(distribution: str, masking: str, *options: str) -> Mod
             return wp.vec3(0.0)
         shape = shape_of(bsdf)
         # Do not cancel cosθo against the cosine in G: both may be close to zero.
-        value = d(m, shape) * g(wo, wi, m, shape) / wp.max(wo[2], 1.0e-15)
+        value = facet.d(m, shape) * facet.g(wo, wi, m, shape) / wp.max(wo[2], 1.0e-15)
         if wi[2] > 0.0:
             return bsdf.slots[REFLECTANCE] * (0.25 * fresnel_dielectric(cos_o, eta) * value)  # eq. 20
         cos_i = -wp.dot(wi, m)
@@ -135,7 +133,7 @@ def make_rough_dielectric(distribution: str, masking: str, *options: str) -> Mod
         cos_o = cosine_to(m, wo, wi)
         if cos_o <= 0.0 or is_matched(eta):
             return 0.0
-        density = normal_pdf(wo, m, shape_of(bsdf))
+        density = facet.normal_pdf(wo, m, shape_of(bsdf))
         if wi[2] > 0.0:
             return fresnel_dielectric(cos_o, eta) * density / (4.0 * cos_o)  # eq. 14 and 38
         cos_i = -wp.dot(wi, m)
@@ -144,14 +142,13 @@ def make_rough_dielectric(distribution: str, masking: str, *options: str) -> Mod
     @wp.func
     def direction_single(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
-        m = sample_normal(wo, shape_of(bsdf), u)
+        m = facet.sample_normal(wo, shape_of(bsdf), u)
         cos_o = wp.dot(wo, m)
         if cos_o <= 0.0:
             return wp.vec3(0.0)
         if u_lobe < fresnel_dielectric(cos_o, eta):
             return mirrored(wo, m)  # eq. 39; zero if below the surface, where it cannot be refraction
-        cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
-        wi = m * (cos_o / eta - cos_t) - wo / eta  # eq. 40
+        wi = refracted_by(m, wo, cos_o, eta)
         return wp.where(wi[2] < 0.0, wp.normalize(wi), wp.vec3(0.0))
 
     evaluate, pdf, direction = evaluate_single, pdf_single, direction_single
@@ -171,11 +168,7 @@ def _or_straight_on(sample_facets: wp.Function) -> wp.Function:
     def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         if is_matched(eta):
-            s = no_sample()
-            s.wi = -wo
-            s.weight = bsdf.slots[TRANSMITTANCE]
-            s.delta = True
-            return s
+            return delta_sample(-wo, bsdf.slots[TRANSMITTANCE])
         found = sample_facets(bsdf, wo, u, u_lobe)
         if found.wi[2] < 0.0:
             found.eta = eta
@@ -185,10 +178,7 @@ def _or_straight_on(sample_facets: wp.Function) -> wp.Function:
 
 
 def _with_multiple_bounces(
-    alpha_of: wp.Function,
-    evaluate_single: wp.Function,
-    pdf_single: wp.Function,
-    direction_single: wp.Function,
+    alpha_of: wp.Function, evaluate_single: wp.Function, pdf_single: wp.Function, direction_single: wp.Function
 ) -> tuple[wp.Function, wp.Function, wp.Function]:
     """Return the functions of a single-bounce model with the lobes of all further bounces added.
 

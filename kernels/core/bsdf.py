@@ -15,8 +15,8 @@ class Bsdf:
     """A material at one point: its model and the values there.
 
     Row k of `slots` is a colour, or a number repeated three times; each model's file names its rows. The frame's z is
-    the shading normal and faces the viewer; `front` tells whether this is the front of the surface. A model's table
-    begins at `table` in `tables`. `normal_variance` is the variance of slopes along the frame's x and y that a
+    the shading normal and faces the viewer; `front` is true on the front of the surface. A model's table begins at
+    `table` in `tables`. `normal_variance` is the variance of slopes along the frame's x and y that a
     filtered normal map has averaged away; a rough model adds it to its roughness (`kernels/microfacet/widening.py`).
     """
 
@@ -97,23 +97,24 @@ def no_sample() -> BsdfSample:
     """Return a sample without a direction."""
     s = BsdfSample()
     s.wi = wp.vec3(0.0, 0.0, 1.0)
-    s.weight = wp.vec3(0.0)
-    s.pdf = 0.0
-    s.delta = False
     s.eta = 1.0
+    return s
+
+
+@wp.func
+def delta_sample(wi: wp.vec3, weight: wp.vec3) -> BsdfSample:
+    """Return a direction that is the only one possible, with this weight."""
+    s = no_sample()
+    s.wi = wi
+    s.weight = weight
+    s.delta = True
     return s
 
 
 @wp.func
 def mirror_sample(wo: wp.vec3, reflectance: wp.vec3) -> BsdfSample:
     """Return the ideal mirror direction with this weight."""
-    s = BsdfSample()
-    s.wi = wp.vec3(-wo[0], -wo[1], wo[2])
-    s.weight = reflectance
-    s.pdf = 0.0
-    s.delta = True
-    s.eta = 1.0
-    return s
+    return delta_sample(wp.vec3(-wo[0], -wo[1], wo[2]), reflectance)
 
 
 @wp.func
@@ -121,7 +122,6 @@ def mirror_lobe(reflectance: wp.vec3) -> SpecularLobes:
     """Return the ideal mirror direction as the only lobe."""
     lobes = SpecularLobes()
     lobes.reflected = reflectance
-    lobes.transmitted = wp.vec3(0.0)
     lobes.through = wp.vec3(0.0, 0.0, -1.0)
     lobes.eta = 1.0
     return lobes

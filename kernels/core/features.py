@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 _LONGEST_NAME = 100
 
 _COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha")
-_COVERING = ("models", "light_shapes", "environment", "opacity", "composite", *_COVERING_FLAGS)
+_COVERING = ("models", "light_shapes", "environment", "composite", *_COVERING_FLAGS)
 """Features of a kernel that a scene need not have: the kernel decides at run time."""
 
 _COVER_NOTHING = ("whitted", "ao")
@@ -24,7 +24,6 @@ class Features:
         textured: whether any value comes from an image or from vertex colours.
         mipmapped: whether any image has mip levels.
         environment: "none", "constant" or "image".
-        opacity: whether some material has an opacity below 1, so that rays may pass its surface; any may be composite.
         tangents: whether any material depends on the direction of the texture coordinates.
         sampler: the source of random numbers (see `make_sample_4d` in `kernels/sampling/sampler.py`).
         instances: "none" where all triangles lie in one tree, else the most general kind of instance: "still",
@@ -41,8 +40,9 @@ class Features:
         media: "none", "absorbing" (media absorb or emit light) or "scattering".
         grid_media: whether the density of any medium varies on a grid.
         nested: whether media have priorities, so that bodies may overlap or contain one another.
-        composite: without `opacity`: "none" where no material has parts, "sides" where front and back may differ, or
-            "mixed" where hits choose parts of mixtures at random.
+        composite: "none" where no material has parts, "sides" where front and back may differ, "mixed" where hits
+            choose parts of mixtures at random, or "holes" where some material has an opacity below 1, so that rays may
+            pass its surface, and any may have parts.
         exact: which exact shapes lie among the triangles of the ray tree: "none", "spheres" alone, or "quadrics", which
             are disks and cylinders, with spheres or without.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
@@ -54,7 +54,6 @@ class Features:
     models: tuple[str, ...]
     textured: bool
     environment: str
-    opacity: bool = False
     tangents: bool = False
     sampler: str = "independent"
     instances: str = "none"
@@ -75,26 +74,22 @@ class Features:
     exact: str = "none"
     gpu: bool = False
 
-    def covers(self, other: "Features") -> bool:
-        """Return whether the kernel of these features renders scenes with `other` features, with the same bits."""
+    def covers(self, scene: "Features") -> bool:
+        """Return whether the kernel of these features renders scenes with the features `scene`, with the same bits."""
         if self.integrator in _COVER_NOTHING:
-            return self == other
-        return replace(other, **{name: getattr(self, name) for name in _COVERING}) == self and (
-            set(other.models) <= set(self.models)
-            and set(other.light_shapes) <= set(self.light_shapes)
-            and (self.environment == "image" or self.environment == other.environment)
-            and (
-                self.composite == "none"
-                if self.opacity
-                else not other.opacity and other.composite in ("none", self.composite)
-            )
-            and all(getattr(self, name) or not getattr(other, name) for name in _COVERING_FLAGS)
+            return self == scene
+        return replace(scene, **{name: getattr(self, name) for name in _COVERING}) == self and (
+            set(scene.models) <= set(self.models)
+            and set(scene.light_shapes) <= set(self.light_shapes)
+            and (self.environment == "image" or self.environment == scene.environment)
+            and (self.has_holes or scene.composite in ("none", self.composite))
+            and all(getattr(self, name) or not getattr(scene, name) for name in _COVERING_FLAGS)
         )
 
-    def has_uploads_of(self, other: "Features") -> bool:
-        """Return whether a scene that was uploaded for these features has all arrays that kernels of `other` read."""
-        has_uvs = self.textured or self.tangents or not (other.textured or other.tangents)
-        return has_uvs and (self.uv2_alpha or not other.uv2_alpha)
+    def has_uploads_of(self, kernel: "Features") -> bool:
+        """Return whether a scene uploaded for these features has all arrays that a `kernel` of others reads."""
+        has_uvs = self.textured or self.tangents or not (kernel.textured or kernel.tangents)
+        return has_uvs and (self.uv2_alpha or not kernel.uv2_alpha)
 
     @property
     def geometry(self) -> str:
@@ -107,9 +102,14 @@ class Features:
         return self.exact != "none"
 
     @property
+    def has_holes(self) -> bool:
+        """Whether rays may pass surfaces that are not opaque."""
+        return self.composite == "holes"
+
+    @property
     def mixed(self) -> bool:
         """Whether each hit chooses a material at random."""
-        return self.opacity or self.composite == "mixed"
+        return self.composite in ("mixed", "holes")
 
     @property
     def bodies(self) -> bool:

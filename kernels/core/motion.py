@@ -14,7 +14,7 @@ motion_h = include("motion.h")
 
 @wp.struct
 class MotionKey:
-    """A keyframe; `half_angle` is half the angle, radians, from its rotation to that of the next key."""
+    """A keyframe; `half_angle` is half the angle, radians, between its rotation and the next key's."""
 
     time: float
     half_angle: float

@@ -24,7 +24,7 @@ RECEIVES_BOTH = wp.constant(constants.RECEIVES_BOTH)  # both sides
 class Receiver:
     """A point that receives light, with its shading normal and time.
 
-    `receives` tells which sides of the normal receive light; a point in a medium has no normal.
+    `receives` says on which sides of the normal light arrives; a point in a medium has no normal.
     """
 
     position: wp.vec3

@@ -51,28 +51,28 @@ class Registry(Generic[M]):
         Args:
             name: letters, digits and underscores.
             model: its device functions.
-            owner: nobody but the owner can replace the model.
+            owner: only the same owner can replace the model.
 
         Raises:
             ValueError: if another owner has the name, the name is not an identifier, or the model is invalid.
         """
         if not name.isidentifier():
             raise ValueError(f"a model's name must be an identifier, not {name!r}")
-        known = self._registered.get(name, _Registered(owner, []))
-        if name in self._built_in or known.owner != owner:
+        entry = self._registered.get(name, _Registered(owner, []))
+        if name in self._built_in or entry.owner != owner:
             raise ValueError(f"there is a model {name!r} already")
         self._check(name, model)
-        if known.revisions[-1:] != [model]:
-            known.revisions.append(model)
-        self._registered[name] = known
+        if entry.revisions[-1:] != [model]:
+            entry.revisions.append(model)
+        self._registered[name] = entry
         USER_MODELS.add(name)
-        self.families[name] = lambda revision="revision0": known.revisions[int(revision.removeprefix("revision"))]
+        self.families[name] = lambda revision="revision0": entry.revisions[int(revision.removeprefix("revision"))]
 
     def forget(self, name: str) -> None:
         """Undo all registrations of a name."""
         self._registered.pop(name, None)
         del self.families[name]
-        self._models = {known: model for known, model in self._models.items() if known.split(":")[0] != name}
+        self._models = {key: model for key, model in self._models.items() if key.split(":")[0] != name}
 
     def current_name(self, name: str) -> str:
         """Return the name that kernels use for the current version of a model.

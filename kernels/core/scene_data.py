@@ -19,8 +19,8 @@ MATERIAL_MODEL = wp.constant(0)
 MATERIAL_MIX = wp.constant(1)
 MATERIAL_SIDES = wp.constant(2)
 
-# Lookups in a normal map: the normal at the point; or, under a wider footprint, mean and variance, the latter along the
-# slopes' own axes, or along the texture's for anisotropic materials.
+# Lookups in a normal map: the normal at the point; or mean and variance over the footprint, with the variance along the
+# axes of the slopes, or along those of the texture for anisotropic materials.
 NORMALS_AT_POINT = wp.constant(0)
 NORMALS_FILTERED = wp.constant(1)
 NORMALS_FILTERED_ALONG_TEXTURE = wp.constant(2)
@@ -303,7 +303,7 @@ class SceneData:
     light_thresholds: wp.array(dtype=float)
     light_aliases: wp.array(dtype=int)
     light_tree: LightTree  # if Features.light_tree; the table above then has the lights at infinity
-    light_shapes: wp.array(dtype=LightShape)  # first those that rays can hit, then suns, then spots
+    light_shapes: wp.array(dtype=LightShape)  # the ones that rays can hit, suns, spots
     solid_light_shapes: int
     sun_light_shapes: int  # index of the first one after the suns
     environment: EnvironmentData

@@ -27,7 +27,7 @@ _FIELDS = frozenset(field.name for field in dataclasses.fields(Features))
 
 
 class _Used:
-    """Features of which only the declared fields can be read."""
+    """Features that let a factory read its declared fields only."""
 
     def __init__(self, features: Features, fields: tuple[str, ...], reader: str) -> None:
         """Take the features, and the fields that the factory `reader` declares."""
@@ -69,10 +69,10 @@ class Specialised(Generic[P, R]):
         """Return the cached result for these arguments, or make it."""
         key = (*self._read(args), *sorted(kwargs.items()))
         if key not in self._made:
-            given = cast(Any, args)
+            arguments = cast(Any, args)
             if self.fields:
-                given = (_Used(given[0], self.fields, self._name), *given[1:])
-            self._made[key] = self._factory(*given, **kwargs)
+                arguments = (_Used(arguments[0], self.fields, self._name), *arguments[1:])
+            self._made[key] = self._factory(*arguments, **kwargs)
         return self._made[key]
 
     def module_name(self, *args: P.args, **kwargs: P.kwargs) -> str:

@@ -31,8 +31,8 @@ def pixel_kernel(kernel: F) -> F:
 def path_function(function: F) -> F:
     """Mark the function that follows one path.
 
-    It has one outermost loop, itself or in a stage, each round of which advances to the next surface, and one `return`
-    of a variable, at its end. A round makes one `ray_query` for the next surface, then calls a `shading_point`, and may
+    It has one outermost loop, itself or in a stage, and one `return` of a variable, at its end. A round of the loop
+    advances to the next surface: it makes one `ray_query` for the next surface, then calls a `shading_point`, and may
     make further queries for shadow rays. Arguments that a kernel passes on unchanged, such as the scene, are the same
     for all paths.
     """
@@ -60,7 +60,7 @@ def traces_alone(function: F) -> F:
 def shading_point(function: F) -> F:
     """Mark the function that computes the surface at a hit, where shading begins.
 
-    Paths that hit nothing should have ended by then: those that remain are compacted first.
+    Paths that hit nothing should have ended by then: the remaining ones are compacted first.
     """
     return _marked(function, "shading_point")
 
@@ -69,6 +69,6 @@ def inline_stage(function: F) -> F:
     """Mark a stage of a path function, inlined where it is called: (scene, state, ...) -> the new state.
 
     It returns once, in its last line. The state's members become separate variables, so that a path stores and moves
-    only those that the scene uses; use the state member by member, and pass it as a whole to stages only.
+    only the members that the scene uses; use the state member by member, and pass it as a whole to stages only.
     """
     return _marked(function, "inline_stage")

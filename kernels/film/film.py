@@ -115,7 +115,7 @@ def hide_pixels(
     film: FilmData,
     count_before_out: wp.array(dtype=wp.int32),
 ):
-    """Let the pixels that are not 0 in `hidden` seem to have so many samples already."""
+    """Set the count of pixels that are not 0 in `hidden` to `samples`, so the pass skips them."""
     pixel = first_pixel + wp.tid()
     if hidden[pixel] != wp.uint8(0):
         count_before_out[pixel] = film.count[pixel]
@@ -124,10 +124,7 @@ def hide_pixels(
 
 @wp.kernel(enable_backward=False)
 def show_pixels(
-    first_pixel: int,
-    hidden: wp.array(dtype=wp.uint8),
-    count_before: wp.array(dtype=wp.int32),
-    film: FilmData,
+    first_pixel: int, hidden: wp.array(dtype=wp.uint8), count_before: wp.array(dtype=wp.int32), film: FilmData
 ):
     """Undo `hide_pixels`."""
     pixel = first_pixel + wp.tid()

@@ -72,8 +72,7 @@ def make_directional_albedo(features: Features) -> wp.Function:
     uniform illumination that reaches the viewer, specular directions included. The scaling of radiance on refraction
     is taken out, or glass would be brighter than 1 from inside.
     """
-    bsdf_sample = make_bsdf(features.models).sample
-    bsdf_at = make_bsdf_at(features)
+    bsdf_sample, bsdf_at = make_bsdf(features.models).sample, make_bsdf_at(features)
 
     @wp.func
     def directional_albedo(
@@ -92,11 +91,30 @@ def make_motion_on_film(features: Features) -> wp.Function:
 
     It leads from the point's position on the film when the shutter opens to that when it closes.
     """
-    triangle_of = make_triangle_of(features.instances)
-    exact, quadrics = features.has_exact, has_quadrics(features.geometry)
-    quadric_of = make_quadric_of(features.geometry)
+    triangle_of, quadric_of = make_triangle_of(features.instances), make_quadric_of(features.geometry)
     sphere_of, sphere_axes = make_sphere_of(features.geometry), make_sphere_axes(features.geometry)
     film_position = make_camera(features.cameras).film_position
+
+    @wp.func
+    def position_at(scene: SceneData, first: FirstSurface, hit_time: float, time: float) -> wp.vec3:
+        hit = first.hit
+        t = triangle_of(scene, hit.triangle, hit.instance, time)
+        position = t.p0 + t.e1 * hit.u + t.e2 * hit.v
+        if wp.static(features.has_exact):
+            sphere = sphere_of(scene, hit.triangle, hit.instance, hit_time)
+            if sphere.radius > 0.0:
+                # The same point of the sphere, in its own axes
+                axes = sphere_axes(scene, hit.triangle, hit.instance, hit_time)
+                place = to_local(axes, (first.surface.position - sphere.center) / sphere.radius)
+                axes = sphere_axes(scene, hit.triangle, hit.instance, time)
+                sphere = sphere_of(scene, hit.triangle, hit.instance, time)
+                position = sphere.center + to_world(axes, place) * sphere.radius
+        if wp.static(has_quadrics(features.geometry)):
+            quadric = quadric_of(scene, hit.triangle, hit.instance, hit_time)
+            if quadric.kind != NO_QUADRIC:
+                on_unit = in_unit_shape(quadric, first.surface.position - quadric.center)
+                position = point_of(quadric_of(scene, hit.triangle, hit.instance, time), on_unit)
+        return position
 
     @wp.func
     def motion_on_film(
@@ -106,33 +124,10 @@ def make_motion_on_film(features: Features) -> wp.Function:
         end = direction
         distant = first.hit.triangle == NO_HIT
         if not distant:
-            hit = first.hit
-            t = triangle_of(scene, hit.triangle, hit.instance, camera.shutter_open)
-            begin = t.p0 + t.e1 * hit.u + t.e2 * hit.v
-            t = triangle_of(scene, hit.triangle, hit.instance, camera.shutter_close)
-            end = t.p0 + t.e1 * hit.u + t.e2 * hit.v
-            if wp.static(exact):
-                sphere = sphere_of(scene, hit.triangle, hit.instance, time)
-                if sphere.radius > 0.0:
-                    # The same point of the sphere, in its own axes
-                    axes = sphere_axes(scene, hit.triangle, hit.instance, time)
-                    place = to_local(axes, (first.surface.position - sphere.center) / sphere.radius)
-                    axes = sphere_axes(scene, hit.triangle, hit.instance, camera.shutter_open)
-                    sphere = sphere_of(scene, hit.triangle, hit.instance, camera.shutter_open)
-                    begin = sphere.center + to_world(axes, place) * sphere.radius
-                    axes = sphere_axes(scene, hit.triangle, hit.instance, camera.shutter_close)
-                    sphere = sphere_of(scene, hit.triangle, hit.instance, camera.shutter_close)
-                    end = sphere.center + to_world(axes, place) * sphere.radius
-            if wp.static(quadrics):
-                quadric = quadric_of(scene, hit.triangle, hit.instance, time)
-                if quadric.kind != NO_QUADRIC:
-                    on_unit = in_unit_shape(quadric, first.surface.position - quadric.center)
-                    opened = quadric_of(scene, hit.triangle, hit.instance, camera.shutter_open)
-                    begin = point_of(opened, on_unit)
-                    closed = quadric_of(scene, hit.triangle, hit.instance, camera.shutter_close)
-                    end = point_of(closed, on_unit)
-        there = film_position(camera, end, distant, camera.shutter_close)
-        return there - film_position(camera, begin, distant, camera.shutter_open)
+            begin = position_at(scene, first, time, camera.shutter_open)
+            end = position_at(scene, first, time, camera.shutter_close)
+        last = film_position(camera, end, distant, camera.shutter_close)
+        return last - film_position(camera, begin, distant, camera.shutter_open)
 
     return motion_on_film
 
@@ -141,38 +136,29 @@ def make_motion_on_film(features: Features) -> wp.Function:
 def make_add_aovs(features: Features) -> wp.Function:
     """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset) -> rays traced.
 
-    It adds one sample, seen along a camera ray through the point `offset` from the pixel's centre.
+    It adds one sample, of the camera ray `seen` through the point `offset` from the pixel's centre.
     """
     first_surface = make_first_surface(features)
-    guides = features.guides
-    follow_specular = make_follow_specular(features)
-    directional_albedo = make_directional_albedo(features)
-    motion_on_film = make_motion_on_film(features)
-    sample_4d = make_sample_4d(features.sampler)
+    follow_specular, directional_albedo = make_follow_specular(features), make_directional_albedo(features)
+    motion_on_film, sample_4d = make_motion_on_film(features), make_sample_4d(features.sampler)
     has_coordinates = features.textured or features.tangents
     add_texture_coordinates = make_add_texture_coordinates(False, features.has_exact)
 
     @wp.func
     def add_aovs(
-        scene: SceneData,
-        camera: Camera,
-        seen: CameraRay,
-        sampler: Sampler,
-        aovs: AovData,
-        pixel: int,
-        offset: wp.vec2,
+        scene: SceneData, camera: Camera, seen: CameraRay, sampler: Sampler, aovs: AovData, pixel: int, offset: wp.vec2
     ) -> int:
         first = first_surface(scene, seen.ray, seen.footprint, sampler)
         direction = seen.ray.direction
         tint = wp.vec3(1.0)
-        if wp.static(guides):
+        if wp.static(features.guides):
             chain = follow_specular(scene, first, seen.ray, sampler)
             first = chain.first
             direction = chain.direction
             tint = chain.tint
         surface = first.surface
-        met = first.hit.triangle != NO_HIT
-        if met:
+        is_hit = first.hit.triangle != NO_HIT
+        if is_hit:
             add_color(aovs.sums, pixel, aovs.normal, surface.frame.n)
             add_color(aovs.sums, pixel, aovs.geometric_normal, surface.normal)
             if aovs.alpha >= 0:
@@ -180,7 +166,7 @@ def make_add_aovs(features: Features) -> wp.Function:
             if aovs.albedo >= 0:
                 u = sample_4d(sampler, vertex_block(1, BLOCK_BSDF))
                 albedo = directional_albedo(scene, surface, first.material, direction, u)
-                if wp.static(guides):
+                if wp.static(features.guides):
                     albedo = wp.cw_mul(albedo, tint)
                 add_color(aovs.sums, pixel, aovs.albedo, albedo)
         off_middle = wp.dot(offset, offset)
@@ -188,14 +174,14 @@ def make_add_aovs(features: Features) -> wp.Function:
             aovs.off_middle[pixel] = off_middle
             number = int(0)
             depth = wp.inf
-            if met:
+            if is_hit:
                 number = surface.shape + 1
                 depth = first.distance
             aovs.object_number[pixel] = number
             set_numbers(aovs.nearest, pixel, aovs.depth, 1, wp.vec3(depth))
             set_numbers(aovs.nearest, pixel, aovs.position, 3, surface.position)
             if aovs.uv >= 0:
-                if met and wp.static(not has_coordinates):
+                if is_hit and wp.static(not has_coordinates):
                     surface = add_texture_coordinates(scene, first.hit, surface)
                 set_numbers(aovs.nearest, pixel, aovs.uv, 2, wp.vec3(surface.uv[0], surface.uv[1], 0.0))
             if aovs.motion >= 0:

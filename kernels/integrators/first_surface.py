@@ -43,39 +43,22 @@ class FirstSurface:
     rays: int
 
 
-@specialised(
-    "sampler",
-    "instances",
-    "exact",
-    "textured",
-    "uv2_alpha",
-    "mipmapped",
-    "opacity",
-    "composite",
-    "tangents",
-)
+@specialised("sampler", "instances", "exact", "textured", "uv2_alpha", "mipmapped", "composite", "tangents")
 def make_first_surface(features: Features) -> wp.Function:
     """Return the device function (scene, camera_ray, pixel_footprint, sampler) -> FirstSurface.
 
-    Whether a surface lets the ray pass, and which part of a mixture answers, is decided by the random numbers by which
-    a path decides it, so that both see the same.
+    The random numbers of a path decide whether a surface lets the ray pass, and which part of a mixture it meets, so
+    that both see the same.
     """
     sample_4d = make_sample_4d(features.sampler)
-    closest_hit = make_intersect(features.geometry).closest_hit
-    surface_at = make_surface_at(features.geometry)
+    closest_hit, surface_at = make_intersect(features.geometry).closest_hit, make_surface_at(features.geometry)
     choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
-    textured = features.textured
-    opacity, sides, mixed = features.opacity, features.composite == "sides", features.mixed
-    tangents = features.tangents
-    mipmapped = features.mipmapped
 
     @wp.func
     def first_surface(scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler) -> FirstSurface:
         ray = camera_ray
         first = FirstSurface()
-        first.distance = 0.0
-        first.rays = 0
         first.material = PASSED_THROUGH
         while first.material == PASSED_THROUGH and first.rays <= MOST_PASSED:
             hit = closest_hit(scene, ray)
@@ -84,25 +67,25 @@ def make_first_surface(features: Features) -> wp.Function:
             if hit.triangle == NO_HIT:
                 return first
             surface = surface_at(scene, ray, hit)
-            if wp.static(textured or tangents):
+            if wp.static(features.textured or features.tangents):
                 surface = add_texture_coordinates(scene, hit, surface)
-            if wp.static(mipmapped):
+            if wp.static(features.mipmapped):
                 width = pixel_footprint[0] + pixel_footprint[1] * (first.distance + hit.t)
                 surface.footprint = sample_footprint(scene, hit, surface, ray.direction, width, sampler.index)
             first.material = scene.shapes[surface.shape].material
-            if wp.static(sides):
+            if wp.static(features.composite == "sides"):
                 first.material = material_of_side(scene, first.material, surface)
-            if wp.static(mixed):
+            if wp.static(features.mixed):
                 u = sample_4d(sampler, passed_block(1, first.rays - 1))
                 first.material = choose_material(scene, first.material, surface, u[0])
-            if wp.static(opacity):
+            if wp.static(features.has_holes):
                 if first.material == PASSED_THROUGH:
                     beyond = leave(surface, -1.0)
                     first.distance = first.distance + wp.length(beyond - ray.origin)
                     ray.origin = beyond
                     continue
             first.distance = first.distance + hit.t
-            if wp.static(tangents):
+            if wp.static(features.tangents):
                 width = pixel_footprint[0] + pixel_footprint[1] * first.distance
                 surface = align_tangents(scene, hit, surface)
                 surface = apply_normal_map(scene, first.material, hit, surface, ray.direction, width)
@@ -133,11 +116,9 @@ def make_follow_specular(features: Features) -> wp.Function:
 
     At each smooth surface one direction is chosen at random, as by a path.
     """
-    first_surface = make_first_surface(features)
-    bsdf_sample, receives_light = make_bsdf(features.models).sample, make_receives_light(features.models)
-    bsdf_at = make_bsdf_at(features)
-    dispersive, with_throughput = disperses(features.models), make_with_throughput(features.models)
-    sample_4d = make_sample_4d(features.sampler)
+    first_surface, sample_4d = make_first_surface(features), make_sample_4d(features.sampler)
+    bsdf_at, bsdf_sample = make_bsdf_at(features), make_bsdf(features.models).sample
+    receives_light, with_throughput = make_receives_light(features.models), make_with_throughput(features.models)
 
     @wp.func
     def follow_specular(scene: SceneData, begin: FirstSurface, camera_ray: Ray, sampler: Sampler) -> SpecularChain:
@@ -154,7 +135,7 @@ def make_follow_specular(features: Features) -> wp.Function:
             if chain.first.hit.triangle != NO_HIT:
                 surface = chain.first.surface
                 bsdf = bsdf_at(scene, chain.first.material, surface)
-                if wp.static(dispersive):
+                if wp.static(disperses(features.models)):
                     bsdf = with_throughput(bsdf, chain.tint)
                 if not receives_light(bsdf):
                     u = sample_4d(sampler, vertex_block(bounces + 1, BLOCK_BSDF))

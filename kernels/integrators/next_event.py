@@ -1,28 +1,27 @@
-"""Next-event estimation: the light that arrives straight from a lamp where a path is scattered.
+"""Next-event estimation: stages that sample a light where a path is scattered.
 
-The power heuristic weighs it against what is found by following the path (Veach 1997, chapter 9).
+The power heuristic weighs it against light found by following the path (Veach 1997, chapter 9).
 """
 
 import warp as wp
 
 from wrt.kernels.bsdf import make_bsdf, models_with
-from wrt.kernels.core.bsdf import Bsdf
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import INFINITE_DISTANCE
-from wrt.kernels.core.rays import Ray, Receiver, to_local
-from wrt.kernels.core.scene_data import BodyStack, SceneData
+from wrt.kernels.core.rays import Ray, to_local
+from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
-from wrt.kernels.geometry.surface import Surface
+from wrt.kernels.core.spmd_marks import inline_stage
+from wrt.kernels.integrators.path_state import PathState, SurfaceVertex
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows, make_visibility
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.shapes import make_light_shapes
 from wrt.kernels.media.grids import make_shadow_in_media
-from wrt.kernels.media.medium import make_extinction, phase, transmittance
-from wrt.kernels.media.skin import Skin, no_skin
-from wrt.kernels.sampling.sampler import stream_key
+from wrt.kernels.media.medium import phase
+from wrt.kernels.media.skin import no_skin
 from wrt.kernels.textures.normal_maps import bump_shadow
 
-# How light that both samplings can find is shared between them.
+# The weights of light that both light sampling and BSDF sampling can find.
 STRATEGY_MIS = wp.constant(0)
 STRATEGY_LIGHT = wp.constant(1)
 STRATEGY_BSDF = wp.constant(2)
@@ -30,9 +29,9 @@ STRATEGY_BSDF = wp.constant(2)
 
 @wp.struct
 class DirectLight:
-    """Light that arrives straight from a lamp and is scattered on along a path, and the number of shadow rays.
+    """Light from a light source that a vertex scatters along a path, and the number of shadow rays.
 
-    If `t_max` is not negative, the light arrives only if nothing is on `shadow_ray` before that distance.
+    If `t_max` is not negative, the light arrives only if `shadow_ray` meets nothing before that distance.
     """
 
     radiance: wp.vec3
@@ -60,39 +59,30 @@ def emitter_hit_weight(strategy: int, bsdf_pdf: float, light_pdf: float) -> floa
 
 @specialised(*make_lights.fields, *make_visibility.fields)
 def make_light_in_medium(features: Features) -> wp.Function:
-    """Return the device function for the light that a medium scatters into a path, whose direction was `forward`.
+    """Return the stage (scene, path, g, u_light, strategy) -> DirectLight that a medium scatters into the path.
 
-    Its arguments are (scene, receiver, forward, g, medium_stack, skin, u_light, strategy).
+    The path and its receiver are at the point of scattering; its ray still has the direction in which it came.
     """
-    sample_light = make_lights(features).sample_light
-    visibility = make_visibility(features)
+    sample_light, visibility = make_lights(features).sample_light, make_visibility(features)
 
     @wp.func
-    def light_in_medium(
-        scene: SceneData,
-        receiver: Receiver,
-        forward: wp.vec3,
-        g: float,
-        medium_stack: BodyStack,
-        skin: Skin,
-        u_light: wp.vec4,
-        strategy: int,
-    ) -> DirectLight:
+    @inline_stage
+    def light_in_medium(scene: SceneData, path: PathState, g: float, u_light: wp.vec4, strategy: int) -> DirectLight:
         result = DirectLight()
         result.t_max = -1.0
-        light = sample_light(scene, receiver, u_light)
-        density = phase(wp.dot(forward, light.wi), g)
+        light = sample_light(scene, path.receiver, u_light)
+        density = phase(wp.dot(path.ray.direction, light.wi), g)
         arriving = light.radiance * density
         if not light.delta:
             arriving = arriving * mis_weight(strategy, light.pdf, density, STRATEGY_LIGHT)
         if wp.max(arriving) > 0.0:
             shadow_ray = Ray()
-            shadow_ray.origin = receiver.position
+            shadow_ray.origin = path.receiver.position
             shadow_ray.direction = light.wi
-            shadow_ray.time = receiver.time
+            shadow_ray.time = path.receiver.time
             result.rays = 1
-            seen = visibility(scene, shadow_ray, light.distance, light.point, medium_stack, skin, u_light)
-            result.radiance = wp.cw_mul(arriving, seen)
+            visible = visibility(scene, shadow_ray, light.distance, light.point, path.medium_stack, path.skin, u_light)
+            result.radiance = wp.cw_mul(arriving, visible)
         return result
 
     return light_in_medium
@@ -100,82 +90,67 @@ def make_light_in_medium(features: Features) -> wp.Function:
 
 @specialised("models", "media", "grid_media", "light_shapes", "tangents", *make_lights.fields, *make_visibility.fields)
 def make_light_at_surface(features: Features) -> wp.Function:
-    """Return the device function for the light that a surface scatters towards wo, from both of its sides.
+    """Return the stage (scene, path, vertex, u_light, strategy) -> DirectLight, which either side scatters to the path.
 
-    Its arguments are (scene, receiver, surface, origin_behind, bsdf, wo, medium_stack, medium_stack_behind, u_light,
-    strategy). `receiver` is on the viewer's side, in the bodies of `medium_stack`, and `origin_behind` on the other. If
-    surfaces either block light or are not there, the caller is to trace the shadow ray.
+    The path's receiver must be at the vertex. If surfaces either block light or are absent, the caller is to trace the
+    shadow ray.
     """
-    bsdf_evaluate, bsdf_pdf = make_bsdf(features.models).evaluate, make_bsdf(features.models).pdf
-    sample_light = make_lights(features).sample_light
-    visibility = make_visibility(features)
+    bsdf, sample_light = make_bsdf(features.models), make_lights(features).sample_light
+    visibility, shadow_in_media = make_visibility(features), make_shadow_in_media(features)
     attenuates_shadows = can_attenuate_shadows(features)
-    light_shapes = bool(features.light_shapes)
-    light_shape_blocks = make_light_shapes(features.light_shapes).blocks
-    media, grid_media, tangents = features.media != "none", features.grid_media, features.tangents
-    extinction_of, shadow_in_media = make_extinction(features.media), make_shadow_in_media(features.media)
+    light_shapes = make_light_shapes(features.light_shapes)
     transmits = bool(models_with(features.models, "transmits"))
 
     @wp.func
+    @inline_stage
     def light_at_surface(
-        scene: SceneData,
-        receiver: Receiver,
-        surface: Surface,
-        origin_behind: wp.vec3,
-        bsdf: Bsdf,
-        wo: wp.vec3,
-        medium_stack: BodyStack,
-        medium_stack_behind: BodyStack,
-        u_light: wp.vec4,
-        strategy: int,
+        scene: SceneData, path: PathState, vertex: SurfaceVertex, u_light: wp.vec4, strategy: int
     ) -> DirectLight:
         result = DirectLight()
         result.t_max = -1.0
-        light = sample_light(scene, receiver, u_light)
-        wi = to_local(surface.frame, light.wi)
-        # A shading normal must not let light through: both normals must agree on the side.
-        above = wp.dot(light.wi, surface.normal) > 0.0
-        if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
-            arriving = wp.cw_mul(bsdf_evaluate(bsdf, wo, wi), light.radiance)
-            if wp.static(tangents):
-                arriving = arriving * bump_shadow(surface, light.wi, wi[2])
-            if not light.delta:
-                pdf = bsdf_pdf(bsdf, wo, wi)
-                arriving = arriving * mis_weight(strategy, light.pdf, pdf, STRATEGY_LIGHT)
-            if wp.max(arriving) > 0.0:
-                shadow_ray = Ray()
-                shadow_ray.origin = receiver.position
-                shadow_ray.direction = light.wi
-                shadow_ray.time = receiver.time
-                t_max = light.distance
-                shadow_stack = medium_stack
-                if wp.static(transmits):
-                    if not above:
-                        # Towards the same point of the light from the other side of the surface
-                        shadow_ray.origin = origin_behind
-                        shadow_stack = medium_stack_behind
-                        if t_max < INFINITE_DISTANCE:
-                            to_light = receiver.position + light.wi * t_max - shadow_ray.origin
-                            t_max = wp.length(to_light)
-                            shadow_ray.direction = to_light / t_max
-                result.rays = 1
-                if wp.static(attenuates_shadows):
-                    seen = visibility(scene, shadow_ray, t_max, light.point, shadow_stack, no_skin(), u_light)
-                    result.radiance = wp.cw_mul(arriving, seen)
-                else:
-                    blocked = bool(False)
-                    if wp.static(light_shapes):
-                        blocked = light_shape_blocks(scene, shadow_ray, t_max, light.point)
-                    if not blocked:
-                        result.radiance = arriving
-                        if wp.static(grid_media):
-                            left = shadow_in_media(scene, shadow_ray, 0.0, t_max, shadow_stack, stream_key(u_light, 0))
-                            result.radiance = wp.cw_mul(arriving, left)
-                        elif wp.static(media):
-                            transmitted = transmittance(extinction_of(scene, shadow_stack), t_max)
-                            result.radiance = wp.cw_mul(arriving, transmitted)
-                        result.shadow_ray = shadow_ray
-                        result.t_max = t_max
+        if vertex.samples_lights:
+            light = sample_light(scene, path.receiver, u_light)
+            wi = to_local(vertex.surface.frame, light.wi)
+            # A shading normal must not let light through: both normals must agree on the side.
+            above = wp.dot(light.wi, vertex.surface.normal) > 0.0
+            if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
+                arriving = wp.cw_mul(bsdf.evaluate(vertex.bsdf, vertex.wo, wi), light.radiance)
+                if wp.static(features.tangents):
+                    arriving = arriving * bump_shadow(vertex.surface, light.wi, wi[2])
+                if not light.delta:
+                    pdf = bsdf.pdf(vertex.bsdf, vertex.wo, wi)
+                    arriving = arriving * mis_weight(strategy, light.pdf, pdf, STRATEGY_LIGHT)
+                if wp.max(arriving) > 0.0:
+                    shadow_ray = Ray()
+                    shadow_ray.origin = path.receiver.position
+                    shadow_ray.direction = light.wi
+                    shadow_ray.time = path.receiver.time
+                    t_max = light.distance
+                    shadow_stack = path.medium_stack
+                    if wp.static(transmits):
+                        if not above:
+                            # Towards the same point of the light from the other side of the surface
+                            shadow_ray.origin = vertex.origin_behind
+                            shadow_stack = vertex.medium_stack_behind
+                            if t_max < INFINITE_DISTANCE:
+                                to_light = path.receiver.position + light.wi * t_max - shadow_ray.origin
+                                t_max = wp.length(to_light)
+                                shadow_ray.direction = to_light / t_max
+                    result.rays = 1
+                    if wp.static(attenuates_shadows):
+                        visible = visibility(scene, shadow_ray, t_max, light.point, shadow_stack, no_skin(), u_light)
+                        result.radiance = wp.cw_mul(arriving, visible)
+                    else:
+                        blocked = bool(False)
+                        if wp.static(bool(features.light_shapes)):
+                            blocked = light_shapes.blocks(scene, shadow_ray, t_max, light.point)
+                        if not blocked:
+                            result.radiance = arriving
+                            if wp.static(features.media != "none"):
+                                share = shadow_in_media(scene, shadow_ray, 0.0, t_max, shadow_stack, u_light, 0)
+                                result.radiance = wp.cw_mul(arriving, share)
+                            result.shadow_ray = shadow_ray
+                            result.t_max = t_max
         return result
 
     return light_at_surface

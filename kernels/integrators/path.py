@@ -15,18 +15,11 @@ from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage, path_function
+from wrt.kernels.integrators.next_event import make_light_at_surface
 from wrt.kernels.integrators.path_escape import make_escape
 from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_traverse_medium
-from wrt.kernels.integrators.path_state import (
-    PathResult,
-    PathSettings,
-    PathState,
-    begin_indirect,
-    camera_path,
-    path_result,
-)
+from wrt.kernels.integrators.path_state import PathResult, PathSettings, PathState, begin_indirect, path_result
 from wrt.kernels.integrators.path_surface import (
-    make_direct_lighting,
     make_place_receiver,
     make_prepare_bsdf,
     make_sample_bsdf,
@@ -36,15 +29,8 @@ from wrt.kernels.integrators.path_surface import (
 )
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.lights.shapes import make_closest_hit
-from wrt.kernels.media.skin import or_skin
-from wrt.kernels.sampling.sampler import (
-    BLOCK_BSDF,
-    BLOCK_LIGHT,
-    Sampler,
-    make_sample_4d,
-    passed_block,
-    vertex_block,
-)
+from wrt.kernels.media.skin import no_skin, or_skin
+from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_sample_4d, passed_block, vertex_block
 
 
 @specialised()
@@ -55,14 +41,9 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
     traverse_medium, scatter_in_medium = make_traverse_medium(features), make_scatter_in_medium(features)
     surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
-    place_receiver, direct_lighting = make_place_receiver(features), make_direct_lighting(features)
-    media, scattering, grid_media = features.media != "none", features.media == "scattering", features.grid_media
-    clamped, panes, light_shapes = (
-        features.clamped,
-        bool(models_with(features.models, "straight")),
-        bool(features.light_shapes),
-    )
-    mixed, holes, attenuated = features.mixed, features.opacity or features.nested, can_attenuate_shadows(features)
+    place_receiver, light_at_surface = make_place_receiver(features), make_light_at_surface(features)
+    scattering, panes = features.media == "scattering", bool(models_with(features.models, "straight"))
+    draws_more = features.mixed or panes or scattering or features.grid_media
 
     @wp.func
     @inline_stage
@@ -77,7 +58,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
                 if rounds > 1:
                     break
             vertex_number = path.depth + path.medium_scatterings + 1
-            # Drawn before the ray is traced, as that waits for memory meanwhile: 5 % of a path in the Cornell box.
+            # Drawn before the ray is traced, which waits for memory: saves 5 % of a path in the Cornell box.
             u_light = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
             hit = closest_hit(scene, path.ray)
@@ -85,10 +66,10 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
                 hit = or_skin(path.skin, path.ray, hit)
             path.rays += 1
             u_more = wp.vec4()
-            if wp.static(mixed or panes or scattering or grid_media):
+            if wp.static(draws_more):
                 u_more = sample_4d(sampler, passed_block(vertex_number, path.surfaces_passed))
             # ---- Medium
-            if wp.static(media):
+            if wp.static(features.media != "none"):
                 segment = traverse_medium(scene, path, hit, wp.vec2(u_more[3], u_more[2]), settings.max_scatterings)
                 path.radiance = segment.radiance
                 path.throughput = segment.throughput
@@ -104,7 +85,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             # ---- Environment, and lights that are shapes
             if hit.triangle <= NO_HIT:
                 path = escape(scene, path, hit, settings)
-                if wp.static(light_shapes):
+                if wp.static(bool(features.light_shapes)):
                     if not path.is_done:
                         continue
                 break
@@ -113,7 +94,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             if wp.static(scattering):
                 path.skin.hit.triangle = NO_HIT
             vertex = surface_vertex(scene, path, hit, u_more[0], sampler)
-            if wp.static(holes):
+            if wp.static(features.has_holes or features.nested):
                 if not vertex.is_solid:
                     path = pass_through(path, vertex)
                     if path.is_done:
@@ -127,12 +108,12 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             if wp.static(panes):
                 if not vertex.is_pane and path.depth + 1 >= settings.max_depth:
                     break
-            if wp.static(clamped):
+            if wp.static(features.clamped):
                 path = begin_indirect(path, vertex_number >= 2 and not vertex.is_pane)
 
             # ---- Direct lighting
             path = place_receiver(path, vertex)
-            light = direct_lighting(scene, path, vertex, u_light, settings.strategy)
+            light = light_at_surface(scene, path, vertex, u_light, settings.strategy)
             path.rays += light.rays
             shadow_radiance = wp.cw_mul(path.throughput, light.radiance)
 
@@ -140,7 +121,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
 
             # ---- Shadow ray, last, when little of the surface's state is still live
-            if wp.static(attenuated):
+            if wp.static(can_attenuate_shadows(features)):
                 path.radiance += shadow_radiance
             else:
                 blocked = occluded(scene, light.shadow_ray, light.t_max)
@@ -158,13 +139,19 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
 @specialised()
 def make_begin_path(features: Features) -> wp.Function:
     """Return the stage (scene, camera_ray, pixel_footprint) -> PathState, a path that begins with a camera ray."""
-    bodies = features.bodies
 
     @wp.func
     @inline_stage
     def begin_path(scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2) -> PathState:
-        path = camera_path(camera_ray, pixel_footprint)
-        if wp.static(bodies):
+        path = PathState()
+        path.ray = camera_ray
+        path.throughput = wp.vec3(1.0)
+        path.eta_scale = 1.0
+        path.footprint = pixel_footprint
+        path.receiver.time = camera_ray.time
+        path.skin = no_skin()
+        path.previous_hit.triangle = NO_HIT
+        if wp.static(features.bodies):
             path.medium_stack = scene.inside_at_camera
         return path
 

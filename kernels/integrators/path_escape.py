@@ -1,4 +1,4 @@
-"""The stage in which a path ends because its ray meets no surface: environment, suns, lights that are shapes."""
+"""Light that a ray finds where it meets no surface: the environment, suns, and lights that are shapes."""
 
 import warp as wp
 
@@ -12,36 +12,30 @@ from wrt.kernels.integrators.next_event import emitter_hit_weight
 from wrt.kernels.integrators.path_state import PathSettings, PathState, pass_hidden_light, sees_no_lights
 from wrt.kernels.lights.environment import point_towards, radiance_at
 from wrt.kernels.lights.lights import make_lights
-from wrt.kernels.lights.shapes import make_light_shapes, shape_number
+from wrt.kernels.lights.shapes import make_light_model, shape_number
 
 
-@specialised("environment", *make_lights.fields)
-def make_environment_emission(features: Features) -> wp.Function:
-    """Return (scene, receiver, direction, scatter_pdf, strategy) -> vec3, the environment's radiance by its weight."""
-    image_environment = features.environment == "image"
-    environment_light_pdf = make_lights(features).environment_light_pdf
+@specialised("environment", "light_shapes", *make_lights.fields)
+def make_add_lights_met(features: Features) -> wp.Function:
+    """Return the device function that adds to a path's radiance the light that its ray finds at no triangle.
+
+    Its arguments are (scene, ray, hit, radiance, throughput, receiver, passed_distance, scatter_pdf, strategy); a
+    `scatter_pdf` of 0 means that no light was sampled for that direction.
+    """
+    lights, model = make_lights(features), make_light_model(features.light_shapes)
 
     @wp.func
     def environment_emission(
         scene: SceneData, receiver: Receiver, direction: wp.vec3, scatter_pdf: float, strategy: int
     ) -> wp.vec3:
-        if wp.static(image_environment):
+        if wp.static(features.environment == "image"):
             if scene.environment.width > 0:
                 point = point_towards(scene.environment, direction)
                 light_pdf = float(0.0)
                 if scatter_pdf > 0.0:
-                    light_pdf = environment_light_pdf(scene, receiver, point)
+                    light_pdf = lights.environment_light_pdf(scene, receiver, point)
                 return radiance_at(scene.environment, point.uv) * emitter_hit_weight(strategy, scatter_pdf, light_pdf)
         return scene.environment.radiance
-
-    return environment_emission
-
-
-@specialised("light_shapes", *make_lights.fields)
-def make_light_shape_emission(features: Features) -> wp.Function:
-    """Return (scene, shape, receiver, ray, distance, scatter_pdf, strategy) -> vec3, the same of a light shape."""
-    light_shape_pdf = make_light_shapes(features.light_shapes).pdf
-    choice_probability = make_lights(features).choice_probability
 
     @wp.func
     def light_shape_emission(
@@ -50,51 +44,72 @@ def make_light_shape_emission(features: Features) -> wp.Function:
         record = scene.light_shapes[shape]
         light_pdf = float(0.0)
         if scatter_pdf > 0.0:
-            light_pdf = light_shape_pdf(record, receiver, ray.direction, distance)
-            light_pdf *= choice_probability(scene, receiver, record.light)
+            light_pdf = model.pdf(record, receiver, ray.direction, distance)
+            light_pdf *= lights.choice_probability(scene, receiver, record.light)
         return scene.lights[record.light].value * emitter_hit_weight(strategy, scatter_pdf, light_pdf)
 
-    return light_shape_emission
+    @wp.func
+    def add_lights_met(
+        scene: SceneData,
+        ray: Ray,
+        hit: Hit,
+        radiance: wp.vec3,
+        throughput: wp.vec3,
+        receiver: Receiver,
+        passed_distance: float,
+        scatter_pdf: float,
+        strategy: int,
+    ) -> wp.vec3:
+        total = radiance
+        if hit.triangle == NO_HIT:
+            if wp.static(features.environment != "none"):
+                emission = environment_emission(scene, receiver, ray.direction, scatter_pdf, strategy)
+                total += wp.cw_mul(throughput, emission)
+            if wp.static(bool(features.light_shapes)):
+                for i in range(scene.solid_light_shapes, scene.sun_light_shapes):
+                    if model.covers(scene.light_shapes[i], ray.direction):
+                        sun = light_shape_emission(scene, i, receiver, ray, 0.0, scatter_pdf, strategy)
+                        total += wp.cw_mul(throughput, sun)
+        elif wp.static(bool(features.light_shapes)):
+            number = shape_number(hit)
+            shape = scene.light_shapes[number]
+            if model.shines_back(scene.lights[shape.light], shape, ray):
+                distance = passed_distance + hit.t
+                light = light_shape_emission(scene, number, receiver, ray, distance, scatter_pdf, strategy)
+                total += wp.cw_mul(throughput, light)
+        return total
+
+    return add_lights_met
 
 
-@specialised(*make_environment_emission.fields, *make_light_shape_emission.fields)
+@specialised(*make_add_lights_met.fields)
 def make_escape(features: Features) -> wp.Function:
     """Return the stage (scene, path, hit, settings) -> PathState for a hit that is no triangle.
 
     The path is done, unless it goes on behind a light that is hidden from the camera.
     """
-    has_environment = features.environment != "none"
-    has_light_shapes = bool(features.light_shapes)
-    shapes = make_light_shapes(features.light_shapes)
-    shines_back, sun_covers = shapes.shines_back, shapes.covers
-    environment_emission = make_environment_emission(features)
-    light_shape_emission = make_light_shape_emission(features)
+    add_lights_met = make_add_lights_met(features)
 
     @wp.func
     @inline_stage
     def escape(scene: SceneData, path: PathState, hit: Hit, settings: PathSettings) -> PathState:
-        ray = path.ray
-        strategy = settings.strategy
         path.is_done = True
         if sees_no_lights(path, settings):
-            if wp.static(has_light_shapes):
+            if wp.static(bool(features.light_shapes)):
                 if hit.triangle != NO_HIT:
                     path = pass_hidden_light(path, hit)
-        elif hit.triangle == NO_HIT:
-            if wp.static(has_environment):
-                radiance = environment_emission(scene, path.receiver, ray.direction, path.scatter_pdf, strategy)
-                path.radiance += wp.cw_mul(path.throughput, radiance)
-            if wp.static(has_light_shapes):
-                for i in range(scene.solid_light_shapes, scene.sun_light_shapes):
-                    if sun_covers(scene.light_shapes[i], ray.direction):
-                        sun = light_shape_emission(scene, i, path.receiver, ray, 0.0, path.scatter_pdf, strategy)
-                        path.radiance += wp.cw_mul(path.throughput, sun)
-        elif wp.static(has_light_shapes):
-            number = shape_number(hit)
-            if shines_back(scene, scene.light_shapes[number], ray):
-                distance = path.passed_distance + hit.t
-                light = light_shape_emission(scene, number, path.receiver, ray, distance, path.scatter_pdf, strategy)
-                path.radiance += wp.cw_mul(path.throughput, light)
+        else:
+            path.radiance = add_lights_met(
+                scene,
+                path.ray,
+                hit,
+                path.radiance,
+                path.throughput,
+                path.receiver,
+                path.passed_distance,
+                path.scatter_pdf,
+                settings.strategy,
+            )
         return path
 
     return escape

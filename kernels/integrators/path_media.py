@@ -13,7 +13,7 @@ from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.integrators.next_event import make_light_in_medium
 from wrt.kernels.integrators.path_state import PathSettings, PathState, begin_indirect
-from wrt.kernels.media.grids import is_in_grid, make_fly_in_grid
+from wrt.kernels.media.grids import make_fly_in_grid
 from wrt.kernels.media.medium import emitted, fly, make_extinction, medium_of, phase, sample_phase, transmittance
 from wrt.kernels.media.skin import make_skin_near
 from wrt.kernels.sampling.sampler import stream_key
@@ -36,15 +36,14 @@ class MediumSegment:
     g: float
 
 
-@specialised("media")
-def make_traverse_homogeneous(features: Features) -> wp.Function:
-    """Return the stage of `make_traverse_medium` for media of constant density."""
-    scattering = features.media == "scattering"
-    extinction_of = make_extinction(features.media)
+@specialised("media", "grid_media")
+def make_traverse_medium(features: Features) -> wp.Function:
+    """Return the stage (scene, path, hit, u_medium, max_scatterings) -> MediumSegment, up to the nearest hit."""
+    extinction_of, fly_in_grid = make_extinction(features.media), make_fly_in_grid(features.media)
 
     @wp.func
     @inline_stage
-    def traverse_homogeneous(
+    def traverse_medium(
         scene: SceneData, path: PathState, hit: Hit, u_medium: wp.vec2, max_scatterings: int
     ) -> MediumSegment:
         segment = MediumSegment()
@@ -53,74 +52,52 @@ def make_traverse_homogeneous(features: Features) -> wp.Function:
         medium = medium_of(scene, path.medium_stack)
         if medium >= 0:
             record = scene.media[medium]
-            extinction = extinction_of(scene, path.medium_stack)
             segment_length = path.origin_gap + hit.t
-            emission = emitted(record.emission, extinction, segment_length)
-            segment.radiance = path.radiance + wp.cw_mul(path.throughput, emission)
-            scatters_light = bool(False)
-            if wp.static(scattering):
-                scatters_light = wp.max(record.scattering) > 0.0
-                if scatters_light:
-                    flight = fly(
-                        extinction, record.scattering, path.throughput, segment_length, u_medium[0], u_medium[1]
-                    )
-                    segment.throughput = wp.cw_mul(path.throughput, flight.weight)
-                    segment.scatters = flight.scattered
-                    segment.ends = wp.max(segment.throughput) == 0.0 or (
-                        flight.scattered and path.medium_scatterings >= max_scatterings
-                    )
-                    segment.distance = flight.distance
-                    segment.g = record.g
-            if not scatters_light:
-                segment.throughput = wp.cw_mul(path.throughput, transmittance(extinction, segment_length))
-        return segment
-
-    return traverse_homogeneous
-
-
-@specialised("grid_media", *make_traverse_homogeneous.fields)
-def make_traverse_medium(features: Features) -> wp.Function:
-    """Return the stage (scene, path, hit, u_medium, max_scatterings) -> MediumSegment, up to the nearest hit."""
-    traverse_homogeneous = make_traverse_homogeneous(features)
-    if not features.grid_media:
-        return traverse_homogeneous
-    fly_in_grid = make_fly_in_grid(features.media)
-
-    @wp.func
-    @inline_stage
-    def traverse_medium(
-        scene: SceneData, path: PathState, hit: Hit, u_medium: wp.vec2, max_scatterings: int
-    ) -> MediumSegment:
-        segment = MediumSegment()
-        medium = medium_of(scene, path.medium_stack)
-        if is_in_grid(scene, medium):
-            record = scene.media[medium]
-            ray = path.ray
-            ray.origin = ray.origin - ray.direction * path.origin_gap
-            key = stream_key(wp.vec4(u_medium[0], u_medium[1], 0.0, 0.0), 0)
-            flight = fly_in_grid(scene, record, ray, path.origin_gap + hit.t, path.throughput, u_medium, key, False)
-            segment.radiance = path.radiance + flight.radiance
-            segment.throughput = flight.throughput
-            segment.scatters = flight.scattered
-            segment.ends = wp.max(flight.throughput) == 0.0 or (
-                flight.scattered and path.medium_scatterings >= max_scatterings
-            )
-            segment.distance = flight.distance
-            segment.g = record.g
-        else:
-            segment = traverse_homogeneous(scene, path, hit, u_medium, max_scatterings)
+            is_homogeneous = bool(True)
+            may_scatter = bool(False)
+            if wp.static(features.grid_media):
+                is_homogeneous = record.grid < 0
+                if record.grid >= 0:
+                    ray = path.ray
+                    ray.origin = ray.origin - ray.direction * path.origin_gap
+                    key = stream_key(wp.vec4(u_medium[0], u_medium[1], 0.0, 0.0), 0)
+                    found = fly_in_grid(scene, record, ray, segment_length, path.throughput, u_medium, key, False)
+                    segment.radiance = path.radiance + found.radiance
+                    segment.throughput = found.throughput
+                    segment.scatters = found.scattered
+                    segment.distance = found.distance
+                    may_scatter = True
+            if is_homogeneous:
+                extinction = extinction_of(scene, path.medium_stack)
+                emission = emitted(record.emission, extinction, segment_length)
+                segment.radiance = path.radiance + wp.cw_mul(path.throughput, emission)
+                if wp.static(features.media == "scattering"):
+                    may_scatter = wp.max(record.scattering) > 0.0
+                    if may_scatter:
+                        flight = fly(
+                            extinction, record.scattering, path.throughput, segment_length, u_medium[0], u_medium[1]
+                        )
+                        segment.throughput = wp.cw_mul(path.throughput, flight.weight)
+                        segment.scatters = flight.scattered
+                        segment.distance = flight.distance
+                if not may_scatter:
+                    segment.throughput = wp.cw_mul(path.throughput, transmittance(extinction, segment_length))
+            if may_scatter:
+                segment.ends = wp.max(segment.throughput) == 0.0 or (
+                    segment.scatters and path.medium_scatterings >= max_scatterings
+                )
+                segment.g = record.g
         return segment
 
     return traverse_medium
 
 
-@specialised("media", "instances", "exact", "clamped", "regularized", *make_light_in_medium.fields)
+@specialised("instances", "exact", "clamped", "regularized", *make_light_in_medium.fields)
 def make_scatter_in_medium(features: Features) -> wp.Function:
     """Return the stage (scene, path, segment, hit, u_light, u_phase, settings) -> PathState.
 
     It moves the path to the point of a segment at which it scatters, samples a light there, and a new direction.
     """
-    clamped, regularized = features.clamped, features.regularized
     skin_near = make_skin_near(features.geometry)
     light_in_medium = make_light_in_medium(features)
 
@@ -135,7 +112,7 @@ def make_scatter_in_medium(features: Features) -> wp.Function:
         u_phase: wp.vec4,
         settings: PathSettings,
     ) -> PathState:
-        if wp.static(clamped):
+        if wp.static(features.clamped):
             path = begin_indirect(path, path.depth + path.medium_scatterings >= 1)
         path.medium_scatterings += 1
 
@@ -149,20 +126,18 @@ def make_scatter_in_medium(features: Features) -> wp.Function:
         path.footprint = wp.vec2(0.0)
 
         # Direct lighting
-        forward = path.ray.direction
         if scene.lights.shape[0] > 0:
             path.receiver.position = path.ray.origin
             path.receiver.receives = RECEIVES_ANYWHERE
-            light = light_in_medium(
-                scene, path.receiver, forward, segment.g, path.medium_stack, path.skin, u_light, settings.strategy
-            )
+            light = light_in_medium(scene, path, segment.g, u_light, settings.strategy)
             path.rays += light.rays
             path.radiance += wp.cw_mul(path.throughput, light.radiance)
 
         # Phase function sampling
+        forward = path.ray.direction
         path.ray.direction = sample_phase(forward, segment.g, wp.vec2(u_phase[0], u_phase[1]))
         path.scatter_pdf = phase(wp.dot(forward, path.ray.direction), segment.g)
-        if wp.static(regularized):
+        if wp.static(features.regularized):
             path.was_blurred = True
 
         # Roulette begins below a throughput of 1 only: paths in milk scatter hundreds of times and must survive.

@@ -1,13 +1,15 @@
-"""What a path carries from one vertex to the next, and what all integrators take and return."""
+"""The state of a path between vertices and at one, and the arguments and results of all integrators."""
 
 import warp as wp
 
-from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.bsdf import Bsdf
+from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import Ray, Receiver
 from wrt.kernels.core.scene_data import BodyStack
 from wrt.kernels.core.spmd_marks import inline_stage
+from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.materials.choice import MOST_PASSED
-from wrt.kernels.media.skin import Skin, no_skin
+from wrt.kernels.media.skin import Skin
 
 BEHIND_LIGHT = wp.constant(1.00001)
 """Factor on the distance to a hidden light, by which a ray begins behind it; several times its rounding error."""
@@ -20,11 +22,11 @@ class PathSettings:
     max_depth: int
     max_scatterings: int  # events in media, which max_depth does not count
     strategy: int
-    min_attenuation: float  # of ray trees: what is dimmer is not followed
-    jittered_rays: int  # of ray trees: how many go on where gloss is first met
-    ambient: wp.vec3  # of ray trees: radiance that all that is not smooth receives from everywhere
-    ao_distance: float  # how far ambient occlusion looks
-    clamp_indirect: float  # most radiance per channel that a path brings by more than two segments
+    min_attenuation: float  # of ray trees: dimmer rays are not followed
+    jittered_rays: int  # of ray trees: rays sent on from the first glossy surface
+    ambient: wp.vec3  # of ray trees: radiance that rough surfaces receive from all directions
+    ao_distance: float  # length of the rays of ambient occlusion
+    clamp_indirect: float  # upper bound on indirect radiance, per channel
     widening: float  # variance that slopes of rough surfaces gain once the path was scattered by what is not smooth
     hides_lights: int  # whether camera rays do not see the environment and lights without triangles
 
@@ -42,11 +44,11 @@ class PathState:
     """A path between two vertices.
 
     `ray` is its next segment, and `scatter_pdf` the density of that direction, 0 if it was the only one possible.
-    `throughput` is the product of all weights so far, and `eta_scale` that of all squared relative indices. A path may
-    go straight through surfaces: `passed_distance` is the distance since it was last scattered, and `surfaces_passed`
-    counts them all. `receiver` is the last vertex for which a light was sampled. `previous_hit` is the surface that
-    the ray leaves, and `origin_gap` the distance from there to the ray's origin, as the medium begins at the surface.
-    `footprint` is the width of the cone that the camera ray stands for, and its growth; 0 once the path was scattered.
+    `throughput` is the product of all weights so far, and `eta_scale` the product of all squared relative indices. A
+    path may go straight through surfaces: `passed_distance` is the distance since it was last scattered, and
+    `surfaces_passed` counts them all. `receiver` is the last vertex for which a light was sampled. `previous_hit` is
+    the surface that the ray leaves, and `origin_gap` the distance from there to the ray's origin, as the medium begins
+    at the surface. `footprint` is the width of the camera ray's cone, and its growth; 0 once the path was scattered.
     `depth` counts the surfaces that scattered the path, and `medium_scatterings` the points in media.
     While indirect light is clamped, `direct_radiance` keeps the light of at most two segments once there may be more;
     the path then `is_indirect`. It `was_blurred` if anything that is not smooth scattered it. It `is_done` once it has
@@ -75,27 +77,34 @@ class PathState:
     is_done: bool
 
 
-@wp.func
-@inline_stage
-def camera_path(camera_ray: Ray, pixel_footprint: wp.vec2) -> PathState:
-    """Return a path that begins with a camera ray, outside all bodies."""
-    path = PathState()
-    path.ray = camera_ray
-    path.throughput = wp.vec3(1.0)
-    path.eta_scale = 1.0
-    path.footprint = pixel_footprint
-    path.receiver.time = camera_ray.time
-    path.skin = no_skin()
-    path.previous_hit.triangle = NO_HIT
-    return path
+@wp.struct
+class SurfaceVertex:
+    """The surface that a ray meets.
+
+    The next ray starts at `origin_in_front`, or at `origin_behind`, within the bodies of `medium_stack_behind`. A
+    surface that is not `is_solid` is a hole, or a boundary within a body of higher priority: light passes it. The stage
+    `prepare_bsdf` sets `bsdf`, `wo` and the members after them.
+    """
+
+    hit: Hit
+    surface: Surface
+    material: int
+    origin_in_front: wp.vec3
+    origin_behind: wp.vec3
+    medium_stack_behind: BodyStack
+    is_solid: bool
+    bsdf: Bsdf
+    wo: wp.vec3
+    is_pane: bool  # lets light through straight on
+    samples_lights: bool  # false for delta lobes alone, and in scenes without lights
 
 
 @wp.func
 @inline_stage
 def sees_no_lights(path: PathState, settings: PathSettings) -> bool:
-    """Return whether a path's ray is a camera ray that sees neither environment nor lights without triangles.
+    """Return whether a camera ray, which sees neither the environment nor lights without triangles, is still straight.
 
-    It is one still behind surfaces that let it pass, which do not count as vertices.
+    Surfaces that let it pass do not count as vertices.
     """
     return settings.hides_lights != 0 and path.depth == 0 and path.medium_scatterings == 0
 
@@ -116,7 +125,7 @@ def pass_hidden_light(path: PathState, hit: Hit) -> PathState:
 @wp.func
 @inline_stage
 def begin_indirect(path: PathState, has_two_segments: bool) -> PathState:
-    """Set the radiance so far apart as direct light, once a path has two segments: what follows may be clamped."""
+    """Keep the radiance of a path's first two segments as direct light; only what follows is clamped."""
     if has_two_segments and not path.is_indirect:
         path.direct_radiance = path.radiance
         path.radiance = wp.vec3(0.0)
@@ -127,7 +136,7 @@ def begin_indirect(path: PathState, has_two_segments: bool) -> PathState:
 @wp.func
 @inline_stage
 def path_result(path: PathState, clamp_indirect: float) -> PathResult:
-    """Return what a path has brought; no channel of its indirect light is more than `clamp_indirect`."""
+    """Return the radiance of a path, with every channel of its indirect part at most `clamp_indirect`."""
     result = PathResult()
     result.radiance = path.radiance
     result.rays = path.rays

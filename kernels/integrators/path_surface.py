@@ -1,4 +1,4 @@
-"""Stages of a path at surfaces: the vertex, emission, direct lighting and scattering."""
+"""Stages of a path at surfaces: the vertex, emission and scattering."""
 
 import warp as wp
 
@@ -6,7 +6,7 @@ from wrt.kernels.bsdf import make_bsdf, make_is_any, make_receives_light, models
 from wrt.kernels.core.bsdf import Bsdf, BsdfSample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import Hit
-from wrt.kernels.core.rays import RECEIVES_BOTH, RECEIVES_FRONT, to_local, to_world
+from wrt.kernels.core.rays import RECEIVES_BOTH, RECEIVES_FRONT, Ray, to_local, to_world
 from wrt.kernels.core.scene_data import BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
@@ -20,43 +20,16 @@ from wrt.kernels.geometry.surface import (
     make_surface_at,
 )
 from wrt.kernels.geometry.triangles import WIDELY
-from wrt.kernels.integrators.next_event import DirectLight, emitter_hit_weight, make_light_at_surface
-from wrt.kernels.integrators.path_state import PathState, begin_indirect
+from wrt.kernels.integrators.next_event import emitter_hit_weight
+from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, begin_indirect
 from wrt.kernels.lights.lights import make_lights
-from wrt.kernels.lights.mesh_lights import hit_triangle_pdf, make_hit_pdf
+from wrt.kernels.lights.mesh_lights import make_hit_pdf
 from wrt.kernels.materials.choice import MOST_PASSED, PASSED_THROUGH, make_choose_material, material_of_side
-from wrt.kernels.materials.values import (
-    disperses,
-    make_bsdf_at,
-    make_with_indices,
-    make_with_throughput,
-)
-from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_index, relative_indices
+from wrt.kernels.materials.values import disperses, make_bsdf_at, make_with_indices, make_with_throughput
+from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_indices
 from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.textures.footprint import sample_footprint
 from wrt.kernels.textures.normal_maps import apply_normal_map, bump_shadow
-
-
-@wp.struct
-class SurfaceVertex:
-    """Where a path meets a surface, and what it meets there.
-
-    A path goes on from `origin_in_front`, or from `origin_behind` and within the bodies of `medium_stack_behind`. A
-    surface that is not `is_solid` takes no part in the path: a hole, or a boundary within a body of higher priority.
-    `bsdf`, `wo` and what follows them are set by the stage `prepare_bsdf`.
-    """
-
-    hit: Hit
-    surface: Surface
-    material: int
-    origin_in_front: wp.vec3
-    origin_behind: wp.vec3
-    medium_stack_behind: BodyStack
-    is_solid: bool
-    bsdf: Bsdf
-    wo: wp.vec3
-    is_pane: bool  # lets light through straight on
-    samples_lights: bool  # unless there are none, or light comes from single directions alone
 
 
 @wp.func
@@ -65,58 +38,77 @@ def cone_width(footprint: wp.vec2, distance: float) -> float:
     return footprint[0] + footprint[1] * distance
 
 
-@specialised()
-def make_surface_vertex(features: Features) -> wp.Function:
-    """Return the stage (scene, path, hit, u_material, sampler) -> SurfaceVertex, the vertex at a path's nearest hit."""
-    bodies, nested, opacity = features.bodies, features.nested, features.opacity
-    sides, mixed = features.composite == "sides", features.mixed
-    textured, tangents, mipmapped = features.textured, features.tangents, features.mipmapped
+@specialised("instances", "exact", "media", "nested", "textured", "tangents", "uv2_alpha", "mipmapped")
+def make_vertex_at(features: Features) -> wp.Function:
+    """Return the stage (scene, ray, nearest hit, medium_stack, width, index) -> SurfaceVertex, without its material.
+
+    `width` is the width of the pixel's cone at the hit, 0 for none, and `index` the number of the sample.
+    """
+    bodies, has_coordinates = features.bodies, features.textured or features.tangents
     surface_at = make_surface_at(features.geometry)
     meet = make_meet(features.geometry)
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
-    choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
 
     @wp.func
     @inline_stage
-    def surface_vertex(
-        scene: SceneData, path: PathState, nearest: Hit, u_material: float, sampler: Sampler
+    def vertex_at(
+        scene: SceneData, ray: Ray, nearest: Hit, medium_stack: BodyStack, width: float, index: wp.uint32
     ) -> SurfaceVertex:
         vertex = SurfaceVertex()
         hit = nearest
-        surface = surface_at(scene, path.ray, hit)
+        surface = surface_at(scene, ray, hit)
         if wp.static(bodies):
             if scene.shapes[surface.shape].body >= 0:
                 surface.clearance = surface.clearance * WIDELY
-        vertex.origin_in_front = leave_in_front(surface, path.ray.origin, path.ray.direction)
+        vertex.origin_in_front = leave_in_front(surface, ray.origin, ray.direction)
         vertex.origin_behind = leave(surface, -1.0)
 
         # Bodies: of several surfaces in one place, the one that decides
         vertex.is_solid = True
         if wp.static(bodies):
-            meeting = meet(scene, path.ray, hit, surface, path.medium_stack)
+            meeting = meet(scene, ray, hit, surface, medium_stack)
             hit = meeting.hit
             surface = meeting.surface
-            vertex.medium_stack_behind = meeting.after
-            if wp.static(nested):
-                vertex.is_solid = is_there(scene, surface, path.medium_stack, meeting.after)
+            vertex.medium_stack_behind = meeting.stack_behind
+            if wp.static(features.nested):
+                vertex.is_solid = is_there(scene, surface, medium_stack, meeting.stack_behind)
 
-        # Texture coordinates and material
-        if wp.static(textured or tangents):
+        # Texture coordinates
+        if wp.static(has_coordinates):
             surface = add_texture_coordinates(scene, hit, surface)
-        if wp.static(mipmapped):
-            width = cone_width(path.footprint, path.passed_distance + hit.t)
+        if wp.static(features.mipmapped):
             if width > 0.0:
-                surface.footprint = sample_footprint(scene, hit, surface, path.ray.direction, width, sampler.index)
-        vertex.material = scene.shapes[surface.shape].material
-        if wp.static(sides):
-            vertex.material = material_of_side(scene, vertex.material, surface)
-        if wp.static(mixed):
-            if vertex.is_solid:
-                vertex.material = choose_material(scene, vertex.material, surface, u_material)
-                if wp.static(opacity):
-                    vertex.is_solid = vertex.material != PASSED_THROUGH
+                surface.footprint = sample_footprint(scene, hit, surface, ray.direction, width, index)
         vertex.hit = hit
         vertex.surface = surface
+        return vertex
+
+    return vertex_at
+
+
+@specialised()
+def make_surface_vertex(features: Features) -> wp.Function:
+    """Return the stage (scene, path, hit, u_material, sampler) -> SurfaceVertex, the vertex at a path's nearest hit."""
+    vertex_at = make_vertex_at(features)
+    choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
+
+    @wp.func
+    @inline_stage
+    def surface_vertex(
+        scene: SceneData, path: PathState, hit: Hit, u_material: float, sampler: Sampler
+    ) -> SurfaceVertex:
+        width = float(0.0)
+        if wp.static(features.mipmapped):
+            width = cone_width(path.footprint, path.passed_distance + hit.t)
+        vertex = vertex_at(scene, path.ray, hit, path.medium_stack, width, sampler.index)
+        vertex.material = scene.shapes[vertex.surface.shape].material
+        if wp.static(features.composite == "sides"):
+            vertex.material = material_of_side(scene, vertex.material, vertex.surface)
+        if wp.static(features.mixed):
+            if vertex.is_solid:
+                vertex.material = choose_material(scene, vertex.material, vertex.surface, u_material)
+                if wp.static(features.has_holes):
+                    vertex.is_solid = vertex.material != PASSED_THROUGH
         return vertex
 
     return surface_vertex
@@ -138,9 +130,8 @@ def pass_through(path: PathState, vertex: SurfaceVertex) -> PathState:
 
 @specialised(*make_lights.fields)
 def make_surface_emission(features: Features) -> wp.Function:
-    """Return the stage (scene, path, vertex, strategy) -> PathState that adds what the surface shines itself."""
-    lights, hit_pdf, exact = make_lights(features), make_hit_pdf(features.geometry), features.has_exact
-    choice_probability, emission_at = lights.choice_probability, lights.emission_at
+    """Return the stage (scene, path, vertex, strategy) -> PathState that adds the emission of the surface."""
+    lights, hit_pdf = make_lights(features), make_hit_pdf(features.geometry)
 
     @wp.func
     @inline_stage
@@ -151,60 +142,66 @@ def make_surface_emission(features: Features) -> wp.Function:
                 weight = float(1.0)
                 if path.scatter_pdf > 0.0:
                     distance = path.passed_distance + vertex.hit.t
-                    way = path.ray.direction
-                    if wp.static(exact):
-                        light_pdf = hit_pdf(scene, path.receiver, vertex.surface, vertex.hit, way, distance)
-                    else:
-                        light_pdf = hit_triangle_pdf(vertex.surface, way, distance)
+                    light_pdf = hit_pdf(scene, path.receiver, vertex.surface, vertex.hit, path.ray.direction, distance)
                     light_number = shape.first_light + vertex.hit.triangle - shape.first_triangle
-                    light_pdf *= choice_probability(scene, path.receiver, light_number)
+                    light_pdf *= lights.choice_probability(scene, path.receiver, light_number)
                     weight = emitter_hit_weight(strategy, path.scatter_pdf, light_pdf)
-                path.radiance += wp.cw_mul(path.throughput, emission_at(scene, shape, vertex.surface)) * weight
+                path.radiance += wp.cw_mul(path.throughput, lights.emission_at(scene, shape, vertex.surface)) * weight
         return path
 
     return surface_emission
 
 
+@specialised("models")
+def make_with_body_indices(features: Features, *, by_channel: bool = False) -> wp.Function:
+    """Return (scene, bsdf, surface, stack, stack_behind) -> Bsdf with the refractive index between the bodies there.
+
+    Dispersive models have one `by_channel`, or the same one for all.
+    """
+    with_indices = make_with_indices(features.models)
+
+    @wp.func
+    def with_body_indices(
+        scene: SceneData, bsdf: Bsdf, surface: Surface, stack: BodyStack, stack_behind: BodyStack
+    ) -> Bsdf:
+        if scene.shapes[surface.shape].body < 0:
+            return bsdf
+        found = relative_indices(scene, surface, innermost(scene, stack), innermost(scene, stack_behind))
+        indices = wp.vec3(found[0])
+        if wp.static(by_channel):
+            indices = wp.vec3(found[1], found[2], found[3])
+        return with_indices(bsdf, found[0], indices)
+
+    return with_body_indices
+
+
 @specialised()
 def make_prepare_bsdf(features: Features) -> wp.Function:
     """Return the stage (scene, path, vertex, widening) -> SurfaceVertex with its normal and BSDF."""
-    panes, nested, dispersive = (
-        bool(models_with(features.models, "straight")),
-        features.nested,
-        disperses(features.models),
-    )
-    tangents, regularized = features.tangents, features.regularized
-    with_indices, with_throughput = make_with_indices(features.models), make_with_throughput(features.models)
-    receives_light = make_receives_light(features.models)
+    panes, dispersive = models_with(features.models, "straight"), disperses(features.models)
     bsdf_at = make_bsdf_at(features)
-    is_pane = make_is_any(models_with(features.models, "straight"))
+    with_body_indices = make_with_body_indices(features, by_channel=dispersive)
+    with_throughput = make_with_throughput(features.models)
+    receives_light, is_pane = make_receives_light(features.models), make_is_any(panes)
 
     @wp.func
     @inline_stage
     def prepare_bsdf(scene: SceneData, path: PathState, vertex: SurfaceVertex, widening: float) -> SurfaceVertex:
         surface = vertex.surface
-        if wp.static(tangents):
+        if wp.static(features.tangents):
             surface = align_tangents(scene, vertex.hit, surface)
             width = cone_width(path.footprint, path.passed_distance + vertex.hit.t)
             surface = apply_normal_map(scene, vertex.material, vertex.hit, surface, path.ray.direction, width)
         bsdf = bsdf_at(scene, vertex.material, surface)
-        if wp.static(regularized):
+        if wp.static(features.regularized):
             if path.was_blurred:
                 bsdf.normal_variance = bsdf.normal_variance + wp.vec2(widening)
-        if wp.static(nested):
-            if scene.shapes[surface.shape].body >= 0:
-                body_in_front = innermost(scene, path.medium_stack)
-                body_behind = innermost(scene, vertex.medium_stack_behind)
-                if wp.static(dispersive):
-                    index = relative_index(scene, surface, body_in_front, body_behind)
-                    bsdf = with_indices(bsdf, index, relative_indices(scene, surface, body_in_front, body_behind))
-                else:
-                    index = relative_index(scene, surface, body_in_front, body_behind)
-                    bsdf = with_indices(bsdf, index, wp.vec3(index))
+        if wp.static(features.nested):
+            bsdf = with_body_indices(scene, bsdf, surface, path.medium_stack, vertex.medium_stack_behind)
         if wp.static(dispersive):
             bsdf = with_throughput(bsdf, path.throughput)
         vertex.wo = to_local(surface.frame, -path.ray.direction)
-        if wp.static(panes):
+        if wp.static(bool(panes)):
             vertex.is_pane = is_pane(bsdf)
         vertex.samples_lights = scene.lights.shape[0] > 0 and receives_light(bsdf)
         vertex.bsdf = bsdf
@@ -218,7 +215,7 @@ def make_prepare_bsdf(features: Features) -> wp.Function:
 def make_place_receiver(features: Features) -> wp.Function:
     """Return the stage (path, vertex) -> PathState that moves the receiver of light to the vertex."""
     transmitting = models_with(features.models, "transmits")
-    bsdf_transmits, transmits = make_is_any(transmitting), bool(transmitting)
+    bsdf_transmits = make_is_any(transmitting)
 
     @wp.func
     @inline_stage
@@ -227,45 +224,12 @@ def make_place_receiver(features: Features) -> wp.Function:
             path.receiver.position = vertex.origin_in_front
             path.receiver.normal = vertex.surface.frame.n
             path.receiver.receives = RECEIVES_FRONT
-            if wp.static(transmits):
+            if wp.static(bool(transmitting)):
                 if bsdf_transmits(vertex.bsdf):
                     path.receiver.receives = RECEIVES_BOTH
         return path
 
     return place_receiver
-
-
-@specialised(*make_light_at_surface.fields)
-def make_direct_lighting(features: Features) -> wp.Function:
-    """Return the stage (scene, path, vertex, u_light, strategy) -> DirectLight, reflected or let through to the path.
-
-    The path's receiver must be at the vertex; see `place_receiver`.
-    """
-    light_at_surface = make_light_at_surface(features)
-
-    @wp.func
-    @inline_stage
-    def direct_lighting(
-        scene: SceneData, path: PathState, vertex: SurfaceVertex, u_light: wp.vec4, strategy: int
-    ) -> DirectLight:
-        light = DirectLight()
-        light.t_max = -1.0
-        if vertex.samples_lights:
-            light = light_at_surface(
-                scene,
-                path.receiver,
-                vertex.surface,
-                vertex.origin_behind,
-                vertex.bsdf,
-                vertex.wo,
-                path.medium_stack,
-                vertex.medium_stack_behind,
-                u_light,
-                strategy,
-            )
-        return light
-
-    return direct_lighting
 
 
 # Shorter paths are never ended by roulette; the survival of longer ones follows the throughput. One that has lost
@@ -292,9 +256,7 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
 
     The path is done if roulette ends it, or if shading normal and surface disagree about the side to which it leaves.
     """
-    bodies, media, regularized = features.bodies, features.media != "none", features.regularized
-    mipmapped, tangents = features.mipmapped, features.tangents
-    lets_pass = features.opacity or features.nested or bool(models_with(features.models, "straight"))
+    lets_pass = features.has_holes or features.nested or bool(models_with(features.models, "straight"))
 
     @wp.func
     @inline_stage
@@ -302,13 +264,13 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
         path.depth += 1
         path.eta_scale *= sample.eta * sample.eta
         path.scatter_pdf = sample.pdf
-        if wp.static(regularized):
+        if wp.static(features.regularized):
             path.was_blurred = path.was_blurred or sample.pdf > 0.0
         side = wp.where(sample.wi[2] > 0.0, 1.0, -1.0)
         direction = to_world(vertex.surface.frame, sample.wi)
         # A direction along the surface, wi[2] = 0, leaves to no side.
         path.is_done = not (wp.dot(direction, vertex.surface.normal) * sample.wi[2] > 0.0)
-        if wp.static(tangents):
+        if wp.static(features.tangents):
             share = bump_shadow(vertex.surface, direction, side)
             path.throughput = path.throughput * share
             path.is_done = path.is_done or share == 0.0
@@ -316,15 +278,15 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
             path.ray.origin = vertex.origin_in_front
         else:
             path.ray.origin = vertex.origin_behind
-            if wp.static(bodies):
+            if wp.static(features.bodies):
                 path.medium_stack = vertex.medium_stack_behind
         path.ray.direction = wp.normalize(direction)
-        if wp.static(media):
+        if wp.static(features.media != "none"):
             path.origin_gap = gap_behind(vertex.surface, path.ray.origin, path.ray.direction)
             path.previous_hit = vertex.hit
         if wp.static(lets_pass):
             path.passed_distance = 0.0
-        if wp.static(mipmapped or tangents):
+        if wp.static(features.mipmapped or features.tangents):
             path.footprint = wp.vec2(0.0)
         path = russian_roulette(path, u_roulette)
         return path
@@ -338,7 +300,7 @@ def make_sample_bsdf(features: Features) -> wp.Function:
 
     A path that goes straight through a pane passes it, as if it were not there.
     """
-    panes, clamped = bool(models_with(features.models, "straight")), features.clamped
+    panes = bool(models_with(features.models, "straight"))
     bsdf_sample = make_bsdf(features.models).sample
     scatter_at_surface = make_scatter_at_surface(features)
 
@@ -355,7 +317,7 @@ def make_sample_bsdf(features: Features) -> wp.Function:
                 path = pass_through(path, vertex)
                 path.is_done = path.is_done or wp.max(path.throughput) == 0.0
             else:
-                if wp.static(clamped):
+                if wp.static(features.clamped):
                     path = begin_indirect(path, path.depth + path.medium_scatterings >= 1)
                 path = scatter_at_surface(path, vertex, sample, u[3])
                 path.is_done = path.is_done or path.depth >= max_depth

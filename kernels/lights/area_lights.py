@@ -49,10 +49,10 @@ def _rectangle_sample(light: LightRecord, shape: LightShape, receiver: Receiver,
         return sample
     r = rectangle_from(shape.place, shape.x, shape.y, shape.size, receiver.position)
     xy = sample_rectangle(r, u)
-    way = shape.x * xy[0] + shape.y * xy[1] + shape.normal * ahead
-    distance = wp.length(way)
+    to_light = shape.x * xy[0] + shape.y * xy[1] + shape.normal * ahead
+    distance = wp.length(to_light)
     if distance > 0.0:
-        sample.wi = way / distance
+        sample.wi = to_light / distance
         sample.pdf = rectangle_pdf(r, distance)
         sample.distance = distance * BEFORE_LIGHT
     sample.radiance = light.value
@@ -86,13 +86,13 @@ def _disk_sample(light: LightRecord, shape: LightShape, receiver: Receiver, u: w
     ahead = wp.dot(shape.place - receiver.position, shape.normal)
     if ahead >= 0.0 and light.two_sided == 0:
         return sample
-    way = sample_disk(disk_cone(shape.place, shape.normal, shape.size[0], receiver.position), u)
-    sample.wi = way.wi
-    sample.pdf = way.pdf
-    if way.pdf > 0.0:
+    found = sample_disk(disk_cone(shape.place, shape.normal, shape.size[0], receiver.position), u)
+    sample.wi = found.wi
+    sample.pdf = found.pdf
+    if found.pdf > 0.0:
         # Towards the rim, rounding may make a direction parallel to the plane: the distance is clamped.
         reach = wp.length(shape.place - receiver.position) + shape.size[0]
-        sample.distance = wp.min(ahead / wp.dot(way.wi, shape.normal), reach) * BEFORE_LIGHT
+        sample.distance = wp.min(ahead / wp.dot(found.wi, shape.normal), reach) * BEFORE_LIGHT
         if not (sample.distance > 0.0):
             sample.distance = reach * BEFORE_LIGHT
     sample.radiance = light.value
@@ -120,10 +120,10 @@ DISK = LightModel(_disk_sample, _disk_pdf, _disk_meet, front_shines_back)
 @wp.func
 def _sphere_sample(light: LightRecord, shape: LightShape, receiver: Receiver, u: wp.vec2) -> LightSample:
     sample = LightSample()
-    way = sample_sphere(shape.place, shape.size[0], receiver.position, u)
-    sample.wi = way.wi
-    sample.distance = way.distance * BEFORE_LIGHT
-    sample.pdf = way.pdf
+    found = sample_sphere(shape.place, shape.size[0], receiver.position, u)
+    sample.wi = found.wi
+    sample.distance = found.distance * BEFORE_LIGHT
+    sample.pdf = found.pdf
     sample.radiance = light.value
     return sample
 

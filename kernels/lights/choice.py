@@ -23,16 +23,15 @@ FAR_LIGHT = wp.constant(-2)
 
 
 @wp.struct
-class TreeChoice:
-    """A light, FAR_LIGHT for the lights outside the tree, or NO_LIGHT, and the probability of the choice.
+class LightChoice:
+    """A light's number, the probability of its choice, and two random numbers for a point on it.
 
-    `rest` and `more` are the rescaled random numbers: uniform in [0, 1), `more` with the further digits.
+    The number is NO_LIGHT and the probability 0 if no light reaches the receiver.
     """
 
     light: int
     probability: float
-    rest: float
-    more: float
+    u: wp.vec2
 
 
 @wp.func_native("return wrt::sample_light_tree(tree, position, normal, receives, u);")
@@ -53,8 +52,10 @@ def far_light_probability(tree: LightTree, position: wp.vec3, normal: wp.vec3, r
 
 
 @wp.func
-def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> TreeChoice:
+def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, receives: int, u: wp.vec2) -> LightChoice:
     """Return a light for the point `position`, chosen by the random number `u[0]`, whose lower digits are `u[1]`.
+
+    It may be FAR_LIGHT, any light outside the tree. The result's random numbers are `u` rescaled.
 
     Args:
         tree: the lights.
@@ -64,28 +65,15 @@ def sample_light_tree(tree: LightTree, position: wp.vec3, normal: wp.vec3, recei
         u: two numbers in [0, 1) with 24 bits.
     """
     found = _sample_tree(tree, position, normal, receives, u)
-    choice = TreeChoice()
+    choice = LightChoice()
     choice.light = wp.cast(found[0], wp.int32)
     choice.probability = found[1]
-    choice.rest = found[2]
-    choice.more = found[3]
+    choice.u = wp.vec2(found[2], found[3])
     return choice
 
 
-@wp.struct
-class LightChoice:
-    """A light's number, the probability of its choice, and two random numbers for a point on it.
-
-    The number is NO_LIGHT and the probability 0 if no light reaches the receiver.
-    """
-
-    light: int
-    probability: float
-    u: wp.vec2
-
-
 class LightChoosing(NamedTuple):
-    """The two functions of a way to choose lights.
+    """The two functions of a method to choose lights.
 
     Attributes:
         choose_light: (scene, receiver, u vec4) -> LightChoice. u[2] chooses and, rescaled, is the first coordinate of
@@ -120,18 +108,14 @@ def choose_by_tree(scene: SceneData, receiver: Receiver, u: wp.vec4) -> LightCho
     """Return a light by its importance at the receiver; the table has only those at infinity."""
     if scene.light_tree.nodes.shape[0] == 0:
         return choose_by_power(scene, receiver, u)
-    found = sample_light_tree(
-        scene.light_tree, receiver.position, receiver.normal, receiver.receives, wp.vec2(u[2], u[0])
-    )
-    choice = LightChoice()
-    choice.light = found.light
-    choice.probability = found.probability
-    choice.u = wp.vec2(found.rest, u[3])
-    if found.light == FAR_LIGHT:
-        drawn = sample_alias(scene.light_thresholds, scene.light_aliases, found.rest, found.more)
+    u_tree = wp.vec2(u[2], u[0])
+    choice = sample_light_tree(scene.light_tree, receiver.position, receiver.normal, receiver.receives, u_tree)
+    if choice.light == FAR_LIGHT:
+        drawn = sample_alias(scene.light_thresholds, scene.light_aliases, choice.u[0], choice.u[1])
         choice.light = drawn.index
-        choice.probability = found.probability * scene.lights[drawn.index].probability
-        choice.u = wp.vec2(drawn.rest, u[3])
+        choice.probability = choice.probability * scene.lights[drawn.index].probability
+        choice.u = wp.vec2(drawn.rest, 0.0)
+    choice.u = wp.vec2(choice.u[0], u[3])
     return choice
 
 

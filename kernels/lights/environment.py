@@ -26,17 +26,6 @@ class ImagePoint:
 
 
 @wp.func
-def image_point(uv: wp.vec2) -> ImagePoint:
-    """Return the point at (u, v)."""
-    point = ImagePoint()
-    point.uv = uv
-    polar = sine_cosine(uv[1] * PI)
-    point.sine = polar[0]
-    point.cosine = polar[1]
-    return point
-
-
-@wp.func
 def point_towards(environment: EnvironmentData, d: wp.vec3) -> ImagePoint:
     """Return the point of the image in direction d."""
     local = environment.rotation * d
@@ -63,17 +52,11 @@ def radiance_at(environment: EnvironmentData, uv: wp.vec2) -> wp.vec3:
     """Return the bilinearly interpolated radiance; columns wrap around, rows end at the poles."""
     x = uv[0] * float(environment.width) - 0.5
     y = uv[1] * float(environment.height) - 0.5
-    left = wp.floor(x)
-    top = wp.floor(y)
-    columns = neighbors(int(left), environment.width, WRAP_REPEAT)
-    rows = neighbors(int(top), environment.height, WRAP_CLAMP)
-    return bilinear(environment.texels, 0, environment.width, columns, rows, wp.vec2(x - left, y - top))
-
-
-@wp.func
-def image_radiance(environment: EnvironmentData, d: wp.vec3) -> wp.vec3:
-    """Return the radiance from direction d."""
-    return radiance_at(environment, point_towards(environment, d).uv)
+    column = wp.floor(x)
+    row = wp.floor(y)
+    columns = neighbors(int(column), environment.width, WRAP_REPEAT)
+    rows = neighbors(int(row), environment.height, WRAP_CLAMP)
+    return bilinear(environment.texels, 0, environment.width, columns, rows, wp.vec2(x - column, y - row))
 
 
 # As in wrt/upload/lights/environment_sampling.py.
@@ -148,7 +131,10 @@ def sample_image(environment: EnvironmentData, receiver: Receiver, u: wp.vec2) -
     x = float(cell.column * side + inner.column) + inner.rest[0]
     y = float(cell.row * side + inner.row) + inner.rest[1]
     s = EnvironmentSample()
-    s.point = image_point(wp.vec2(x / float(COLUMNS * side), y / float(ROWS * side)))
+    s.point.uv = wp.vec2(x / float(COLUMNS * side), y / float(ROWS * side))
+    polar = sine_cosine(s.point.uv[1] * PI)
+    s.point.sine = polar[0]
+    s.point.cosine = polar[1]
     s.wi = point_direction(environment, s.point)
     s.pdf = _per_solid_angle(environment, cell.probability * inner.probability, s.point.sine)
     return s

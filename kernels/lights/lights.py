@@ -1,7 +1,7 @@
 """Sampling the lights for next-event estimation: choosing one, then a point on it.
 
-The two are separate. `kernels/lights/choice.py` knows no kinds of lights; the functions by kind, here, know nothing of
-the probability of the choice.
+The two are separate: `kernels/lights/choice.py` knows no kinds of lights, and `sample_direction` no probability of the
+choice.
 """
 
 from typing import NamedTuple
@@ -21,12 +21,12 @@ from wrt.kernels.core.scene_data import (
 )
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
-from wrt.kernels.geometry.triangles import make_triangle_of
 from wrt.kernels.lights.choice import NO_LIGHT, make_light_choice
 from wrt.kernels.lights.environment import ImagePoint, image_pdf, radiance_at, sample_image
-from wrt.kernels.lights.mesh_lights import make_sample_surface, sample_triangle
+from wrt.kernels.lights.mesh_lights import make_sample_surface
 from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_shapes
+from wrt.kernels.lights.spot import sample_point
 from wrt.kernels.textures.textures import make_slot_color, make_slot_value
 
 
@@ -50,64 +50,43 @@ class Lights(NamedTuple):
     emission_at: wp.Function
 
 
-@specialised()
-def make_emission_at(textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Function:
-    """Return the device function `emission_at` of `Lights`; see Features."""
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
+@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "exact", "light_tree")
+def make_lights(features: Features) -> Lights:
+    """Return the functions for scenes with these features."""
+    textured_lights = features.textured and are_textured(features.light_shapes)
+    choose_light, choice_probability = make_light_choice(features.light_tree)
+    sample_surface = make_sample_surface(features.geometry)
+    sample_light_shape = make_light_shapes(features.light_shapes).sample
+    slot_color, slot_value = (
+        make_slot_color(features.mipmapped),
+        make_slot_value(features.uv2_alpha, features.mipmapped),
+    )
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
 
     @wp.func
     def emission_at(scene: SceneData, shape: ShapeRecord, surface: Surface) -> wp.vec3:
-        if wp.static(textured):
+        if wp.static(features.textured):
             if shape.emission_slot >= 0:
                 return slot_value(scene, shape.emission_slot, surface)
         return shape.emission
 
-    return emission_at
-
-
-@specialised("textured", "uv2_alpha", "mipmapped", "light_shapes", "instances", "exact", "light_tree")
-def make_lights(features: Features) -> Lights:
-    """Return the functions for scenes with these features."""
-    textured, light_tree = features.textured, features.light_tree
-    light_shapes = bool(features.light_shapes)
-    textured_lights = textured and are_textured(features.light_shapes)
-    sample_light_shape = make_light_shapes(features.light_shapes).sample
-    choose_light, choice_probability = make_light_choice(light_tree)
-    triangle_of = make_triangle_of(features.instances)
-    exact = features.has_exact
-    sample_surface = make_sample_surface(features.geometry)
-    emission_at = make_emission_at(textured, features.uv2_alpha, features.mipmapped)
-    slot_color = make_slot_color(features.mipmapped)
-    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
-
     @wp.func
-    def way_to_light(scene: SceneData, number: int, receiver: Receiver, u: wp.vec2) -> LightSample:
+    def sample_direction(scene: SceneData, number: int, receiver: Receiver, u: wp.vec2) -> LightSample:
         light = scene.lights[number]
         sample = LightSample()
-        sample.radiance = wp.vec3(0.0)
         sample.point.triangle = NO_HIT
         if light.kind == LIGHT_TRIANGLE:
-            if wp.static(exact):
-                sample = sample_surface(scene, light, receiver, u)
-            else:
-                triangle = triangle_of(scene, light.triangle, light.instance, receiver.time)
-                sample = sample_triangle(light, triangle, receiver, u)
-            if wp.static(textured):
+            sample = sample_surface(scene, light, receiver, u)
+            if wp.static(features.textured):
                 if sample.pdf > 0.0:
                     surface = Surface()
-                    if wp.static(exact):
+                    if wp.static(features.has_exact):
                         surface.uv = wp.vec2(sample.point.u, sample.point.v)
                     surface = add_texture_coordinates(scene, sample.point, surface)
-                    shape = scene.shapes[light.shape]
-                    sample.radiance = emission_at(scene, shape, surface)
+                    sample.radiance = emission_at(scene, scene.shapes[light.shape], surface)
         elif light.kind == LIGHT_POINT:
-            way = light.place - receiver.position
-            distance2 = wp.dot(way, way)
-            sample.distance = wp.sqrt(distance2)
-            sample.delta = True
-            if distance2 > 0.0:
-                sample.wi = way / sample.distance
-                sample.radiance = light.value / distance2
+            sample = sample_point(light, receiver)
+            sample.point.triangle = NO_HIT
         elif light.kind == LIGHT_DIRECTIONAL:
             sample.wi = light.place
             sample.distance = INFINITE_DISTANCE
@@ -121,7 +100,7 @@ def make_lights(features: Features) -> Lights:
             if sample.pdf > 0.0:
                 sample.radiance = radiance_at(scene.environment, s.point.uv)
         else:
-            if wp.static(light_shapes):
+            if wp.static(bool(features.light_shapes)):
                 sample = sample_light_shape(scene, light, receiver, u)
                 if wp.static(textured_lights):
                     slot = scene.light_shapes[light.shape].slot
@@ -135,7 +114,7 @@ def make_lights(features: Features) -> Lights:
     def sample_one_light(
         scene: SceneData, number: int, probability: float, receiver: Receiver, u: wp.vec2
     ) -> LightSample:
-        sample = way_to_light(scene, number, receiver, u)
+        sample = sample_direction(scene, number, receiver, u)
         sample.pdf = sample.pdf * probability
         density = sample.pdf
         if sample.delta:
@@ -149,11 +128,11 @@ def make_lights(features: Features) -> Lights:
     @wp.func
     def sample_light(scene: SceneData, receiver: Receiver, u: wp.vec4) -> LightSample:
         choice = choose_light(scene, receiver, u)
-        if wp.static(light_tree):
+        if wp.static(features.light_tree):
             if choice.light == NO_LIGHT:
-                nothing = LightSample()
-                nothing.point.triangle = NO_HIT
-                return nothing
+                sample = LightSample()
+                sample.point.triangle = NO_HIT
+                return sample
         return sample_one_light(scene, choice.light, choice.probability, receiver, choice.u)
 
     @wp.func

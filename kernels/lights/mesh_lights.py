@@ -1,4 +1,4 @@
-"""Sampling triangles, exact spheres, disks and cylinders that shine.
+"""Sampling emissive triangles, exact spheres, disks and cylinders.
 
 From a point outside, a cylinder fills an angle about the parallel to its axis through the point; from a point inside, a
 whole turn. That angle α is sampled uniformly, and so is the height h along the axis. In a direction that makes the
@@ -9,7 +9,7 @@ light, and no sample is wasted on what the point cannot see.
 import warp as wp
 
 from wrt.kernels.core.elementary import arc_tangent, sine_cosine
-from wrt.kernels.core.features import has_quadrics, instances_of
+from wrt.kernels.core.features import has_exact, has_quadrics, instances_of
 from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import Frame, Receiver
 from wrt.kernels.core.scene_data import LIGHT_TRIANGLE, LightRecord, SceneData
@@ -37,10 +37,10 @@ from wrt.kernels.sampling.warps import TWO_PI, square_to_triangle
 
 @wp.struct
 class CylinderView:
-    """What a point may see shine of a cylinder, in the plane across its axis, in radii.
+    """The lit part of a cylinder that a point may see, in the plane across its axis, in radii.
 
     The point is at `distance` from the axis, in the direction `towards`. The cylinder fills the angle `width` there,
-    radians. A line from the point meets the wall twice: whether the `near` and the `far` meeting count.
+    radians. A line from the point meets the wall twice; `near` and `far` are true for the meetings that count.
     """
 
     towards: wp.vec2
@@ -52,10 +52,7 @@ class CylinderView:
 
 @wp.func
 def view_of_cylinder(quadric: Quadric, two_sided: int, position: wp.vec3) -> CylinderView:
-    """Return what a point sees.
-
-    The far wall from outside is seen through an end alone, so from none of the places beside the cylinder.
-    """
+    """Return what a point sees; from outside, it sees the far wall through an end only, not from beside it."""
     view = CylinderView()
     place = in_unit_shape(quadric, position - quadric.center)
     view.towards = wp.vec2(1.0, 0.0)
@@ -67,8 +64,8 @@ def view_of_cylinder(quadric: Quadric, two_sided: int, position: wp.vec3) -> Cyl
     if outside:
         view.width = 2.0 * arc_tangent(1.0, wp.sqrt((view.distance - 1.0) * (view.distance + 1.0)))
     view.near = outside and (two_sided != 0 or quadric.side > 0.0)
-    beside = outside and wp.abs(place[2]) <= 0.5
-    view.far = not beside and (two_sided != 0 or quadric.side < 0.0)
+    is_beside = outside and wp.abs(place[2]) <= 0.5
+    view.far = not is_beside and (two_sided != 0 or quadric.side < 0.0)
     return view
 
 
@@ -111,13 +108,6 @@ def triangle_light_pdf(double_area: float, distance2: float, cos_light: float) -
     return 2.0 * distance2 / (double_area * cos_light)
 
 
-@wp.func
-def hit_triangle_pdf(surface: Surface, direction: wp.vec3, distance: float) -> float:
-    """Return the density of sampling a hit point, `distance` away, on its triangle."""
-    cos_light = -wp.dot(surface.normal, direction)
-    return triangle_light_pdf(twice_area(surface.e1, surface.e2), distance * distance, cos_light)
-
-
 _OFF_TRIANGLE = wp.constant(2.0**-17)
 
 
@@ -145,11 +135,11 @@ def sample_triangle(light: LightRecord, triangle: Triangle, receiver: Receiver, 
         normal = -normal
     if cos_light > 0.0:
         off = wp.dot(wp.abs(point), wp.vec3(_OFF_TRIANGLE)) + triangle.slack
-        way = point + normal * off - receiver.position
-        distance2 = wp.dot(way, way)
+        to_light = point + normal * off - receiver.position
+        distance2 = wp.dot(to_light, to_light)
         distance = wp.sqrt(distance2)
         sample.distance = distance * _BEFORE_TRIANGLE
-        sample.wi = way / distance
+        sample.wi = to_light / distance
         cos_light = -wp.dot(sample.wi, normal)
         if cos_light > 0.0:
             sample.pdf = triangle_light_pdf(wp.length(cross) / (scale * scale), distance2, cos_light)
@@ -168,23 +158,23 @@ def sample_mesh_sphere(light: LightRecord, sphere: Sphere, axes: Frame, receiver
     sample.point.triangle = light.triangle
     sample.point.instance = light.instance
     if sphere.side > 0.0 or light.two_sided != 0:
-        way = sample_sphere(sphere.center, sphere.radius, receiver.position, u)
-        if way.pdf > 0.0:
-            sample.wi = way.wi
-            sample.pdf = way.pdf
+        found = sample_sphere(sphere.center, sphere.radius, receiver.position, u)
+        if found.pdf > 0.0:
+            sample.wi = found.wi
+            sample.pdf = found.pdf
             sample.radiance = light.value
-            sample.point.t = way.distance
+            sample.point.t = found.distance
             to_center = sphere.center - receiver.position
-            out = wp.normalize(way.wi * way.distance - to_center)
+            out = wp.normalize(found.wi * found.distance - to_center)
             weights = sphere_coordinates(axes, out)
             sample.point.u = weights[0]
             sample.point.v = weights[1]
             # The shadow ray must not hit the sphere itself. Where it grazes, an error of the direction moves the hit by
             # more, at most by the half chord of a ray that deep below the limb.
             error = wp.length(to_center) * _BEFORE_SPHERE + sphere.slack
-            half_chord = wp.max(wp.dot(to_center, way.wi) - way.distance, 0.0)
+            half_chord = wp.max(wp.dot(to_center, found.wi) - found.distance, 0.0)
             margin = error * (1.0 + sphere.radius / wp.max(half_chord, wp.sqrt(error * sphere.radius)))
-            sample.distance = wp.max(way.distance - 2.0 * margin, 0.0)
+            sample.distance = wp.max(found.distance - 2.0 * margin, 0.0)
     return sample
 
 
@@ -226,9 +216,9 @@ def sample_mesh_quadric(light: LightRecord, quadric: Quadric, receiver: Receiver
         normal = -normal
     if wp.dot(normal, receiver.position - point) > 0.0:
         off = wp.dot(sizes_of(quadric), wp.vec3(_OFF_QUADRIC)) + quadric.slack
-        way = point + normal * off - receiver.position
-        distance = wp.length(way)
-        sample.wi = way / distance
+        to_light = point + normal * off - receiver.position
+        distance = wp.length(to_light)
+        sample.wi = to_light / distance
         sample.point.t = distance
         sample.distance = distance * _BEFORE_TRIANGLE
         cos_light = -wp.dot(sample.wi, normal)
@@ -253,72 +243,63 @@ def quadric_pdf(
 
 @specialised()
 def make_sample_surface(geometry: str) -> wp.Function:
-    """Return the device function (scene, light, receiver, u) -> LightSample of a triangle or a sphere of a mesh.
-
-    See `Features.geometry`; there may be disks and cylinders, too.
-    """
-    triangle_of = make_triangle_of(instances_of(geometry))
+    """Return the device function (scene, light, receiver, u) -> LightSample of a triangle or exact shape of a mesh."""
+    triangle_of, quadric_of = make_triangle_of(instances_of(geometry)), make_quadric_of(geometry)
     sphere_of, sphere_axes = make_sphere_of(geometry), make_sphere_axes(geometry)
-    quadrics, quadric_of = has_quadrics(geometry), make_quadric_of(geometry)
 
     @wp.func
     def sample_surface(scene: SceneData, light: LightRecord, receiver: Receiver, u: wp.vec2) -> LightSample:
-        sample = LightSample()
-        if wp.static(quadrics):
+        if wp.static(has_quadrics(geometry)):
             quadric = quadric_of(scene, light.triangle, light.instance, receiver.time)
             if quadric.kind != NO_QUADRIC:
                 return sample_mesh_quadric(light, quadric, receiver, u)
-        sphere = sphere_of(scene, light.triangle, light.instance, receiver.time)
-        if sphere.radius > 0.0:
-            axes = sphere_axes(scene, light.triangle, light.instance, receiver.time)
-            sample = sample_mesh_sphere(light, sphere, axes, receiver, u)
-        else:
-            triangle = triangle_of(scene, light.triangle, light.instance, receiver.time)
-            sample = sample_triangle(light, triangle, receiver, u)
-        return sample
+        if wp.static(has_exact(geometry)):
+            sphere = sphere_of(scene, light.triangle, light.instance, receiver.time)
+            if sphere.radius > 0.0:
+                axes = sphere_axes(scene, light.triangle, light.instance, receiver.time)
+                return sample_mesh_sphere(light, sphere, axes, receiver, u)
+        return sample_triangle(light, triangle_of(scene, light.triangle, light.instance, receiver.time), receiver, u)
 
     return sample_surface
 
 
 @specialised()
 def make_hit_pdf(geometry: str) -> wp.Function:
-    """Return the device function (scene, receiver, surface, hit, direction, distance) -> density of sampling a hit.
-
-    It is for scenes with spheres; elsewhere `hit_triangle_pdf` serves.
-    """
-    sphere_of = make_sphere_of(geometry)
-    quadrics, quadric_of = has_quadrics(geometry), make_quadric_of(geometry)
+    """Return the device function (scene, receiver, surface, hit, direction, distance) -> density of sampling a hit."""
+    sphere_of, quadric_of = make_sphere_of(geometry), make_quadric_of(geometry)
 
     @wp.func
     def hit_pdf(
         scene: SceneData, receiver: Receiver, surface: Surface, hit: Hit, direction: wp.vec3, distance: float
     ) -> float:
-        if wp.static(quadrics):
+        if wp.static(has_quadrics(geometry)):
             quadric = quadric_of(scene, hit.triangle, hit.instance, receiver.time)
             if quadric.kind != NO_QUADRIC:
                 two_sided = scene.shapes[surface.shape].two_sided
                 cos_light = -wp.dot(surface.normal, direction)
                 return quadric_pdf(quadric, two_sided, receiver, direction, distance, cos_light)
-        sphere = sphere_of(scene, hit.triangle, hit.instance, receiver.time)
-        if sphere.radius > 0.0:
-            return cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))
-        return hit_triangle_pdf(surface, direction, distance)
+        if wp.static(has_exact(geometry)):
+            sphere = sphere_of(scene, hit.triangle, hit.instance, receiver.time)
+            if sphere.radius > 0.0:
+                return cone_pdf(sphere_one_minus_cos(sphere.center, sphere.radius, receiver.position))
+        cos_light = -wp.dot(surface.normal, direction)
+        return triangle_light_pdf(twice_area(surface.e1, surface.e2), distance * distance, cos_light)
 
     return hit_pdf
 
 
 @specialised()
 def make_sides_of(geometry: str) -> wp.Function:
-    """Return the device function (scene, light, receiver) -> how many walls of a light its samples are shared among.
+    """Return the device function (scene, light, receiver) -> the number of walls of a light that share its samples.
 
-    They are two for a cylinder that shines on both sides, from beyond its ends; see `Features.geometry`.
+    They are two for a cylinder that emits on both sides, from beyond its ends; see `Features.geometry`.
     """
-    quadrics, quadric_of = has_quadrics(geometry), make_quadric_of(geometry)
+    quadric_of = make_quadric_of(geometry)
 
     @wp.func
     def sides_of(scene: SceneData, light: LightRecord, receiver: Receiver) -> int:
         sides = int(1)
-        if wp.static(quadrics):
+        if wp.static(has_quadrics(geometry)):
             if light.kind == LIGHT_TRIANGLE:
                 quadric = quadric_of(scene, light.triangle, light.instance, receiver.time)
                 if quadric.kind == CYLINDER:

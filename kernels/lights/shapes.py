@@ -3,8 +3,8 @@
 A model is a `LightModel` (see `kernels/lights/record.py`). To add one, write it, name its module in `_MODULES`, and
 describe it in `wrt/scene/lights/`; `LIGHT_SHAPES.register` adds one from outside the package.
 
-Scenes have few such lights, so a loop over those that rays can hit follows the traversal of the tree. A hit names one
-by a triangle number below NO_HIT.
+Scenes have few such lights, so a loop over all that rays can hit follows the traversal of the tree. A hit names one by
+a triangle number below NO_HIT.
 """
 
 from typing import NamedTuple
@@ -78,50 +78,45 @@ def make_light_model(names: tuple[str, ...]) -> LightModel:
     """Return device functions that dispatch among the models `names` by `light_kind`, one link of a chain each."""
     if not names:
         return LightModel(_no_sample, _no_pdf, _no_meeting, _no_light, _no_cover)
-    model = LIGHT_SHAPES.model_of(names[0])
-    kind = light_kind(names[0])
-    model_sample, model_pdf = model.sample, model.pdf
-    model_meet, model_shines_back, model_covers = model.meet, model.shines_back, model.covers
+    model, kind = LIGHT_SHAPES.model_of(names[0]), light_kind(names[0])
     following = make_light_model(names[1:])
-    next_sample, next_pdf = following.sample, following.pdf
-    next_meet, next_shines_back, next_covers = following.meet, following.shines_back, following.covers
 
     @wp.func
     def sample(light: LightRecord, shape: LightShape, receiver: Receiver, u: wp.vec2) -> LightSample:
         if shape.kind == wp.static(kind):
-            return model_sample(light, shape, receiver, u)
-        return next_sample(light, shape, receiver, u)
+            return model.sample(light, shape, receiver, u)
+        return following.sample(light, shape, receiver, u)
 
     @wp.func
     def pdf(shape: LightShape, receiver: Receiver, direction: wp.vec3, distance: float) -> float:
         if shape.kind == wp.static(kind):
-            return model_pdf(shape, receiver, direction, distance)
-        return next_pdf(shape, receiver, direction, distance)
+            return model.pdf(shape, receiver, direction, distance)
+        return following.pdf(shape, receiver, direction, distance)
 
     @wp.func
     def meet(shape: LightShape, ray: Ray) -> float:
         if shape.kind == wp.static(kind):
-            return model_meet(shape, ray)
-        return next_meet(shape, ray)
+            return model.meet(shape, ray)
+        return following.meet(shape, ray)
 
     @wp.func
     def shines_back(light: LightRecord, shape: LightShape, ray: Ray) -> bool:
         if shape.kind == wp.static(kind):
-            return model_shines_back(light, shape, ray)
-        return next_shines_back(light, shape, ray)
+            return model.shines_back(light, shape, ray)
+        return following.shines_back(light, shape, ray)
 
     @wp.func
     def covers(shape: LightShape, direction: wp.vec3) -> bool:
         if shape.kind == wp.static(kind):
-            return model_covers(shape, direction)
-        return next_covers(shape, direction)
+            return model.covers(shape, direction)
+        return following.covers(shape, direction)
 
     return LightModel(
         sample,
-        pdf if model_pdf else next_pdf,
-        meet if model_meet else next_meet,
-        shines_back if model_shines_back else next_shines_back,
-        covers if model_covers else next_covers,
+        pdf if model.pdf else following.pdf,
+        meet if model.meet else following.meet,
+        shines_back if model.shines_back else following.shines_back,
+        covers if model.covers else following.covers,
     )
 
 
@@ -135,8 +130,7 @@ def make_middle_of(names: tuple[str, ...]) -> wp.Function:
     """Return the device function kind -> vec2, the numbers that sample the centre of a light."""
     if not names:
         return _no_middle
-    kind = light_kind(names[0])
-    x, y = LIGHT_SHAPES.model_of(names[0]).middle
+    kind, (x, y) = light_kind(names[0]), LIGHT_SHAPES.model_of(names[0]).middle
     next_middle = make_middle_of(names[1:])
     if x == y == 0.0:
         return next_middle
@@ -190,28 +184,21 @@ class LightShapes(NamedTuple):
         sample: (scene, light record, receiver, u: vec2) -> LightSample, as of a model, with `point` filled in.
         nearer: (scene, ray, hit, distance) -> Hit: the nearest light shape on a ray before `distance`, or else `hit`.
         blocks: (scene, ray, distance, aim) -> bool: whether a light shape other than `aim` lies before `distance`.
-        shines_back: (scene, shape, ray) -> bool; this and the following as in LightModel.
-        pdf: (shape, receiver, direction, distance) -> float.
-        covers: (shape, direction) -> bool.
     """
 
     sample: wp.Function
     nearer: wp.Function
     blocks: wp.Function
-    shines_back: wp.Function
-    pdf: wp.Function
-    covers: wp.Function
 
 
 @specialised()
 def make_light_shapes(names: tuple[str, ...]) -> LightShapes:
     """Return the functions for scenes with these models."""
     model = make_light_model(names)
-    model_sample, meet, model_shines_back = model.sample, model.meet, model.shines_back
 
     @wp.func
     def sample_light_shape(scene: SceneData, light: LightRecord, receiver: Receiver, u: wp.vec2) -> LightSample:
-        sample = model_sample(light, scene.light_shapes[light.shape], receiver, u)
+        sample = model.sample(light, scene.light_shapes[light.shape], receiver, u)
         sample.point.triangle = NO_HIT
         if light.shape < scene.solid_light_shapes:
             sample.point.triangle = hit_number(light.shape)
@@ -221,7 +208,7 @@ def make_light_shapes(names: tuple[str, ...]) -> LightShapes:
     def nearer_light_shape(scene: SceneData, ray: Ray, hit: Hit, distance: float) -> Hit:
         nearest = float(distance)
         for i in range(scene.solid_light_shapes):
-            t = meet(scene.light_shapes[i], ray)
+            t = model.meet(scene.light_shapes[i], ray)
             if t > 0.0 and t < nearest:
                 nearest = t
                 hit.t = t
@@ -232,18 +219,12 @@ def make_light_shapes(names: tuple[str, ...]) -> LightShapes:
     def light_shape_blocks(scene: SceneData, ray: Ray, distance: float, aim: Hit) -> bool:
         blocked = bool(False)
         for i in range(scene.solid_light_shapes):
-            t = meet(scene.light_shapes[i], ray)
+            t = model.meet(scene.light_shapes[i], ray)
             if t > 0.0 and t < distance and hit_number(i) != aim.triangle:
                 blocked = True
         return blocked
 
-    @wp.func
-    def shines_back(scene: SceneData, shape: LightShape, ray: Ray) -> bool:
-        return model_shines_back(scene.lights[shape.light], shape, ray)
-
-    assert model.pdf is not None
-    assert model.covers is not None
-    return LightShapes(sample_light_shape, nearer_light_shape, light_shape_blocks, shines_back, model.pdf, model.covers)
+    return LightShapes(sample_light_shape, nearer_light_shape, light_shape_blocks)
 
 
 @specialised("instances", "exact", "light_shapes")
@@ -278,11 +259,10 @@ def make_closest_hit(features: Features) -> wp.Function:
 def make_hit_seen(features: Features) -> wp.Function:
     """Return the device function (scene, ray, with_lights) -> the nearest hit; without lights, on a triangle."""
     nearest, triangle_hit = make_closest_hit(features), make_intersect(features.geometry).closest_hit
-    light_shapes = bool(features.light_shapes)
 
     @wp.func
     def hit_seen(scene: SceneData, ray: Ray, with_lights: bool) -> Hit:
-        if wp.static(light_shapes):
+        if wp.static(bool(features.light_shapes)):
             if not with_lights:
                 return triangle_hit(scene, ray)
         return nearest(scene, ray)

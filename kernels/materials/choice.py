@@ -10,18 +10,13 @@ from wrt.kernels.textures.textures import make_slot_value
 
 PASSED_THROUGH = wp.constant(-1)
 
-
 MOST_PASSED = wp.constant(4096)
 """Limit on the surfaces that a ray passes because they are not opaque; no scene has that many in a row."""
-
 
 MAX_NESTING = 7
 """The greatest depth of mixtures within mixtures."""
 
-
 _numbers = wp.types.vector(length=MAX_NESTING + 1, dtype=int)
-
-
 _shares = wp.types.vector(length=MAX_NESTING + 1, dtype=float)
 
 
@@ -72,7 +67,7 @@ def material_of_side(scene: SceneData, material: int, surface: Surface) -> int:
 
 @wp.struct
 class Leaves:
-    """A traversal of a material's parts: those still `left` to visit, and the current one.
+    """A traversal of a material's parts: the number `remaining` to visit, and the current one.
 
     `leaf` is a material without parts and `share` its weight in the whole, 0 if there are no more; `passed` is the
     share of light that goes straight through.
@@ -80,7 +75,7 @@ class Leaves:
 
     numbers: _numbers
     shares: _shares
-    left: int
+    remaining: int
     leaf: int
     share: float
     passed: float
@@ -92,7 +87,7 @@ def leaves_of(material: int) -> Leaves:
     leaves = Leaves()
     leaves.numbers[0] = material
     leaves.shares[0] = 1.0
-    leaves.left = 1
+    leaves.remaining = 1
     leaves.leaf = material
     leaves.share = 1.0
     leaves.passed = 0.0
@@ -103,7 +98,7 @@ def leaves_of(material: int) -> Leaves:
 def make_next_leaf(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Function:
     """Return the device function (scene, leaves, surface) -> Leaves with the next leaf.
 
-    Some parts may still be left after the last leaf and turn out to have no weight.
+    Parts that remain after the last leaf turn out to have no weight.
     """
     slot_value = make_slot_value(uv2_alpha, mipmapped)
 
@@ -111,11 +106,11 @@ def make_next_leaf(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Funct
     def next_leaf(scene: SceneData, leaves: Leaves, surface: Surface) -> Leaves:
         found = leaves
         found.share = 0.0
-        while found.left > 0:
-            found.left = found.left - 1
-            number = found.numbers[found.left]
+        while found.remaining > 0:
+            found.remaining = found.remaining - 1
+            number = found.numbers[found.remaining]
             record = scene.materials[number]
-            share = found.shares[found.left]
+            share = found.shares[found.remaining]
             if record.opacity_slot >= 0:
                 opacity = wp.clamp(slot_value(scene, record.opacity_slot, surface)[0], 0.0, 1.0)
                 found.passed = found.passed + share * (1.0 - opacity)
@@ -126,15 +121,15 @@ def make_next_leaf(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Funct
                 return found
             if record.kind == MATERIAL_MIX:
                 weight = wp.clamp(slot_value(scene, record.first_slot, surface)[0], 0.0, 1.0)
-                found.numbers[found.left] = record.first
-                found.shares[found.left] = share * (1.0 - weight)
-                found.numbers[found.left + 1] = record.second
-                found.shares[found.left + 1] = share * weight
-                found.left = found.left + 2
+                found.numbers[found.remaining] = record.first
+                found.shares[found.remaining] = share * (1.0 - weight)
+                found.numbers[found.remaining + 1] = record.second
+                found.shares[found.remaining + 1] = share * weight
+                found.remaining = found.remaining + 2
             else:
-                found.numbers[found.left] = wp.where(surface.front, record.first, record.second)
-                found.shares[found.left] = share
-                found.left = found.left + 1
+                found.numbers[found.remaining] = wp.where(surface.front, record.first, record.second)
+                found.shares[found.remaining] = share
+                found.remaining = found.remaining + 1
         return found
 
     return next_leaf

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf import model_of, models_with
+from wrt.kernels.bsdf import make_by_viewer, model_of, models_with
 from wrt.kernels.bsdf.lobes.dispersion import shares_of
 from wrt.kernels.core.bsdf import Bsdf, slot_values
 from wrt.kernels.core.features import Features
@@ -15,27 +15,6 @@ from wrt.kernels.textures.textures import make_slot_value
 
 
 @specialised()
-def make_straight(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function (bsdf, wo) -> vec3: the share of light that comes straight through from −wo."""
-    if not names:
-        return _nothing_straight
-    model = model_of(names[0])
-    number = model_number(names[0])
-    next_straight = make_straight(names[1:])
-    if model.straight is None:
-        return next_straight
-    straight = model.straight
-
-    @wp.func
-    def chain(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
-        if bsdf.model == wp.static(number):
-            return straight(bsdf, wo)
-        return next_straight(bsdf, wo)
-
-    return chain
-
-
-@specialised()
 def make_with_indices(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (bsdf, index, indices) -> Bsdf, where `indices` are those of the channels.
 
@@ -44,11 +23,8 @@ def make_with_indices(names: tuple[str, ...]) -> wp.Function:
     """
     if not names:
         return _same_bsdf_of_channels
-    number = model_number(names[0])
-    slot = model_of(names[0]).index_slot
-    dispersive = model_of(names[0]).channels_slot >= 0
-    next_with_indices = make_with_indices(names[1:])
-    if slot < 0:
+    model, number, next_with_indices = model_of(names[0]), model_number(names[0]), make_with_indices(names[1:])
+    if model.index_slot < 0:
         return next_with_indices
 
     @wp.func
@@ -57,11 +33,11 @@ def make_with_indices(names: tuple[str, ...]) -> wp.Function:
             swapped = index < 1.0
             if swapped:
                 bsdf.front = not bsdf.front
-            if wp.static(dispersive):
+            if wp.static(model.channels_slot >= 0):
                 inverse = wp.vec3(1.0 / indices[0], 1.0 / indices[1], 1.0 / indices[2])
-                bsdf.slots[wp.static(slot)] = wp.where(swapped, inverse, indices)
+                bsdf.slots[wp.static(model.index_slot)] = wp.where(swapped, inverse, indices)
             else:
-                bsdf.slots[wp.static(slot)] = wp.vec3(wp.where(swapped, 1.0 / index, index))
+                bsdf.slots[wp.static(model.index_slot)] = wp.vec3(wp.where(swapped, 1.0 / index, index))
             return bsdf
         return next_with_indices(bsdf, index, indices)
 
@@ -73,8 +49,7 @@ def make_with_throughput(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (bsdf, throughput) -> Bsdf, whose channels are chosen by a path's throughput."""
     if not names:
         return _same_bsdf_of_path
-    number = model_number(names[0])
-    slot = model_of(names[0]).channels_slot
+    number, slot = model_number(names[0]), model_of(names[0]).channels_slot
     next_with_throughput = make_with_throughput(names[1:])
     if slot < 0:
         return next_with_throughput
@@ -117,15 +92,14 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
     surface's frame.
     """
     panes = bool(models_with(features.models, "straight")) and not holes_only
-    bsdf_at = make_bsdf_at(features)
-    straight = make_straight(features.models)
+    bsdf_at, straight = make_bsdf_at(features), make_by_viewer(features.models, "straight", _nothing_straight)
     next_leaf = make_next_leaf(features.uv2_alpha)  # shadow rays carry no footprint
 
     @wp.func
     def share_passed(scene: SceneData, material: int, surface: Surface, wo: wp.vec3) -> wp.vec3:
         leaves = leaves_of(material)
         through = wp.vec3(0.0)
-        while leaves.left > 0:
+        while leaves.remaining > 0:
             leaves = next_leaf(scene, leaves, surface)
             if wp.static(panes):
                 if leaves.share > 0.0:
@@ -148,8 +122,7 @@ def _make_load(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmappe
     """Return a chain of one link per model, as in `kernels.bsdf.make_bsdf`: each loads the values of its model."""
     if not names:
         return _no_bsdf
-    number = model_number(names[0])
-    count = model_of(names[0]).slots
+    number, count = model_number(names[0]), model_of(names[0]).slots
     next_load = _make_load(names[1:], textured, uv2_alpha, mipmapped)
     slot_value = make_slot_value(uv2_alpha, mipmapped)
 

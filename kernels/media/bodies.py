@@ -21,7 +21,6 @@ from wrt.kernels.sampling.warps import lattice_point, square_to_sphere
 MOST_TOGETHER = wp.constant(2 * MOST_BODIES)
 """The most surfaces at one place that are considered."""
 
-_FULL = wp.constant(MOST_BODIES)
 _MOST_CROSSINGS = wp.constant(4096)
 
 
@@ -29,13 +28,13 @@ _MOST_CROSSINGS = wp.constant(4096)
 class Meeting:
     """The interaction of a ray with one surface, or with several at one place.
 
-    `surface` and `hit` belong to the surface that decides: one that bounds no body, or that of the body with the
-    highest priority. `after` are the bodies behind all of them.
+    `surface` and `hit` belong to the surface that decides: one that bounds no body, or the one of the body with the
+    highest priority. `stack_behind` are the bodies behind all of them.
     """
 
     hit: Hit
     surface: Surface
-    after: BodyStack
+    stack_behind: BodyStack
 
 
 @wp.struct
@@ -78,46 +77,46 @@ def times_in(inside: BodyStack, body: int) -> int:
 @wp.func
 def entered(inside: BodyStack, body: int) -> BodyStack:
     """Return the stack with a body added, unless it is full."""
-    after = inside
-    place = int(_FULL)
+    stack = inside
+    place = int(MOST_BODIES)
     for i in range(MOST_BODIES):
-        if inside[i] == 0 and place == _FULL:
+        if inside[i] == 0 and place == MOST_BODIES:
             place = i
-    if place < _FULL:
-        after[place] = body + 1
-    return after
+    if place < MOST_BODIES:
+        stack[place] = body + 1
+    return stack
 
 
 @wp.func
 def left(inside: BodyStack, body: int) -> BodyStack:
     """Return the stack with one entry of a body removed, if there is one."""
-    after = inside
-    place = int(_FULL)
+    stack = inside
+    place = int(MOST_BODIES)
     for i in range(MOST_BODIES):
         if inside[i] == body + 1:
             place = i
     for i in range(MOST_BODIES - 1):
         if i >= place:
-            after[i] = inside[i + 1]
-    if place < _FULL:
-        after[_FULL - 1] = 0
-    return after
+            stack[i] = inside[i + 1]
+    if place < MOST_BODIES:
+        stack[MOST_BODIES - 1] = 0
+    return stack
 
 
 @wp.func
-def crossed(before: BodyStack, after: BodyStack, body: int, front: bool) -> BodyStack:
+def crossed(first: BodyStack, stack: BodyStack, body: int, front: bool) -> BodyStack:
     """Return the stack behind one more of several surfaces at one place.
 
-    `before` is the stack in front of all of them, `after` that behind the ones crossed so far. A body is entered or
-    left only once: a ray through an edge hits the triangles on both sides of it.
+    `first` is the stack in front of all of them, `stack` the one behind those crossed so far. A body is entered or left
+    only once: a ray through an edge hits the triangles on both sides of it.
     """
-    n = times_in(after, body) - times_in(before, body)
+    n = times_in(stack, body) - times_in(first, body)
     if front:
         if n <= 0:
-            return entered(after, body)
+            return entered(stack, body)
     elif n >= 0:
-        return left(after, body)
-    return after
+        return left(stack, body)
+    return stack
 
 
 @specialised()
@@ -127,85 +126,74 @@ def make_meet(geometry: str) -> wp.Function:
     It considers the surfaces from the nearest hit, a point of `surface`, to the ray's clearance behind it, for a ray in
     the bodies `inside`. See `Features.geometry`.
     """
-    intersect = make_intersect(geometry)
-    closest_hit_before, next_hit = intersect.closest_hit_before, intersect.next_hit
-    surface_at = make_surface_at(geometry)
+    intersect, surface_at = make_intersect(geometry), make_surface_at(geometry)
 
     @wp.func
     def meet(scene: SceneData, ray: Ray, hit: Hit, surface: Surface, inside: BodyStack) -> Meeting:
         m = Meeting()
         m.hit = hit
         m.surface = surface
-        m.after = inside
+        m.stack_behind = inside
         body = scene.shapes[m.surface.shape].body
         if body < 0:
             return m
-        m.after = crossed(inside, inside, body, m.surface.front)
+        m.stack_behind = crossed(inside, inside, body, m.surface.front)
         highest = scene.bodies[body].priority
         probe = Ray()
         probe.origin = leave(surface, 1.0)
         probe.time = ray.time
-        way = leave(surface, -1.0) - probe.origin
-        length = wp.length(way)
-        probe.direction = way / length
-        found = closest_hit_before(scene, probe, length)
-        met = int(0)
-        while found.triangle != NO_HIT and met < MOST_TOGETHER:
+        across = leave(surface, -1.0) - probe.origin
+        length = wp.length(across)
+        probe.direction = across / length
+        found = intersect.closest_hit_before(scene, probe, length)
+        count = int(0)
+        while found.triangle != NO_HIT and count < MOST_TOGETHER:
             if found.triangle != hit.triangle or found.instance != hit.instance:
-                other = surface_at(scene, ray, found)
-                body = scene.shapes[other.shape].body
+                found_surface = surface_at(scene, ray, found)
+                body = scene.shapes[found_surface.shape].body
                 if body < 0:
                     # A surface on the boundary covers it.
                     found.t = hit.t
                     m.hit = found
-                    m.surface = other
+                    m.surface = found_surface
                     return m
-                n = times_in(m.after, body)
-                m.after = crossed(inside, m.after, body, other.front)
-                if times_in(m.after, body) != n and scene.bodies[body].priority > highest:
+                n = times_in(m.stack_behind, body)
+                m.stack_behind = crossed(inside, m.stack_behind, body, found_surface.front)
+                if times_in(m.stack_behind, body) != n and scene.bodies[body].priority > highest:
                     highest = scene.bodies[body].priority
                     m.hit = found
                     m.hit.t = hit.t
-                    m.surface = other
-            found = next_hit(scene, probe, found, length)
-            met += 1
+                    m.surface = found_surface
+            found = intersect.next_hit(scene, probe, found, length)
+            count += 1
         return m
 
     return meet
 
 
 @wp.func
-def is_there(scene: SceneData, surface: Surface, inside: BodyStack, after: BodyStack) -> bool:
+def is_there(scene: SceneData, surface: Surface, stack: BodyStack, stack_behind: BodyStack) -> bool:
     """Return whether a surface between these stacks exists optically: not if the same body is on both sides."""
-    return scene.shapes[surface.shape].body < 0 or innermost(scene, inside) != innermost(scene, after)
+    return scene.shapes[surface.shape].body < 0 or innermost(scene, stack) != innermost(scene, stack_behind)
 
 
 @wp.func
-def relative_index(scene: SceneData, surface: Surface, before: int, after: int) -> float:
-    """Return the refractive index inside the body that `surface` bounds over that on the surface's other side.
+def relative_indices(scene: SceneData, surface: Surface, in_front: int, behind: int) -> wp.vec4:
+    """Return the refractive index inside the body that `surface` bounds over the one on the surface's other side.
 
-    `before` and `after` are the bodies on both sides, −1 for none. With none, the index is that of the body's own
-    material relative to its surroundings.
+    The first one is for all channels, the others are one for each. `in_front` and `behind` are the bodies on both
+    sides, −1 for none. Outside of all bodies, the index is the one that the body's own material is relative to.
     """
-    body = scene.bodies[scene.shapes[surface.shape].body]
-    other = wp.where(surface.front, before, after)
-    outside = body.exterior_ior
-    if other >= 0:
-        if scene.bodies[other].ior > 0.0:
-            outside = scene.bodies[other].ior
-    return body.ior / outside
-
-
-@wp.func
-def relative_indices(scene: SceneData, surface: Surface, before: int, after: int) -> wp.vec3:
-    """Return the same for each channel."""
-    body = scene.bodies[scene.shapes[surface.shape].body]
-    other = wp.where(surface.front, before, after)
-    outside = wp.vec3(body.exterior_ior)
-    if other >= 0:
-        if scene.bodies[other].ior > 0.0:
-            outside = wp.vec3(scene.bodies[other].ior) + scene.bodies[other].spread
-    return wp.cw_div(wp.vec3(body.ior) + body.spread, outside)
+    inner = scene.bodies[scene.shapes[surface.shape].body]
+    outside = inner.exterior_ior
+    spread = wp.vec3(0.0)
+    body = wp.where(surface.front, in_front, behind)
+    if body >= 0:
+        if scene.bodies[body].ior > 0.0:
+            outside = scene.bodies[body].ior
+            spread = scene.bodies[body].spread
+    by_channel = wp.cw_div(wp.vec3(inner.ior) + inner.spread, wp.vec3(outside) + spread)
+    return wp.vec4(inner.ior / outside, by_channel[0], by_channel[1], by_channel[2])
 
 
 @specialised()
@@ -216,9 +204,7 @@ def make_count_crossings(geometry: str) -> wp.Kernel:
     its surfaces enclose the point; `last_left` has the distance at which the ray last left it. See
     `Features.geometry`.
     """
-    intersect = make_intersect(geometry)
-    closest_hit, next_hit = intersect.closest_hit, intersect.next_hit
-    surface_at = make_surface_at(geometry)
+    intersect, surface_at = make_intersect(geometry), make_surface_at(geometry)
 
     @wp.kernel(module=wp.get_module(make_count_crossings.module_name(geometry)), enable_backward=False)
     def count_crossings(
@@ -235,7 +221,7 @@ def make_count_crossings(geometry: str) -> wp.Kernel:
         ray.origin = origin
         ray.direction = square_to_sphere(lattice_point(k, rays))
         ray.time = time
-        found = closest_hit(scene, ray)
+        found = intersect.closest_hit(scene, ray)
         crossings = int(0)
         while found.triangle != NO_HIT and crossings < _MOST_CROSSINGS:
             surface = surface_at(scene, ray, found)
@@ -246,7 +232,7 @@ def make_count_crossings(geometry: str) -> wp.Kernel:
                 else:
                     left_more[k, body] = left_more[k, body] + 1
                     last_left[k, body] = wp.max(last_left[k, body], found.t)
-            found = next_hit(scene, ray, found, INFINITE_DISTANCE)
+            found = intersect.next_hit(scene, ray, found, INFINITE_DISTANCE)
             crossings += 1
 
     return count_crossings

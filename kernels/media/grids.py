@@ -17,11 +17,12 @@ carries never grows.
 import warp as wp
 
 from wrt.kernels.core.elementary import logarithm
+from wrt.kernels.core.features import Features
 from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import BodyStack, GridRecord, Lattice, MediumRecord, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.media.medium import make_extinction, medium_of, transmittance
-from wrt.kernels.sampling.sampler import stream_4d
+from wrt.kernels.sampling.sampler import stream_4d, stream_key
 
 _FAINT = wp.constant(0.1)
 """Russian roulette begins where ratio tracking has left less than this share of the light."""
@@ -97,13 +98,13 @@ color_at = make_value_at(wp.vec3)
 
 @wp.struct
 class Walk:
-    """A ray's way through the cells of the majorants, from collision to collision.
+    """A ray's walk through the cells of the majorants, from collision to collision.
 
     `origin` and `direction` are those of the ray in units of cells, so that distances stay those along the ray. The
-    walk is at `t` and ends at `t_end`, or behind the last cell. It goes on for the optical depth `left` before the next
-    tentative collision. `is_collision` tells whether it is at one; otherwise it has entered a cell, or is done. `rate`
-    is the coefficient of collisions in the cell where it was, with what is denser than `control`. `passed` is the
-    integral of the control along the way so far; it is 0 unless the walk is `residual`.
+    walk is at `t` and ends at `t_end`, or behind the last cell. The optical depth to the next tentative collision is
+    `depth_left`. If not `is_collision`, the walk has entered a cell, or is done. `rate` is the coefficient of
+    collisions in the last cell, with density above `control`. `passed` is the integral of the control so far; it is 0
+    unless `is_residual`.
     """
 
     origin: wp.vec3
@@ -113,7 +114,7 @@ class Walk:
     z: int
     t: float
     t_end: float
-    left: float
+    depth_left: float
     rate: float
     control: float
     passed: float
@@ -122,17 +123,10 @@ class Walk:
 
 
 @wp.func
-def unit_place(grid: GridRecord, point: wp.vec3) -> wp.vec3:
-    """Return where in the unit cube a point of the world is."""
-    p = wp.vec4(point[0], point[1], point[2], 1.0)
+def in_unit_cube(grid: GridRecord, v: wp.vec3, w: float) -> wp.vec3:
+    """Return a point (w = 1) or a direction (w = 0) of the world in the unit cube; directions change their length."""
+    p = wp.vec4(v[0], v[1], v[2], w)
     return wp.vec3(wp.dot(grid.to_unit_x, p), wp.dot(grid.to_unit_y, p), wp.dot(grid.to_unit_z, p))
-
-
-@wp.func
-def unit_direction(grid: GridRecord, direction: wp.vec3) -> wp.vec3:
-    """Return a direction of the world in the unit cube; its length becomes another."""
-    d = wp.vec4(direction[0], direction[1], direction[2], 0.0)
-    return wp.vec3(wp.dot(grid.to_unit_x, d), wp.dot(grid.to_unit_y, d), wp.dot(grid.to_unit_z, d))
 
 
 @wp.func
@@ -147,8 +141,8 @@ def begin_walk(grid: GridRecord, ray: Ray, reach: float, u: float) -> Walk:
     cells = grid.majorants
     counts = wp.vec3(float(cells.nx), float(cells.ny), float(cells.nz))
     walk = Walk()
-    walk.origin = wp.cw_mul(unit_place(grid, ray.origin), counts)
-    walk.direction = wp.cw_mul(unit_direction(grid, ray.direction), counts)
+    walk.origin = wp.cw_mul(in_unit_cube(grid, ray.origin, 1.0), counts)
+    walk.direction = wp.cw_mul(in_unit_cube(grid, ray.direction, 0.0), counts)
     walk.t_end = reach
     for axis in range(3):
         o, d = walk.origin[axis], walk.direction[axis]
@@ -161,7 +155,7 @@ def begin_walk(grid: GridRecord, ray: Ray, reach: float, u: float) -> Walk:
     walk.x = int(wp.clamp(place[0], 0.0, counts[0] - 1.0))
     walk.y = int(wp.clamp(place[1], 0.0, counts[1] - 1.0))
     walk.z = int(wp.clamp(place[2], 0.0, counts[2] - 1.0))
-    walk.left = optical_depth_to_collision(u)
+    walk.depth_left = optical_depth_to_collision(u)
     return walk
 
 
@@ -191,12 +185,12 @@ def step(values: wp.array(dtype=float), grid: GridRecord, tracking: float, befor
     # Rounding can put the face a little behind the walk.
     t_exit = wp.max(walk.t, wp.min(first, walk.t_end))
     depth = walk.rate * (t_exit - walk.t)
-    walk.is_collision = walk.left < depth
+    walk.is_collision = walk.depth_left < depth
     if walk.is_collision:
-        walk.t = wp.min(walk.t + walk.left / walk.rate, t_exit)
+        walk.t = wp.min(walk.t + walk.depth_left / walk.rate, t_exit)
         walk.passed = walk.passed + walk.control * (walk.t - before.t)
     else:
-        walk.left = walk.left - depth
+        walk.depth_left = walk.depth_left - depth
         walk.t = t_exit
         walk.passed = walk.passed + walk.control * (walk.t - before.t)
         if first >= walk.t_end:
@@ -231,7 +225,7 @@ def place_of(grid: GridRecord, walk: Walk) -> wp.vec3:
 class GridFlight:
     """A flight through a medium on a grid: where it ends, and what is then left of the light.
 
-    `radiance` is what the medium shone into the path on the way.
+    `radiance` is the medium's emission along it.
     """
 
     distance: float
@@ -241,12 +235,12 @@ class GridFlight:
 
 
 @wp.func
-def survival(left: float, faint: float, u: float) -> float:
-    """Return the factor of Russian roulette that raises what is `left` to `faint`, or ends it; 1 where it is more."""
-    if left >= faint:
+def roulette_factor(throughput: float, faint: float, u: float) -> float:
+    """Return the factor of Russian roulette, which raises a throughput below `faint` to it or ends it."""
+    if throughput >= faint:
         return 1.0
-    if u * faint < left:
-        return faint / left
+    if u * faint < throughput:
+        return faint / throughput
     return 0.0
 
 
@@ -274,7 +268,6 @@ def make_fly_in_grid(media: str) -> wp.Function:
     is scattered counts as lost. `u_first` are the numbers of the first tentative collision, by which it is real and its
     distance; those of others come from the stream of `key`. If media only absorb by `Features`, scattering is left out.
     """
-    scattering = media == "scattering"
 
     @wp.func
     def fly_in_grid(
@@ -289,19 +282,19 @@ def make_fly_in_grid(media: str) -> wp.Function:
     ) -> GridFlight:
         grid = scene.grids[medium.grid]
         scatters = bool(False)
-        if wp.static(scattering):
+        if wp.static(media == "scattering"):
             scatters = not is_shadow_ray and (wp.max(medium.scattering) > 0.0 or grid.albedo.nx > 0)
         shines = not is_shadow_ray and wp.max(medium.emission) > 0.0
         faint = _FAINT * wp.max(throughput)
         extinction = medium.absorption
-        if wp.static(scattering):
+        if wp.static(media == "scattering"):
             extinction += medium.scattering
         flight = GridFlight()
         flight.distance = reach
         flight.throughput = throughput
         walk = begin_walk(grid, ray, reach, u_first[1])
         walk.is_residual = not scatters and not shines
-        if wp.static(not scattering):
+        if wp.static(media != "scattering"):
             walk.is_residual = walk.is_residual and grid.albedo.nx == 0
         u = u_first[0]
         collisions = int(0)
@@ -314,17 +307,17 @@ def make_fly_in_grid(media: str) -> wp.Function:
                 carried = flight.throughput
                 if shines:
                     flight.radiance += wp.cw_mul(carried, emission_at(scene, medium, grid, place)) * share
-                if wp.static(not scattering):
+                if wp.static(media != "scattering"):
                     if grid.albedo.nx > 0:
                         # What does not scatter is absorbed.
-                        whole = medium.absorption + medium.scattering
-                        extinction = whole - scattering_at(scene, medium, grid, place)
+                        total = medium.absorption + medium.scattering
+                        extinction = total - scattering_at(scene, medium, grid, place)
                 # The share of tentative collisions that are real, per channel; rounding can take it beyond 0 or 1.
                 real = wp.min(extinction * wp.max(share, 0.0), wp.vec3(1.0))
                 chance = float(0.0)
                 if scatters:
-                    total = wp.max(carried[0] + carried[1] + carried[2], _LEAST)
-                    chance = wp.min(wp.dot(carried, real) / total, 1.0)
+                    carried_sum = wp.max(carried[0] + carried[1] + carried[2], _LEAST)
+                    chance = wp.min(wp.dot(carried, real) / carried_sum, 1.0)
                 if u < chance:
                     scattered = scattering_at(scene, medium, grid, place) * share
                     flight.throughput = wp.cw_mul(carried, scattered) / chance
@@ -334,14 +327,14 @@ def make_fly_in_grid(media: str) -> wp.Function:
                 else:
                     flight.throughput = wp.cw_mul(carried, wp.vec3(1.0) - real) / (1.0 - chance)
                     if not scatters:
-                        left = wp.cw_mul(flight.throughput, transmittance(extinction, walk.passed))
-                        factor = survival(wp.max(left), faint, u)
+                        passed = wp.cw_mul(flight.throughput, transmittance(extinction, walk.passed))
+                        factor = roulette_factor(wp.max(passed), faint, u)
                         flight.throughput = flight.throughput * factor
                         if factor == 0.0:
                             walk.t_end = walk.t
                     numbers = stream_4d(key, collisions)
                     u = numbers[0]
-                    walk.left = optical_depth_to_collision(numbers[1])
+                    walk.depth_left = optical_depth_to_collision(numbers[1])
                     collisions += 1
         flight.throughput = wp.cw_mul(flight.throughput, transmittance(extinction, walk.passed))
         return flight
@@ -349,29 +342,31 @@ def make_fly_in_grid(media: str) -> wp.Function:
     return fly_in_grid
 
 
-@specialised()
-def make_shadow_in_media(media: str) -> wp.Function:
-    """Return (scene, ray, begin, end, inside, key) -> vec3: the share of light left along a stretch of a shadow ray.
+@specialised("media", "grid_media")
+def make_shadow_in_media(features: Features) -> wp.Function:
+    """Return (scene, ray, begin, end, inside, u, number) -> vec3: the share of light left along part of a shadow ray.
 
-    The stretch is within the bodies `inside`, where some media may be on grids. There it is an estimate, by the random
-    numbers of the stream of `key`. See `Features` for `media`.
+    That part is within the bodies `inside`. In a medium on a grid the share is an estimate, by the random numbers of
+    the stream `number` of `u`.
     """
-    fly_in_grid = make_fly_in_grid(media)
-    extinction_of = make_extinction(media)
+    fly_in_grid, extinction_of = make_fly_in_grid(features.media), make_extinction(features.media)
 
     @wp.func
     def shadow_in_media(
-        scene: SceneData, ray: Ray, begin: float, end: float, inside: BodyStack, key: wp.vec4ui
+        scene: SceneData, ray: Ray, begin: float, end: float, inside: BodyStack, u: wp.vec4, number: int
     ) -> wp.vec3:
-        medium = medium_of(scene, inside)
-        if not is_in_grid(scene, medium):
-            return transmittance(extinction_of(scene, inside), end - begin)
-        u = stream_4d(key, -1)
-        stretch = ray
-        stretch.origin = ray.origin + ray.direction * begin
         length = end - begin
-        white = wp.vec3(1.0)
-        flight = fly_in_grid(scene, scene.media[medium], stretch, length, white, wp.vec2(u[0], u[1]), key, True)
-        return flight.throughput
+        if wp.static(features.grid_media):
+            medium = medium_of(scene, inside)
+            if is_in_grid(scene, medium):
+                key = stream_key(u, number)
+                first = stream_4d(key, -1)
+                stretch = ray
+                stretch.origin = ray.origin + ray.direction * begin
+                white = wp.vec3(1.0)
+                u_first = wp.vec2(first[0], first[1])
+                flight = fly_in_grid(scene, scene.media[medium], stretch, length, white, u_first, key, True)
+                return flight.throughput
+        return transmittance(extinction_of(scene, inside), length)
 
     return shadow_in_media

@@ -57,29 +57,24 @@ def emitted(emission: wp.vec3, extinction: wp.vec3, distance: float) -> wp.vec3:
     return light
 
 
-@wp.func
-def _absorption(scene: SceneData, inside: BodyStack) -> wp.vec3:
-    medium = medium_of(scene, inside)
-    if medium < 0:
-        return wp.vec3(0.0)
-    return scene.media[medium].absorption
-
-
-@wp.func
-def _extinction(scene: SceneData, inside: BodyStack) -> wp.vec3:
-    medium = medium_of(scene, inside)
-    if medium < 0:
-        return wp.vec3(0.0)
-    return scene.media[medium].absorption + scene.media[medium].scattering
-
-
 @specialised()
 def make_extinction(media: str) -> wp.Function:
     """Return the device function (scene, inside) -> vec3, the extinction per metre in these bodies.
 
     See `Features` for `media`: if media only absorb, scattering is left out.
     """
-    return _extinction if media == "scattering" else _absorption
+
+    @wp.func
+    def extinction_of(scene: SceneData, inside: BodyStack) -> wp.vec3:
+        extinction = wp.vec3(0.0)
+        medium = medium_of(scene, inside)
+        if medium >= 0:
+            extinction = scene.media[medium].absorption
+            if wp.static(media == "scattering"):
+                extinction += scene.media[medium].scattering
+        return extinction
+
+    return extinction_of
 
 
 @wp.struct
@@ -100,8 +95,8 @@ def fly(
 ) -> Flight:
     """Return a flight of at most `reach`, sampled by the extinction of one channel and weighted for all of them.
 
-    The probability of a channel is proportional to its throughput, and the weight is that of the balance heuristic over
-    the channels (Wilkie, Nawaz, Droske, Weidlich and Hanika, "Hero wavelength spectral sampling", 2014; Veach 1997,
+    The probability of a channel is proportional to its throughput, and the weight is by the balance heuristic over the
+    channels (Wilkie, Nawaz, Droske, Weidlich and Hanika, "Hero wavelength spectral sampling", 2014; Veach 1997,
     section 9.2.2). With these probabilities the sum of the throughput's channels never grows from flight to flight.
     """
     total = throughput[0] + throughput[1] + throughput[2]
@@ -115,11 +110,11 @@ def fly(
     if extinction[channel] > 0.0:
         flight.distance = wp.min(reach, -logarithm(1.0 - u_distance) / extinction[channel])
     flight.scattered = flight.distance < reach
-    left = transmittance(extinction, flight.distance)
+    passed = transmittance(extinction, flight.distance)
     if flight.scattered:
-        flight.weight = wp.cw_mul(left, scattering) / wp.dot(share, wp.cw_mul(left, extinction))
+        flight.weight = wp.cw_mul(passed, scattering) / wp.dot(share, wp.cw_mul(passed, extinction))
     else:
-        flight.weight = left / wp.dot(share, left)
+        flight.weight = passed / wp.dot(share, passed)
     return flight
 
 

@@ -22,7 +22,7 @@ _FARTHEST = wp.constant(20.0)
 
 @wp.struct
 class Skin:
-    """A surface near a point in a medium, as a plane with an outward normal; `hit` is NO_HIT if none is near.
+    """A surface near a point in a medium, as a plane with an outward normal; `hit` is NO_HIT if there is none.
 
     Rays may miss it if it is nearer than `error`.
     """
@@ -45,34 +45,32 @@ def no_skin() -> Skin:
 def make_skin_near(geometry: str) -> wp.Function:
     """Return the device function (scene, ray, distance, ahead, behind) -> Skin of the point at a distance along a ray.
 
-    `ahead` is the hit in front of the ray and `behind` the one that it left, or NO_HIT. See `Features.geometry`.
+    `ahead` is the hit in front of the ray and `previous` the one that it left, or NO_HIT. See `Features.geometry`.
     """
     surface_at = make_surface_at(geometry)
-    exact = has_exact(geometry)
 
     @wp.func
-    def skin_near(scene: SceneData, ray: Ray, distance: float, ahead: Hit, behind: Hit) -> Skin:
+    def skin_near(scene: SceneData, ray: Ray, distance: float, ahead: Hit, previous: Hit) -> Skin:
         skin = no_skin()
+        is_behind = previous.triangle >= 0 and (ahead.triangle < 0 or distance < ahead.t - distance)
         hit = ahead
-        if behind.triangle >= 0 and (ahead.triangle < 0 or distance < ahead.t - distance):
-            hit = behind
+        if is_behind:
+            hit = previous
         if hit.triangle < 0:
             return skin
-        seen = hit
-        if wp.static(exact):
-            # The points of exact shapes are found from the ray: that behind by looking back from where it begins, or it
+        line = ray
+        line_hit = hit
+        if wp.static(has_exact(geometry)):
+            # The points of exact shapes are found from the ray: one behind by looking back from where it begins, or it
             # would be the far wall. Seen so, each normal faces the medium.
-            line = ray
-            if behind.triangle >= 0 and (ahead.triangle < 0 or distance < ahead.t - distance):
+            if is_behind:
                 line.direction = -ray.direction
-                seen.t = 0.0
-            surface = surface_at(scene, line, seen)
-            skin.normal = -surface.normal
-        else:
-            surface = surface_at(scene, ray, seen)
+                line_hit.t = 0.0
+        surface = surface_at(scene, line, line_hit)
+        skin.normal = -surface.normal
+        if wp.static(not has_exact(geometry)):
             # Seen along the ray, normals face back: outwards behind, inwards ahead.
-            skin.normal = -surface.normal
-            if hit.triangle == behind.triangle and hit.t == behind.t:
+            if hit.triangle == previous.triangle and hit.t == previous.t:
                 skin.normal = surface.normal
         skin.point = surface.position
         size = wp.max(wp.abs(surface.position)) + wp.length(surface.e1) + wp.length(surface.e2)

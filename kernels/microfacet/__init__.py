@@ -39,14 +39,12 @@ class Microfacet(NamedTuple):
     Attributes:
         d: (m, shape) -> float, the density of normals per area and solid angle.
         g: (wo, wi, m, shape) -> float, the share of microfacets with normal m that both directions see.
-        g1: (w, m, shape) -> float, the share that one direction sees.
         sample_normal: (wo, shape, u: vec2) -> vec3.
         normal_pdf: (wo, m, shape) -> float, per solid angle of m.
     """
 
     d: wp.Function
     g: wp.Function
-    g1: wp.Function
     sample_normal: wp.Function
     normal_pdf: wp.Function
 
@@ -61,14 +59,14 @@ def make_microfacet(distribution: str, masking: str) -> Microfacet:
     if distribution == BUMPY:
         from wrt.kernels.microfacet import bumpy_ggx
 
-        found = bumpy_ggx.make_bumpy_masking(masking)
-        return Microfacet(bumpy_ggx.d, found.g, found.g1, bumpy_ggx.sample_normal, bumpy_ggx.normal_pdf)
+        g = bumpy_ggx.make_bumpy_masking(masking)
+        return Microfacet(bumpy_ggx.d, g, bumpy_ggx.sample_normal, bumpy_ggx.normal_pdf)
     if distribution not in DISTRIBUTIONS:
         raise ValueError(f"no distribution {distribution!r}: there are {', '.join(DISTRIBUTIONS)}")
     parts = DISTRIBUTIONS[distribution]
     smith_lambda = getattr(parts, "smith_lambda", None)
-    found = make_masking(masking, distribution, smith_lambda, smith_lambda is beckmann.smith_lambda)
-    return Microfacet(parts.d, found.g, found.g1, parts.sample_normal, parts.normal_pdf)
+    g = make_masking(masking, distribution, smith_lambda, smith_lambda is beckmann.smith_lambda)
+    return Microfacet(parts.d, g, parts.sample_normal, parts.normal_pdf)
 
 
 def maskings_of(distribution: str) -> tuple[str, ...]:

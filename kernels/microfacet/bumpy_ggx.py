@@ -18,14 +18,13 @@ import warp as wp
 from wrt.kernels.core.elementary import exponential, logarithm
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import beckmann, ggx
-from wrt.kernels.microfacet.masking import GENERAL, Masking, correlated, sees
+from wrt.kernels.microfacet.masking import GENERAL, SMITH, sees, smith
 from wrt.kernels.microfacet.widening import widened
+from wrt.kernels.sampling.warps import BELOW_ONE
 
 GGX_OWN = wp.constant(0.190711)  # by which α² of the GGX grows for all the weight that it lacks
 GGX_BUMPS = wp.constant(0.555)  # logarithm of its share of 2σ²; by its weight more
 GGX_BUMPS_BY_WEIGHT = wp.constant(-0.910)
-
-BELOW_ONE = wp.constant(0.99999994)
 
 ENERGY_SHARE = wp.constant(0.2)
 """The share of the bumps' 2σ² that, added to α² of GGX, makes it lose as much energy as the mixture, within 3 %. More
@@ -34,7 +33,7 @@ of it would take too little from the layers below; the mixture's tails are those
 
 @wp.struct
 class BumpyShape:
-    """A GGX and three Beckmann distributions: roughnesses along x and y, and weights, that of the GGX first."""
+    """A GGX and three Beckmann distributions: roughnesses along x and y, and weights, GGX first."""
 
     ggx: wp.vec3
     first: wp.vec3
@@ -45,27 +44,27 @@ class BumpyShape:
 
 @wp.struct
 class Bumps:
-    """2σ² along x and y, α² along them, and the three numbers of which the fit is a function."""
+    """2σ² along x and y, α² of the facets along them, and the three parameters of the fit."""
 
     squares: wp.vec2
-    own: wp.vec2
+    facets: wp.vec2
     mean: float
     log_m: float
     along: float
 
 
 @wp.func
-def beckmann_shape(bumps: Bumps, own: float, power: float) -> wp.vec3:
+def beckmann_shape(bumps: Bumps, log_share: float, power: float) -> wp.vec3:
     """Return the shape of a Beckmann distribution with this logarithm of its share of α² at σ = 0."""
-    share = exponential(own + power * bumps.log_m)
-    x = bumps.own[0] * share + bumps.squares[0]
-    y = bumps.own[1] * share + bumps.squares[1]
+    share = exponential(log_share + power * bumps.log_m)
+    x = bumps.facets[0] * share + bumps.squares[0]
+    y = bumps.facets[1] * share + bumps.squares[1]
     return wp.vec3(wp.sqrt(x), wp.sqrt(y), 0.0)
 
 
 @wp.func
 def beckmann_weight(bumps: Bumps, weight: float, fall: float, turn: float) -> float:
-    """Return its weight over that of the GGX."""
+    """Return its weight over the weight of the GGX."""
     return bumps.mean * exponential(weight + fall * bumps.log_m + turn * bumps.along)
 
 
@@ -89,14 +88,14 @@ def bumpy_shape(alpha: wp.vec3, as_bumpy: wp.vec3) -> BumpyShape:
     if as_bumpy[0] == alpha[0] and as_bumpy[1] == alpha[1]:
         return shape
     bumps = Bumps()
-    own = wp.vec2(alpha[0] * alpha[0], alpha[1] * alpha[1])
-    x = wp.max(as_bumpy[0] * as_bumpy[0] - own[0], 0.0) / ENERGY_SHARE
-    y = wp.max(as_bumpy[1] * as_bumpy[1] - own[1], 0.0) / ENERGY_SHARE
-    ratio_x = x / own[0]
-    ratio_y = y / own[1]
+    facets = wp.vec2(alpha[0] * alpha[0], alpha[1] * alpha[1])
+    x = wp.max(as_bumpy[0] * as_bumpy[0] - facets[0], 0.0) / ENERGY_SHARE
+    y = wp.max(as_bumpy[1] * as_bumpy[1] - facets[1], 0.0) / ENERGY_SHARE
+    ratio_x = x / facets[0]
+    ratio_y = y / facets[1]
     m2 = (1.0 + ratio_x) * (1.0 + ratio_y)
     bumps.squares = wp.vec2(x, y)
-    bumps.own = own
+    bumps.facets = facets
     bumps.mean = 0.5 * (ratio_x + ratio_y)
     bumps.log_m = 0.5 * logarithm(m2)
     bumps.along = 1.0 - wp.sqrt(m2) / (1.0 + bumps.mean)
@@ -108,10 +107,10 @@ def bumpy_shape(alpha: wp.vec3, as_bumpy: wp.vec3) -> BumpyShape:
     third = beckmann_weight(bumps, 1.136, -1.325, 0.739)
     total = 1.0 + first + second + third
     shape.weights = wp.vec4(1.0 / total, first / total, second / total, third / total)
-    own_share = 1.0 + GGX_OWN * (total - 1.0)
+    facet_share = 1.0 + GGX_OWN * (total - 1.0)
     bumps_share = exponential(GGX_BUMPS + GGX_BUMPS_BY_WEIGHT / total)
-    x = own[0] * own_share + x * bumps_share
-    y = own[1] * own_share + y * bumps_share
+    x = facets[0] * facet_share + x * bumps_share
+    y = facets[1] * facet_share + y * bumps_share
     shape.ggx = wp.vec3(wp.sqrt(x), wp.sqrt(y), 0.0)
     return shape
 
@@ -154,7 +153,7 @@ def areas(w: wp.vec3, shape: BumpyShape) -> wp.vec4:
 
 @wp.func
 def projected_area(w: wp.vec3, shape: BumpyShape) -> float:
-    """Return that of all, cosθ (1 + Λ(w))."""
+    """Return the sum of `areas`, cosθ (1 + Λ(w))."""
     found = areas(w, shape)
     return found[0] + found[1] + found[2] + found[3]
 
@@ -172,65 +171,45 @@ def sample_normal(wo: wp.vec3, shape: BumpyShape, u: wp.vec2) -> wp.vec3:
     chosen = u[0] * (found[0] + found[1] + found[2] + found[3])
     if chosen < found[0]:
         return ggx.sample_normal(wo, shape.ggx, wp.vec2(chosen / found[0], u[1]))
-    rest = chosen - found[0]
+    offset = chosen - found[0]
     size = found[1]
     lobe = shape.first
-    if rest >= found[1]:
-        rest -= found[1]
+    if offset >= found[1]:
+        offset -= found[1]
         size = found[2]
         lobe = shape.second
-        if rest >= found[2]:
-            rest -= found[2]
+        if offset >= found[2]:
+            offset -= found[2]
             size = found[3]
             lobe = shape.third
-    x = wp.clamp(rest / wp.max(size, 1.0e-30), 0.0, BELOW_ONE)
+    x = wp.clamp(offset / wp.max(size, 1.0e-30), 0.0, BELOW_ONE)
     return beckmann.sample_normal(wo, lobe, wp.vec2(x, u[1]))
 
 
-def _masking(masking: str) -> Masking:
-    """Return the functions of a kind of masking: those that know the distribution take Λ of the mixture."""
-    if masking in GENERAL:
-        g1_of_all, g_of_all = GENERAL[masking].g1, GENERAL[masking].g
+@specialised()
+def make_bumpy_masking(masking: str) -> wp.Function:
+    """Return g(wo, wi, m, shape) of a kind of masking, with Λ of the mixture where it depends on the distribution.
 
-        @wp.func
-        def g1_general(w: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
-            return g1_of_all(w, m, shape.ggx)
+    Raises:
+        ValueError: if it does not go with GGX.
+    """
+    if masking not in (*GENERAL, *SMITH):
+        raise ValueError(f"masking {masking!r} is not known for the distribution 'bumpy-ggx'")
+    if masking == "smith":
+        return smith(smith_lambda, BumpyShape)
+    if masking in GENERAL:
+        general = GENERAL[masking]
 
         @wp.func
         def g_general(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
-            return g_of_all(wo, wi, m, shape.ggx)
+            return general(wo, wi, m, shape.ggx)
 
-        return Masking(g_general, g1_general)
-    separable = masking == "smith-separable"
-
-    @wp.func
-    def g1(w: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
-        if not sees(w, m):
-            return 0.0
-        return 1.0 / (1.0 + smith_lambda(w, shape))
+        return g_general
 
     @wp.func
-    def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
+    def separable(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: BumpyShape) -> float:
         if not sees(wo, m) or not sees(wi, m):
             return 0.0
-        a = smith_lambda(wo, shape)
-        b = smith_lambda(wi, shape)
-        if wp.static(separable):
-            share = 1.0 / ((1.0 + a) * (1.0 + b))
-        else:
-            share = correlated(a, b, wo[2] * wi[2] > 0.0)
-        return share
+        return 1.0 / ((1.0 + smith_lambda(wo, shape)) * (1.0 + smith_lambda(wi, shape)))
 
-    return Masking(g, g1)
-
-
-@specialised()
-def make_bumpy_masking(masking: str) -> Masking:
-    """Return the functions of a kind of masking that goes with GGX.
-
-    Raises:
-        ValueError: if it does not.
-    """
-    if masking not in (*GENERAL, "smith", "smith-separable"):
-        raise ValueError(f"masking {masking!r} is not known for the distribution 'bumpy-ggx'")
-    return _masking(masking)
+    return separable

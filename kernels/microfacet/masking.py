@@ -4,8 +4,6 @@ Directions on different sides of the surface belong to refraction: every G but t
 direction's own angle to m. G is 0 if a direction sees the back of m.
 """
 
-from typing import NamedTuple
-
 import warp as wp
 
 from wrt.kernels.core.elementary import exponential, log1p, logarithm
@@ -13,13 +11,6 @@ from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet.beckmann import stretched_cotangent
 
 HALF_LOG_TWO_PI = wp.constant(0.918938533204673)
-
-
-class Masking(NamedTuple):
-    """The two functions of a kind of masking: g(wo, wi, m, shape), and g1(w, m, shape) for one direction."""
-
-    g: wp.Function
-    g1: wp.Function
 
 
 @wp.func
@@ -69,7 +60,21 @@ def correlated(a: float, b: float, same_side: bool) -> float:
     return beta_from_one(a, b)
 
 
-def _smith(smith_lambda: wp.Function) -> Masking:
+def smith(smith_lambda: wp.Function, shape_type: type = wp.vec3) -> wp.Function:
+    """Return the height-correlated form for a distribution with this Λ(w, shape)."""
+
+    @wp.func
+    def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: shape_type) -> float:
+        if not sees(wo, m) or not sees(wi, m):
+            return 0.0
+        return correlated(smith_lambda(wo, shape), smith_lambda(wi, shape), wo[2] * wi[2] > 0.0)
+
+    return g
+
+
+def smith_separable(smith_lambda: wp.Function) -> wp.Function:
+    """Return the separable form, the product of Smith's G1 for both directions (Walter 2007, eq. 23)."""
+
     @wp.func
     def g1(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
         if not sees(w, m):
@@ -78,22 +83,9 @@ def _smith(smith_lambda: wp.Function) -> Masking:
 
     @wp.func
     def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
-        if not sees(wo, m) or not sees(wi, m):
-            return 0.0
-        return correlated(smith_lambda(wo, shape), smith_lambda(wi, shape), wo[2] * wi[2] > 0.0)
-
-    return Masking(g, g1)
-
-
-def _smith_separable(smith_lambda: wp.Function) -> Masking:
-    """Return the separable form, the product of Smith's G1 for both directions (Walter 2007, eq. 23)."""
-    g1 = _smith(smith_lambda).g1
-
-    @wp.func
-    def g(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
         return g1(wo, m, shape) * g1(wi, m, shape)
 
-    return Masking(g, g1)
+    return g
 
 
 @wp.func
@@ -131,14 +123,6 @@ def g_cook_torrance(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> flo
 
 
 @wp.func
-def g1_kelemen(w: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
-    """Return |cosθ / w·m|, at most 1: one direction's factor; `g_kelemen` is not the product of two."""
-    if not sees(w, m):
-        return 0.0
-    return wp.min(wp.abs(w[2]) / wp.max(wp.abs(wp.dot(w, m)), 1.0e-20), 1.0)
-
-
-@wp.func
 def g_kelemen(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
     """Return cosθo cosθi / (wo·m)², hence G / (cosθo cosθi) = 1 / (wo·m)² = 2 / (1 + wo·wi).
 
@@ -167,23 +151,19 @@ def g_implicit(wo: wp.vec3, wi: wp.vec3, m: wp.vec3, shape: wp.vec3) -> float:
 
 # --- By name ----------------------------------------------------------------------------------------
 
-SMITH = {"smith": _smith, "smith-separable": _smith_separable}
+SMITH = {"smith": smith, "smith-separable": smith_separable}
 """For distributions with a closed-form Λ: height-correlated and separable."""
 
-WALTER = {"walter": Masking(g_walter, g1_walter)}
-"""For Beckmann's distribution and those that borrow its Λ."""
+WALTER = {"walter": g_walter}
+"""For distributions with Beckmann's Λ."""
 
-GENERAL = {
-    "cook-torrance": Masking(g_cook_torrance, g1_cook_torrance),
-    "kelemen": Masking(g_kelemen, g1_kelemen),
-    "implicit": Masking(g_implicit, g1_implicit),
-}
+GENERAL = {"cook-torrance": g_cook_torrance, "kelemen": g_kelemen, "implicit": g_implicit}
 """For every distribution."""
 
 
 @specialised()
-def make_masking(masking: str, distribution: str, smith_lambda: wp.Function | None, gaussian: bool) -> Masking:
-    """Return the functions of a kind of masking for one distribution.
+def make_masking(masking: str, distribution: str, smith_lambda: wp.Function | None, gaussian: bool) -> wp.Function:
+    """Return g(wo, wi, m, shape) of a kind of masking for one distribution.
 
     Args:
         masking: a key of SMITH, WALTER or GENERAL.

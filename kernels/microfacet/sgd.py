@@ -78,6 +78,6 @@ def sample_normal(wo: wp.vec3, shape: wp.vec3, u: wp.vec2) -> wp.vec3:
     if place < areas[0]:
         s = wp.min(power_integral_inverse(1.0 - shape[1], place), 1.0 / alpha)
     else:
-        rest = wp.max(1.0 - (place - areas[0]) / areas[1], 6.0e-8)
-        s = (1.0 - logarithm(rest)) / alpha
+        above = wp.max(1.0 - (place - areas[0]) / areas[1], 6.0e-8)
+        s = (1.0 - logarithm(above)) / alpha
     return normal_of(s * alpha * alpha, u[1])

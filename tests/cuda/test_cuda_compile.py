@@ -48,7 +48,7 @@ THREE = [
         ("dielectric", "diffuse", "null"),
         True,
         "image",
-        opacity=True,
+        composite="holes",
         instances="still",
         clamped=True,
         aovs=True,
@@ -163,7 +163,7 @@ VALUES = {
     "instances": ("none", "still", "moving", "deforming"),
     "integrator": tuple(INTEGRATORS),
     "media": ("none", "absorbing", "scattering"),
-    "composite": ("none", "sides", "mixed"),
+    "composite": ("none", "sides", "mixed", "holes"),
     "exact": ("none", "spheres", "quadrics"),
     "models": MODELS,
     "light_shapes": ALL_LIGHTS,
@@ -171,8 +171,8 @@ VALUES = {
 """What each feature can be that is not true or false; names that a kernel can have several of are listed one by one."""
 
 
-CHOSEN = {"cameras", "slot_loop", "shadows_meet", "tiles"}
-"""Features from outside, and features that `make_gpu_render_kernel` chooses."""
+CHOSEN = {"cameras", "gpu"}
+"""A feature from outside, and the one that `make_gpu_render_kernel` sets."""
 
 FLAGS = {field.name for field in fields(Features)} - {*VALUES, *CHOSEN}
 
@@ -197,7 +197,8 @@ def test_every_feature_is_compiled(render_kernels_when_launched: None) -> None:
     loops = [features for features in made if features.integrator == "path"]
     for loop in ([each for each in loops if can_regenerate(each) is regenerates] for regenerates in (False, True)):
         found = set().union(*map(values_of, loop))
-        assert {pair for pair in pairs if pair[0] in ("media", "grid_media", "nested", "opacity", "clamped")} <= found
+        assert {pair for pair in pairs if pair[0] in ("media", "grid_media", "nested", "clamped")} <= found
+        assert {True, False} == {features.has_holes for features in loop}
         assert {True, False} == {features.mixed for features in loop} == {bool(each.light_shapes) for each in loop}
         assert {True, False} == {bool(models_with(features.models, "straight")) for features in loop}
 

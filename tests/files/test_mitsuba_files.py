@@ -76,7 +76,7 @@ ROUGH_METALS = (
 )
 COATS = "plastic", "rough_plastic:beckmann:walter", "rough_plastic:ggx:smith-separable"
 KERNELS = (
-    covering("diffuse", opacity=True, composite="none"),
+    covering("diffuse", composite="holes"),
     covering(
         *("burley", "conductor", "dielectric", "diffuse", "measured", "mirror", "thin_dielectric"),
         *("rough_dielectric:ggx:smith-separable", *ROUGH_METALS, *COATS),

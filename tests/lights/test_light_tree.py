@@ -45,7 +45,7 @@ class Receivers:
 def draw_lights(tree: LightTree, at: Receivers, u: wp.array(dtype=wp.vec2), choice_out: wp.array2d(dtype=wp.vec4)):
     i, j = wp.tid()
     choice = sample_light_tree(tree, at.position[i], at.normal[i], at.receives, u[j])
-    choice_out[i, j] = wp.vec4(float(choice.light), choice.probability, choice.rest, choice.more)
+    choice_out[i, j] = wp.vec4(float(choice.light), choice.probability, choice.u[0], choice.u[1])
 
 
 @wp.kernel(enable_backward=False)
@@ -326,7 +326,7 @@ def room(kind: str = "matt") -> wrt.Scene:
 
 KERNELS = [
     EVERY_LIGHT,
-    covering("diffuse", "rough_conductor", "rough_dielectric", opacity=True),
+    covering("diffuse", "rough_conductor", "rough_dielectric", composite="holes"),
     replace(EVERY_LIGHT, media="scattering"),
 ]
 

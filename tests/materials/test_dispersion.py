@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from support.bsdfs import Case, hemisphere, sphere, viewer
 from support.fresnel import cook_torrance
 from support.kernels import uniforms
-from support.media import mean_and_error, render
 
 import wrt
 from wrt.io.measured.observer import OBSERVER, WAVELENGTHS
@@ -55,16 +54,6 @@ def test_a_name_stands_for_an_abbe_number_and_ray_trees_ignore_dispersion() -> N
     scene.add(wrt.sphere(), material=wrt.TwoSided(wrt.Dielectric(dispersion=0.4), wrt.Dielectric(dispersion=0.4)))
     with pytest.warns(UserWarning, match="whitted.*ignores dispersion"):
         choose_integrator(scene, wrt.RenderSettings(integrator="whitted"))
-
-
-def test_only_bodies_that_disperse_have_another_kernel() -> None:
-    """Opaque materials and thin sheets refract nothing."""
-    for plain in (wrt.Dielectric(), wrt.RoughDielectric(), wrt.Principled(transmission=1.0)):
-        dispersive = dataclasses.replace(plain, dispersion=0.4)
-        assert plain.model != dispersive.model
-        assert dataclasses.replace(dispersive, dispersion=0.0).slots == plain.slots
-    for plain in (wrt.Principled(), wrt.Principled(transmission=1.0, thin_walled=True)):
-        assert dataclasses.replace(plain, dispersion=0.4).model == plain.model
 
 
 # --- Values -----------------------------------------------------------------------------------------
@@ -110,15 +99,3 @@ def test_each_channel_goes_where_snells_law_sends_it(front: bool, device: str, r
         assert (np.abs(mean - expected) < 4.0 * error + 1e-5).all()
         unassigned &= ~in_channel
     assert not unassigned.any()
-
-
-@pytest.mark.slow
-def test_a_block_that_disperses_cannot_be_seen_in_a_furnace(device: str, report: Report) -> None:
-    """Paths that follow one channel lose none of its light, however often they are reflected inside."""
-    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
-    scene.camera = wrt.PerspectiveCamera(origin=(1.8, 1.3, 3.0), fov_degrees=30)
-    scene.add(wrt.box((-0.7, -0.5, -0.6), (0.7, 0.5, 0.6)), material=wrt.Dielectric(1.5, dispersion=4.0))
-    mean, error = mean_and_error(render(scene, device, size=(32, 32), max_depth=1000, spp=256))
-    report("red, green and blue through a block", str(mean), 1.0)
-    assert (np.abs(mean - 1.0) < 3.5 * error).all()
-    assert (error < 0.01).all()

@@ -1,22 +1,20 @@
-"""Every material at the ends of its parameters: finite, no light made, no fireflies; alone and in pictures."""
+"""Every reflection model at the ends of its parameters: finite, no light made, no fireflies."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Report
-from numpy.typing import NDArray
 from support.bsdfs import Case, assert_finite, viewer
 from support.kernels import uniforms
 
 import wrt
-from wrt.scene.materials import MATERIALS, Material
+from wrt.scene.materials import Material
 
 LEAST, MOST = 1e-4, 1.0
 Choice = list[dict[str, Any]]
@@ -103,26 +101,6 @@ MODELS: dict[str, list[Material]] = {
         wrt.Measured(dataclasses.replace(BLACK, ndf=np.zeros_like(BLIND.ndf), sigma=np.zeros_like(BLIND.sigma))),
     ],
 }
-SHARP, ROUGH = wrt.RoughConductor(LEAST, f0=1.0), wrt.RoughDielectric(alpha=LEAST)
-COMPOSITES: list[Material] = [
-    *(wrt.Mix(SHARP, wrt.Diffuse(1.0), weight=weight) for weight in (0.0, 1.0)),
-    *(wrt.Mix(wrt.Mirror(1.0), ROUGH, weight=0.5), wrt.Null(), wrt.Emissive(1.0)),
-    *(wrt.TwoSided(SHARP, wrt.Mirror(1.0, opacity=0.0)), wrt.TwoSided(wrt.Diffuse(0.0), wrt.Diffuse(1.0))),
-    *(dataclasses.replace(material, opacity=o) for material in (wrt.Diffuse(1.0), SHARP, ROUGH) for o in (0.0, 1.0)),
-]
-"""These choose among others when a ray meets them, so they are in pictures alone."""
-ALL = [material for group in (*MODELS.values(), COMPOSITES) for material in group]
-
-
-def leaves(material: Material) -> Iterator[Material]:
-    if not material.parts:
-        yield material
-    for part in material.parts:
-        yield from leaves(part)
-
-
-def test_every_material_is_there() -> None:
-    assert {type(part) for material in ALL for part in (material, *leaves(material))} == set(MATERIALS.values())
 
 
 def brightest(material: Material) -> float:
@@ -132,7 +110,7 @@ def brightest(material: Material) -> float:
 
 def tolerance(material: Material) -> float:
     """Return by how much the mean may exceed 1: tables interpolate, half vectors lose digits near the horizon."""
-    return 0.01 if any(part.table_key for part in leaves(material)) else 3e-3
+    return 0.01 if material.table_key else 3e-3
 
 
 BRIGHTEST_SAMPLE = 20.0
@@ -158,59 +136,3 @@ def test_models_at_their_extremes(name: str, device: str, report: Report) -> Non
                 assert energy.mean() <= limit + tolerance(material) + error, f"{case} at {degrees}°"
                 assert energy.max() < BRIGHTEST_SAMPLE * limit, f"{case} at {degrees}°"
     report("the largest weight", largest, f"< {BRIGHTEST_SAMPLE}")
-
-
-# --- Pictures ---------------------------------------------------------------------------------------
-
-LIGHT_MADE = wrt.Emissive(1.02)
-"""A planted fault, the last of the materials."""
-SHOWN = [*ALL, LIGHT_MADE]
-SPP, COLUMNS, TILE = 16, 15, 8
-"""Samples per pixel, balls in a row, and pixels along a side of what the picture gives to each ball."""
-
-
-def balls() -> wrt.Scene:
-    """A ball of each material under a sky of radiance 1, and a small lamp of the same radiance in front."""
-    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
-    rows = math.ceil(len(SHOWN) / COLUMNS)
-    scene.camera = wrt.OrthographicCamera((0.0, 0.0, 9.0), (0.0, 0.0, 0.0), view_height=float(rows))
-    for number, material in enumerate(SHOWN):
-        y, x = divmod(number, COLUMNS)
-        ball = wrt.sphere(radius=0.45, subdivisions=2).translated((x + 0.5 - COLUMNS / 2, rows / 2 - y - 0.5, 0.0))
-        # What may be brighter than the sky would light others: Burley's materials are far away here.
-        away = 1000.0 if isinstance(material, wrt.Burley) else 0.0
-        scene.add(ball.translated((0.0, 0.0, away)), material=material)
-    scene.add(wrt.quad((-1, 10, 1), (2, 0, 0), (0, 0, 2)), emission=1.0, material=wrt.Diffuse(0.0))
-    return scene
-
-
-def faults(x: NDArray[np.float64], material: Material) -> list[str]:
-    """Return what is wrong with (samples, channels) radiances of one material."""
-    limit, error = brightest(material), x.std(axis=0, ddof=1) / math.sqrt(len(x))
-    checks = {
-        "infinite": np.isfinite(x).all(),
-        "negative": (x >= -1e-6).all(),
-        "firefly": (x <= BRIGHTEST_SAMPLE * limit).all(),
-        "light made": (x.mean(axis=0) <= limit + tolerance(material) + 5.0 * error).all(),
-    }
-    return [f"{material}: {fault}" for fault, fine in checks.items() if not fine]
-
-
-@pytest.mark.slow
-def test_pictures_of_the_extremes(device: str, report: Report) -> None:
-    """Sample by sample; the film rejects none."""
-    rows = math.ceil(len(SHOWN) / COLUMNS)
-    size = {"width": COLUMNS * TILE, "height": rows * TILE}
-    renderer = wrt.Renderer(balls(), **size, sampler="independent", device=device, seed=7, max_depth=32, filter="box")
-    totals = [np.zeros((rows, TILE, COLUMNS, TILE, 3))]
-    for spp in range(1, SPP + 1):
-        for _ in renderer.passes(spp=spp):
-            pass
-        totals.append(renderer.film.state()["total"].astype(np.float64).reshape(totals[0].shape))
-    assert renderer.film.rejected == 0
-    tiles = np.diff(totals, axis=0).transpose(1, 3, 0, 2, 4, 5).reshape(-1, SPP * TILE**2, 3)
-    found = [faults(x, material) for x, material in zip(tiles, SHOWN, strict=False)]
-    report(f"of {tiles.size // 3} samples the brightest", float(tiles.max()))
-    assert found.pop(), "light that is made out of nothing is not noticed"
-    wrong = [fault for each in found for fault in each]
-    assert not wrong, "\n".join(wrong)

@@ -198,8 +198,8 @@ class WithHoles(wrt.Renderer):
     """A renderer whose kernel allows for holes."""
 
     def _choose_kernel(self, features: Any, compile: Callable[[Any], None], read: Any = None) -> Any:
-        assert not features.opacity
-        return super()._choose_kernel(dataclasses.replace(features, opacity=True, composite="none"), compile, read)
+        assert not features.has_holes
+        return super()._choose_kernel(dataclasses.replace(features, composite="holes"), compile, read)
 
 
 @pytest.mark.machinery

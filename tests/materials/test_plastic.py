@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
-from support.bsdfs import ANGLES, Case, hemisphere, viewer
+from support.bsdfs import ANGLES, Case, viewer
 from support.fresnel import by_angles
 
 import wrt
@@ -15,13 +15,6 @@ from wrt.scene.materials.plastics import internal_reflectance
 from wrt.upload.tables.coat import coat_table
 
 COLOR = (0.8, 0.4, 0.0)
-
-
-def aside(n: int, seed: int) -> tuple[NDArray, NDArray]:
-    """Return a viewer at 55° and lights on its own side: away from the mirror direction."""
-    wi = hemisphere(n, seed)
-    wi[:, 0] = np.abs(wi[:, 0])
-    return viewer(55.0, 0.0), wi[wi[:, 2] > 0.05]
 
 
 # --- The smooth coat --------------------------------------------------------------------------------
@@ -99,11 +92,3 @@ def test_tables_hold_what_gets_in(alpha: float, eta: float, device: str, report:
         # What is not sent back from below is what comes in from above: 1 − R = 2 ∫ T cosθ d cosθ / η².
         z = (np.arange(100_000) + 0.5) / 100_000
         assert table[2] == pytest.approx(1.0 - float(np.mean(2.0 * z * look_up(table, z))) / eta**2, abs=1e-6)
-
-
-@pytest.mark.slow
-def test_a_smooth_coat_is_the_limit_of_rough_ones(device: str) -> None:
-    wo, wi = aside(5000, seed=56)
-    smooth = Case(wrt.Plastic(COLOR, nonlinear=True)).evaluate(wo, wi, device)[0]
-    rough = Case(wrt.RoughPlastic(COLOR, alpha=1e-4, nonlinear=True)).evaluate(wo, wi, device)[0]
-    np.testing.assert_allclose(rough, smooth, rtol=2e-3, atol=1e-6)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 from support.fresnel import complex_fresnel
 
 from wrt.cli import main
-from wrt.errors import InputError
 from wrt.io.toml.reader import load_scene
-from wrt.scene.materials import Conductor, Dielectric, presets
+from wrt.scene.materials import presets
 
 Array = NDArray[np.float64]
 
@@ -177,20 +175,3 @@ def test_the_command_line_lists_every_name_with_its_source(capsys: pytest.Captur
             numbers = {float(x) for x in re.findall(r"\d+\.?\d*", row)}
             assert numbers == {float(f"{x:.3f}") for x in np.ravel(values)}
     assert main(["materials", "glass", "--presets"]) == 2
-
-
-@pytest.mark.parametrize(
-    ("look_up", "name", "says"),
-    [
-        (presets.metal_ior, "Zn", "'Zn' is not a known metal with a refractive index; known are: aluminium, brass"),
-        (presets.reflectance_f0, "siliccon", "(did you mean 'silicon'?)"),
-        (presets.dielectric_ior, 1.5, "1.5 is not a known dielectric"),
-        (lambda name: Conductor(f0=name), "gould", "f0: 'gould' is not a known "),
-        (Dielectric, "gens", "ior: 'gens' is not a known dielectric (did you mean 'gems'"),
-    ],
-)
-def test_unknown_names(look_up: Callable[[object], object], name: object, says: str) -> None:
-    with pytest.raises(InputError) as caught:
-        look_up(name)
-    assert says in str(caught.value)
-    assert "\n" not in str(caught.value)

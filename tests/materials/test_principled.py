@@ -16,7 +16,6 @@ from support import principled_reference as reference
 from support.bsdfs import Case, hemisphere
 
 import wrt
-from wrt.kernels.bsdf import model_of
 
 P = wrt.Principled
 GOLD, WOOD = (1.0, 0.71, 0.29), (0.8, 0.5, 0.1)
@@ -101,21 +100,3 @@ def test_an_image_gives_direction_and_strength_of_the_grain(device: str) -> None
 
 
 # --- Description --------------------------------------------------------------------------------------------
-
-
-def test_a_plain_material_has_a_plain_model() -> None:
-    all_features = dataclasses.replace(MATERIALS["everything"], multiple_bounces=True)
-    texture = wrt.ImageTexture(np.ones((1, 1, 3), np.float32))
-    for p, model in (
-        (P(coat_roughness=0.5, sheen_roughness=0.5, anisotropy_rotation=1.0), "principled"),
-        (P(thin_walled=True), "principled"),
-        (P(transmission=1.0), "principled:transmission"),
-        (P(transmission=1.0, thin_walled=True), "principled:thin"),
-        (P(coat=texture, sheen_color=texture), "principled:coat:sheen"),
-        (all_features, "principled:anisotropic:transmission:coat:sheen:bounces"),
-    ):
-        assert p.model == model
-        assert len(p.slots) == model_of(model).slots <= 16
-    for name in ("principled:sheen:coat", "principled:gold", "principled:transmission:thin"):
-        with pytest.raises(ValueError, match="no principled model"):
-            model_of(name)

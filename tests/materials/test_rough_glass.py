@@ -61,7 +61,3 @@ def test_the_smoothest_is_nearly_smooth(front: bool, device: str) -> None:
     assert same.mean() > 0.997
     np.testing.assert_allclose(rough["weight"][same], smooth["weight"][same], rtol=2e-3)
     np.testing.assert_array_equal(rough["eta"][same], smooth["eta"][same])
-
-
-def test_media_have_names() -> None:
-    assert wrt.RoughDielectric("Water", "air").relative_ior == pytest.approx(1.335)

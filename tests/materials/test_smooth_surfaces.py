@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
 from support.bsdfs import ANGLES, EPS, Case, hemisphere, viewer
@@ -12,8 +11,6 @@ from support.fresnel import complex_fresnel, cook_torrance, schlick
 from support.kernels import uniforms
 
 import wrt
-from wrt.kernels.bsdf import make_bsdf
-from wrt.kernels.core.bsdf import Bsdf
 
 RED, BLUE = (0.9, 0.1, 0.0), (0.0, 0.2, 0.8)
 F0 = (0.9, 0.5, 0.1)
@@ -95,15 +92,3 @@ def test_tints_multiply_each_way(make: type, device: str) -> None:
     np.testing.assert_array_equal(tinted["wi"], plain["wi"])
     tint = np.where(tinted["wi"][:, 2:] > 0.0, RED, BLUE)
     np.testing.assert_allclose(tinted["weight"], plain["weight"] * tint, rtol=1e-6)
-
-
-def test_a_model_that_the_kernel_lacks_is_black(device: str) -> None:
-    evaluate, pdf, _ = make_bsdf(("mirror",))
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def ask(bsdf: Bsdf, wo: wp.vec3, out: wp.array(dtype=float)):
-        out[0] = wp.max(evaluate(bsdf, wo, wo)) + pdf(bsdf, wo, wo)
-
-    out = wp.full(1, -1.0, dtype=float, device=device)
-    wp.launch(ask, 1, [Case(wrt.Diffuse()).record(device), wp.vec3(0.0, 0.0, 1.0)], [out], device=device)
-    assert out.numpy().tolist() == [0.0]

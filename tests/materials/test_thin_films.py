@@ -113,18 +113,3 @@ def test_a_clear_body_below_a_film_loses_nothing(device: str, report: Report) ->
         mean, error = albedo(Case(material, front), degrees, device, samples=2**14)
         report(f"{'outside' if front else 'inside'} at {degrees:g}°", f"{mean.min():.4f}", f"{mean.max():.4f}")
         assert (np.abs(mean - 1.0) < 2e-3 + 4.0 * error).all()
-
-
-@pytest.mark.slow
-def test_all_features_together_have_place(device: str) -> None:
-    """A material with every layer has a row for each value; the film's index shares the row of the brush strokes."""
-    layers: dict[str, Any] = {"transmission": 0.5, "dispersion": 0.5, "anisotropy": 0.5, "coat": 0.5}
-    layers |= {"coat_roughness": 0.5, "sheen_color": 0.5, "roughness": 0.3}
-    material = wrt.Principled(**layers, film_thickness=200.0, film_ior=2.4)
-    assert len(material.slots) == 16 == Case(material).model.slots
-    assert (mirrored(material, 30.0, device) > 1.3 * mirrored(wrt.Principled(**layers), 30.0, device)).all()
-
-
-def test_without_a_film_the_model_has_none() -> None:
-    assert wrt.Principled(film=0.0, film_thickness=300.0).model == wrt.Principled().model
-    assert wrt.Conductor().model == "conductor"

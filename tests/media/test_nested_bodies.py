@@ -8,7 +8,6 @@ import math
 import numpy as np
 import pytest
 from conftest import Report
-from numpy.testing import assert_allclose
 from support.covering_kernels import rendering_with
 from support.media import FAR, KERNELS, mean_and_error, render, stage
 
@@ -136,18 +135,6 @@ def test_the_camera_under_water(device: str) -> None:
     r = ((WATER - ICE) / (WATER + ICE)) ** 2
     expected = (1.0 - r) * (WATER / ICE) ** 2 * np.exp(-2.0 * np.array(TINTS["water"]) - np.array(TINTS["ice"]))
     assert (np.abs(mean - expected) < 3.5 * error + 3e-5 * expected).all()
-
-
-@pytest.mark.slow
-def test_more_bodies_than_there_is_room_for(device: str) -> None:
-    """Twelve boxes around one another: nothing breaks, and eight of them are known at once."""
-    scene = stage(sky=1.0)
-    for i in range(12):
-        material = wrt.Null(interior=wrt.Medium(0.1 * (i + 1)), priority=1)
-        scene.add(layer(1.2 - 0.1 * i, -1.2 + 0.1 * i, 5.0), material=material)
-    absorptions = [0.1 * min(i + 1, 8) for i in range(12)]
-    length = sum(2.0 * 0.1 * a for a in absorptions)
-    assert_allclose(render(scene, device).image(), math.exp(-length), rtol=1e-4)
 
 
 def test_tables_of_one_index_are_refused() -> None:

@@ -35,7 +35,7 @@ MATERIALS.append(wrt.Plastic(0.4))
 def _two_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that is small, one of all models."""
     models = (material.model for material in MATERIALS)
-    render_with([WITH_OPACITY, covering("diffuse", *models, aovs=True, opacity=True, composite="none")], monkeypatch)
+    render_with([WITH_OPACITY, covering("diffuse", *models, aovs=True, composite="holes")], monkeypatch)
 
 
 def render(scene: wrt.Scene, spp: int = 1, *, centred: bool = True, **options: Any) -> wrt.Renderer:

@@ -109,7 +109,7 @@ def test_build_machines_and_the_switch(
 def test_what_is_requested_is_compiled_once(started, table: Path, compiled, tmp_path: Path) -> None:
     kernels, elsewhere = tmp_path / "kernels", tmp_path / "elsewhere"
     path = request(MIRROR, 8, kernels)
-    path_elsewhere = request(dataclasses.replace(MIRROR, opacity=True), 8, elsewhere)
+    path_elsewhere = request(dataclasses.replace(MIRROR, composite="holes"), 8, elsewhere)
     general = general_features(DIFFUSE)[0]
     request(general, 8, kernels)
     assert path is not None
@@ -142,7 +142,7 @@ def test_what_cannot_be_compiled_is_left_for_an_hour_and_damaged_requests_are_re
 def test_one_process_compiles_and_serves_what_comes_meanwhile(
     started, table: Path, compiled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    second = dataclasses.replace(MIRROR, opacity=True)
+    second = dataclasses.replace(MIRROR, composite="holes")
     paths = []
 
     def compile_kernel(features: Features, *_: object) -> None:

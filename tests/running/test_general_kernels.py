@@ -37,7 +37,7 @@ GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
         ({"models": ("diffuse", "plastic")}, [False, True, True]),
         ({"models": ("null",)}, [False, False, True]),
         ({"composite": "mixed"}, [False, False, True]),
-        ({"opacity": True}, [False, False, True]),
+        ({"composite": "holes"}, [False, False, True]),
         ({"models": ("somebodys",)}, [False, False, False]),
         ({"light_shapes": ("spot", "somebodys")}, [False, False, False]),
         ({"sampler": "independent"}, [False, False, False]),
@@ -50,8 +50,6 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
     scene = dataclasses.replace(PLAIN, **changes)
     assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES)] == expected
     assert not PLAIN.covers(WITH_HOLES)
-    # Such a kernel would take the front's material for each of a mixture.
-    assert not dataclasses.replace(WITH_HOLES, composite="sides").covers(scene)
     for integrator in ("whitted", "ao"):  # which do not decide at run time
         plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
         assert [large.covers(plain), large.covers(large)] == [False, True]

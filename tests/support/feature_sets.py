@@ -65,7 +65,7 @@ FEATURES = [
         ("diffuse", "rough_dielectric:ggx:smith"),
         True,
         "image",
-        opacity=True,
+        composite="holes",
         tangents=True,
         uv2_alpha=True,
         light_shapes=(*LIGHT_SHAPES, "projector", "projector:spot"),
@@ -73,12 +73,20 @@ FEATURES = [
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     *SHADING,
     *(
-        Features(("conductor", "dielectric"), True, "image", True, True, integrator=name)
+        Features(("conductor", "dielectric"), True, "image", tangents=True, composite="holes", integrator=name)
         for name in INTEGRATORS
         if name != "path"
     ),
     Features(
-        ("dielectric", "diffuse"), True, "image", True, True, mipmapped=True, clamped=True, regularized=True, aovs=True
+        ("dielectric", "diffuse"),
+        True,
+        "image",
+        tangents=True,
+        composite="holes",
+        mipmapped=True,
+        clamped=True,
+        regularized=True,
+        aovs=True,
     ),
     Features(("dielectric", "null", "thin_dielectric"), False, "constant", media="absorbing"),
     Features(

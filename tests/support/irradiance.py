@@ -20,7 +20,7 @@ REFLECTANCE = 0.5
 SIZE = 16
 POINTS = np.linspace(-1.5, 1.5, SIZE)
 
-EVERY_LIGHT = replace(covering("diffuse", opacity=True), light_shapes=(*BUILT_IN, "projector"))
+EVERY_LIGHT = replace(covering("diffuse", composite="holes"), light_shapes=(*BUILT_IN, "projector"))
 """Features of a kernel for matt scenes with lights of all kinds, by the sampler "independent"."""
 
 

@@ -99,9 +99,7 @@ def general_features(features: Any) -> list[Any]:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
         general |= {"environment": "image", "light_shapes": shapes}
     small, large, with_holes = (
-        dataclasses.replace(
-            features, models=tier.models, opacity=tier.passes, composite="none" if tier.passes else "sides", **general
-        )
+        dataclasses.replace(features, models=tier.models, composite="holes" if tier.passes else "sides", **general)
         for tier in tiers()
     )
     kernels = [small, with_holes] if features.guides else [small, large, with_holes]

@@ -86,34 +86,30 @@ def check_path_function(function: ir.Function, shared: list[ir.Variable], module
     Raises:
         Unsupported: The function violates one; the message names the change to make.
     """
+
+    def require(holds: bool, text: str) -> None:
+        if not holds:
+            raise ir.Unsupported(f"{function.key}: {text}")
+
     loop = the_loop(function)
     returns = [s for s in ir.walk(function.body) if isinstance(s, ir.Return)]
-    if returns != function.body[-1:] or returns[0].value is None:
-        raise ir.Unsupported(
-            f"{function.key}: must return once, a variable, in its last line; leave the loop by `break` instead"
-        )
+    returns_once = returns == function.body[-1:] and returns[0].value is not None
+    require(returns_once, "must return once, a variable, in its last line; leave the loop by `break` instead")
     for s in ir.walk(function.body):
-        if not isinstance(s, (ir.If, ir.Loop)) and module.calls(s, "ray_query") and s not in loop.body:
-            raise ir.Unsupported(
-                f"{function.key}: asks a ray query within an `if` or an inner loop, or outside the loop, "
-                f"in `{s.line}`; ask it at the top level of the loop, with a distance below 0 where there is "
-                "nothing to ask"
-            )
+        if not isinstance(s, (ir.If, ir.Loop)) and module.calls(s, "ray_query"):
+            place = "within an `if` or an inner loop, or outside the loop"
+            remedy = "ask it at the top level of the loop, with a distance below 0 where there is nothing to ask"
+            require(s in loop.body, f"asks a ray query {place}, in `{s.line}`; {remedy}")
     _check_called(function, module)
     queries = [s.value for s in loop.body if isinstance(s, ir.Set) and module.calls(s, "ray_query")]
-    if not queries or not module.marked("shading_point") & set(ir.calls(loop.body)):
-        raise ir.Unsupported(f"{function.key}: must call a @ray_query and then a @shading_point in its loop")
+    shades = bool(module.marked("shading_point") & set(ir.calls(loop.body)))
+    require(bool(queries) and shades, "must call a @ray_query and then a @shading_point in its loop")
     for number, call in enumerate(queries):
-        if not isinstance(call, ir.Call) or len(call.arguments) != (3 if number else 2):
-            raise ir.Unsupported(
-                f"{function.key}: must ask first for the next surface (scene, ray), then for shadow rays "
-                f"(scene, ray, distance); query {number + 1} of a round is neither"
-            )
-        if call.arguments[0] not in shared:
-            raise ir.Unsupported(
-                f"{function.key}: traces rays in a scene that may differ between paths; "
-                "pass the kernel's own scene to the path function, and on to the query"
-            )
+        arguments: tuple[ir.Variable, ...] = call.arguments if isinstance(call, ir.Call) else ()
+        order = "must ask first for the next surface (scene, ray), then for shadow rays (scene, ray, distance)"
+        require(len(arguments) == (3 if number else 2), f"{order}; query {number + 1} of a round is neither")
+        remedy = "pass the kernel's own scene to the path function, and on to the query"
+        require(arguments[0] in shared, f"traces rays in a scene that may differ between paths; {remedy}")
 
 
 def _check_called(function: ir.Function, module: ir.Module) -> None:

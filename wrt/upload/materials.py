@@ -39,7 +39,6 @@ class MaterialTable:
         textured: whether any value is an image or a vertex colour.
         uv2_alpha: whether any texture uses second texture coordinates or the alpha of vertex colours.
         mipmapped: whether any image has mip levels.
-        opacity: whether any material has holes.
         composite: which composite materials there are, as in Features.
         tangents: whether any material depends on the direction of texture coordinates, or has a normal map.
     """
@@ -60,9 +59,10 @@ class MaterialTable:
         self.textured = bool(varying)
         self.uv2_alpha = any(_needs_uv2_alpha(value) for value in varying)
         self.mipmapped = any(isinstance(value, ImageTexture) and value.has_levels for value in varying)
-        self.opacity = any(material.opacity != 1.0 for material in self.materials)
         self.composite = "none"
-        if not self.opacity and len(simple) < len(self.materials):
+        if any(material.opacity != 1.0 for material in self.materials):
+            self.composite = "holes"
+        elif len(simple) < len(self.materials):
             mixed = any(isinstance(material, Mix) for material in self.materials)
             self.composite = "mixed" if mixed else "sides"
         self.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
@@ -182,7 +182,6 @@ class _Slots:
     def add(self, value: ColorSource) -> int:
         """Append a value, and return its number."""
         k = current_backend().kernels("wrt.kernels.core.scene_data")
-
         image = channel = -1
         uv_set, colors = 0, k.VERTEX_COLOR_NONE
         factor, cutoff = np.broadcast_to(np.asarray(getattr(value, "factor", value), np.float64), 3), None

@@ -145,7 +145,7 @@ def multiple_bounce_fresnel(reflectance: wp.vec3, average: float) -> wp.vec3:
 
 @wp.func
 def sample_multiple_bounces(tables: wp.array(dtype=float), table: int, alpha: float, u: wp.vec2) -> wp.vec3:
-    """Return a direction with a density close to that of the lobe, (1 − E(wi)) cosθi.
+    """Return a direction roughly in proportion to the lobe, (1 − E(wi)) cosθi.
 
     A smooth surface has its lobe near the horizon only, where cosine-weighted sampling rarely goes.
     """
@@ -184,8 +184,7 @@ def make_missing_kernel(distribution: str, masking: str) -> wp.Kernel:
 
     It is the mean of 1 − f |cosθi| / pdf over directions mirrored by normals from a Fibonacci lattice.
     """
-    parts = make_microfacet(distribution, masking)
-    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    facet = make_microfacet(distribution, masking)
 
     @wp.kernel(module=wp.get_module(make_missing_kernel.module_name(distribution, masking)), enable_backward=False)
     def missing_energy_kernel(
@@ -200,13 +199,13 @@ def make_missing_kernel(distribution: str, masking: str) -> wp.Kernel:
         shape = shapes[n]
         total = wp.float64(0.0)
         for k in range(points):
-            m = sample_normal(wo, shape, lattice_point(k, points))
+            m = facet.sample_normal(wo, shape, lattice_point(k, points))
             cos_m = wp.dot(wo, m)
             wi = m * (2.0 * cos_m) - wo
             weight = float(0.0)
-            density = normal_pdf(wo, m, shape)
+            density = facet.normal_pdf(wo, m, shape)
             if wi[2] > 0.0 and cos_m > 0.0 and density > 0.0:
-                weight = d(m, shape) / density * g(wo, wi, m, shape) * (cos_m / wo[2])
+                weight = facet.d(m, shape) / density * facet.g(wo, wi, m, shape) * (cos_m / wo[2])
             total += wp.float64(1.0 - weight)
         missing_out[n] = float(total / wp.float64(points))
 

@@ -15,7 +15,7 @@ transmittance by Fresnel's equations,
 
 since n_a² τ_a = n_b² τ_b (which makes a smooth boundary reciprocal). It is at most τ_a, so at most 1.
 
-A table consists of that for the outside and that for the inside, each as in `kernels/bsdf/lobes/albedo.py`, then τ
+A table consists of one for the outside and one for the inside, each as in `kernels/bsdf/lobes/albedo.py`, then τ
 outside and τ inside.
 """
 
@@ -29,7 +29,7 @@ from wrt.kernels.bsdf.lobes.albedo import (
     multiple_bounces_pdf,
     sample_multiple_bounces,
 )
-from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, fresnel_dielectric
+from wrt.kernels.bsdf.lobes.fresnel import fresnel_dielectric, refracted_by
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import make_microfacet
 from wrt.kernels.sampling.warps import lattice_point
@@ -47,9 +47,9 @@ def side_table(table: int, front: bool) -> int:
 @wp.func
 def transmitted_share(tables: wp.array(dtype=float), table: int, front: bool, alpha: float) -> float:
     """Return the share of the restored energy that goes through the surface, seen from the front or the back."""
-    lost_here = average_missing_energy(tables, side_table(table, front), alpha)
-    lost_there = average_missing_energy(tables, side_table(table, not front), alpha)
-    return tables[table + 2 * SIDE_SIZE + wp.where(front, 0, 1)] * wp.min(1.0, lost_there / lost_here)
+    missing_near = average_missing_energy(tables, side_table(table, front), alpha)
+    missing_far = average_missing_energy(tables, side_table(table, not front), alpha)
+    return tables[table + 2 * SIDE_SIZE + wp.where(front, 0, 1)] * wp.min(1.0, missing_far / missing_near)
 
 
 @wp.func
@@ -59,11 +59,10 @@ def dielectric_lobes(
     """Return f |cosθi| of light after more than one bounce, as energy: without the scaling of radiance."""
     share = transmitted_share(tables, table, front, alpha)
     above = wi[2] > 0.0
-    here = side_table(table, front)
-    there = side_table(table, front == above)
-    missing_o = missing_energy(tables, here, wo, alpha)
-    missing_i = missing_energy(tables, there, wi, alpha)
-    average = average_missing_energy(tables, there, alpha)
+    side_i = side_table(table, front == above)
+    missing_o = missing_energy(tables, side_table(table, front), wo, alpha)
+    missing_i = missing_energy(tables, side_i, wi, alpha)
+    average = average_missing_energy(tables, side_i, alpha)
     return wp.where(above, 1.0 - share, share) * multiple_bounce_lobe(missing_o, missing_i, average) * wp.abs(wi[2])
 
 
@@ -71,7 +70,7 @@ def dielectric_lobes(
 def sample_dielectric_lobes(
     tables: wp.array(dtype=float), table: int, front: bool, alpha: float, u: wp.vec2, u_side: float
 ) -> wp.vec3:
-    """Return a direction on either side with a density close to that of the lobes."""
+    """Return a direction on either side, roughly in proportion to the lobes."""
     above = u_side >= transmitted_share(tables, table, front, alpha)
     wi = sample_multiple_bounces(tables, side_table(table, front == above), alpha, u)
     return wp.vec3(wi[0], wi[1], wp.where(above, wi[2], -wi[2]))
@@ -93,8 +92,7 @@ def make_missing_dielectric_kernel(distribution: str, masking: str) -> wp.Kernel
 
     Like `make_missing_kernel`, with reflection and refraction at every normal. eta = n_t / n_i for light from wo.
     """
-    parts = make_microfacet(distribution, masking)
-    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    facet = make_microfacet(distribution, masking)
     module = wp.get_module(make_missing_dielectric_kernel.module_name(distribution, masking))
 
     @wp.kernel(module=module, enable_backward=False)
@@ -111,20 +109,19 @@ def make_missing_dielectric_kernel(distribution: str, masking: str) -> wp.Kernel
         shape = shapes[n]
         total = wp.float64(0.0)
         for k in range(points):
-            m = sample_normal(wo, shape, lattice_point(k, points))
+            m = facet.sample_normal(wo, shape, lattice_point(k, points))
             cos_o = wp.dot(wo, m)
-            density = normal_pdf(wo, m, shape)
+            density = facet.normal_pdf(wo, m, shape)
             weight = float(0.0)
             if cos_o > 0.0 and density > 0.0:
                 reflected = fresnel_dielectric(cos_o, eta)
                 wr = m * (2.0 * cos_o) - wo
                 if wr[2] > 0.0:
-                    weight += reflected * g(wo, wr, m, shape)
-                cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
-                wt = m * (cos_o / eta - cos_t) - wo / eta
+                    weight += reflected * facet.g(wo, wr, m, shape)
+                wt = refracted_by(m, wo, cos_o, eta)
                 if wt[2] < 0.0 and reflected < 1.0:
-                    weight += (1.0 - reflected) * g(wo, wt, m, shape)
-                weight *= d(m, shape) / density * (cos_o / wo[2])
+                    weight += (1.0 - reflected) * facet.g(wo, wt, m, shape)
+                weight *= facet.d(m, shape) / density * (cos_o / wo[2])
             total += wp.float64(1.0 - weight)
         missing_out[n] = float(total / wp.float64(points))
 

@@ -3,8 +3,8 @@
 The rest is left for the layers below. The polynomials are fitted by `scripts/albedo_fits.py`, which explains their
 variables; they are nowhere below the true albedo, so that no energy is gained.
 
-Those that reflection models call for each direction are not inlined: of a kernel for GPUs, which waited for its code,
-they were a third, and the scalar kernel of CPUs is a tenth faster, too.
+Functions that reflection models call for each direction are not inlined: they were a third of a kernel for GPUs, which
+waited for its code, and the scalar kernel of CPUs is a tenth faster, too.
 """
 
 import warp as wp
@@ -66,8 +66,8 @@ def average_specular_albedo(alpha: float) -> wp.vec2:
 def facet_albedo(w: wp.vec3, shape: wp.vec3) -> wp.vec2:
     """Return (W, G) of anisotropic GGX for light from w, of the shape (αu, αv, 0).
 
-    The roughness towards w governs masking. Facets tilt across w as well: G is that of an isotropic surface that is
-    smoother the more the smooth axis points towards w, and W at most that of the mean roughness. With these numbers the
+    The roughness towards w governs masking. Facets tilt across w as well: G is for an isotropic surface, smoother the
+    more the smooth axis points towards w, and W is at most the one of the mean roughness. With these numbers the
     true albedo exceeds neither (tests/materials/test_principled.py); on average E is 0.02 too large.
     """
     rough = wp.max(shape[0], shape[1])
@@ -87,7 +87,7 @@ def facet_albedo(w: wp.vec3, shape: wp.vec3) -> wp.vec2:
 
 @wp.func
 def average_facet_albedo(shape: wp.vec3) -> wp.vec2:
-    """Return a lower bound of 2 ∫ (W, G) μ dμ of `facet_albedo`: that of the rougher axis."""
+    """Return a lower bound of 2 ∫ (W, G) μ dμ of `facet_albedo`, from the rougher axis."""
     return average_specular_albedo(wp.max(shape[0], shape[1]))
 
 

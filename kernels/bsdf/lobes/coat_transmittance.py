@@ -12,7 +12,7 @@ roughness has one column.
 
 import warp as wp
 
-from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
+from wrt.kernels.bsdf.lobes.fresnel import refracted_by
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import LEAST_ALPHA, make_microfacet
 from wrt.kernels.sampling.warps import lattice_point
@@ -71,11 +71,10 @@ def coat_transmittance(tables: wp.array(dtype=float), table: int, cos_theta: flo
 def make_coat_kernel(distribution: str, masking: str) -> wp.Kernel:
     """Return the kernel that computes the reflectance and transmittance of a rough boundary, one thread per direction.
 
-    They are means over normals of a Fibonacci lattice, each of which reflects a share F of the light and refracts the
-    rest; masking reduces both.
+    They are means over normals of a Fibonacci lattice. Each reflects a share F of the light and refracts the rest;
+    masking reduces both.
     """
-    parts = make_microfacet(distribution, masking)
-    d, g, sample_normal, normal_pdf = parts.d, parts.g, parts.sample_normal, parts.normal_pdf
+    facet = make_microfacet(distribution, masking)
 
     @wp.kernel(module=wp.get_module(make_coat_kernel.module_name(distribution, masking)), enable_backward=False)
     def coat_kernel(
@@ -93,20 +92,18 @@ def make_coat_kernel(distribution: str, masking: str) -> wp.Kernel:
         reflected = wp.float64(0.0)
         refracted = wp.float64(0.0)
         for k in range(points):
-            m = sample_normal(wo, shape, lattice_point(k, points))
+            m = facet.sample_normal(wo, shape, lattice_point(k, points))
             cos_m = wp.dot(wo, m)
-            density = normal_pdf(wo, m, shape)
+            density = facet.normal_pdf(wo, m, shape)
             if cos_m > 0.0 and density > 0.0:
-                weight = d(m, shape) / density * (cos_m / wo[2])
+                weight = facet.d(m, shape) / density * (cos_m / wo[2])
                 let_in = transmitted(cos_m, eta)
                 wi = m * (2.0 * cos_m) - wo
                 if wi[2] > 0.0:
-                    reflected += wp.float64(weight * (1.0 - let_in) * g(wo, wi, m, shape))
-                # Walter, Marschner, Li and Torrance 2007, eq. 40.
-                cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_m, eta), 0.0))
-                wt = m * (cos_m / eta - cos_t) - wo / eta
+                    reflected += wp.float64(weight * (1.0 - let_in) * facet.g(wo, wi, m, shape))
+                wt = refracted_by(m, wo, cos_m, eta)
                 if wt[2] < 0.0:
-                    refracted += wp.float64(weight * let_in * g(wo, wt, m, shape))
+                    refracted += wp.float64(weight * let_in * facet.g(wo, wt, m, shape))
         reflected_out[n] = float(reflected / wp.float64(points))
         refracted_out[n] = float(refracted / wp.float64(points))
 

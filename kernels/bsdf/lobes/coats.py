@@ -1,4 +1,4 @@
-"""Layers on a base: a coat and sheen, each of which passes the light that it does not reflect to the layers below.
+"""Layers on a base: a coat and sheen. Each passes the light that it does not reflect to the layers below.
 
 f = f_layer + f_base · min(1 − E(wo), 1 − E(wi)), where E is the layer's own albedo. The base's share of light from wo
 is at most 1 − E(wo), which conserves energy, and both directions count alike, which is reciprocal. The form is that of
@@ -10,19 +10,16 @@ from typing import NamedTuple
 import warp as wp
 
 from wrt.kernels.bsdf.lobes.albedo_fits import LEAST_SHEEN_ROUGHNESS, SHEEN_CUT, sheen_albedo, specular_albedo
-from wrt.kernels.bsdf.lobes.facets import mirrored
+from wrt.kernels.bsdf.lobes.facets import make_facet_response, make_round_shapes, mirrored
+from wrt.kernels.bsdf.lobes.fresnel import fresnel_schlick
 from wrt.kernels.core.bsdf import Bsdf
 from wrt.kernels.core.elementary import exponential, sine_cosine
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.microfacet import LEAST_ALPHA, bumpy_ggx, ggx
-from wrt.kernels.microfacet.bumpy_ggx import BumpyShape, bumpy_shape, rough_as_bumpy
-from wrt.kernels.microfacet.widening import widened_evenly
-from wrt.kernels.sampling.warps import TWO_PI
+from wrt.kernels.sampling.warps import BELOW_ONE, TWO_PI
 
 COAT_F0 = wp.constant(0.04)
 """Reflectance at normal incidence of a coat of index 1.5."""
-
-BELOW_ONE = wp.constant(0.99999994)
 
 
 @wp.struct
@@ -44,45 +41,12 @@ class Layer(NamedTuple):
     Attributes:
         evaluate: (bsdf, wo, wi) -> Response, for wo above the surface.
         direction: (bsdf, wo, u: vec2, u_lobe) -> wi; zero for none.
-        albedo: (bsdf, wo) -> float, that of the Response.
+        albedo: (bsdf, wo) -> float, `Response.albedo`.
     """
 
     evaluate: wp.Function
     direction: wp.Function
     albedo: wp.Function
-
-
-@wp.func
-def schlick(cos_m: float, f0: wp.vec3, f90: float) -> wp.vec3:
-    """Return f0 + (f90 − f0)(1 − cosθ)⁵ (Schlick 1994, eq. 15, with the reflectance at grazing incidence)."""
-    x = wp.clamp(1.0 - cos_m, 0.0, 1.0)
-    x2 = x * x
-    return f0 + (wp.vec3(f90) - f0) * (x2 * x2 * x)
-
-
-@wp.func
-def facet_response(wo: wp.vec3, wi: wp.vec3, shape: wp.vec3) -> wp.vec2:
-    """Return D G cosθi / (4 cosθo cosθi) of GGX, and the density of reflection by visible normals.
-
-    With G = 1 / (1 + Λo + Λi) and the areas P = cosθ (1 + Λ) the first is
-    D cosθi / (4 (Po cosθi + cosθo Pi − cosθo cosθi)), finite at grazing angles. The second is D / (4 Po).
-    """
-    d = ggx.d(wp.normalize(wo + wi), shape)
-    area_o = ggx.projected_area(wo, shape)
-    area_i = ggx.projected_area(wi, shape)
-    # P ≥ cosθ: the sum is at least Po cosθi.
-    both = wp.max(area_o * wi[2] + wo[2] * (area_i - wi[2]), 1.0e-30)
-    return wp.vec2(0.25 * d * (wi[2] / both), 0.25 * d / area_o)
-
-
-@wp.func
-def bumpy_facet_response(wo: wp.vec3, wi: wp.vec3, shape: BumpyShape) -> wp.vec2:
-    """Return `facet_response` of facets on bumps."""
-    d = bumpy_ggx.d(wp.normalize(wo + wi), shape)
-    area_o = bumpy_ggx.projected_area(wo, shape)
-    area_i = bumpy_ggx.projected_area(wi, shape)
-    both = wp.max(area_o * wi[2] + wo[2] * (area_i - wi[2]), 1.0e-30)
-    return wp.vec2(0.25 * d * (wi[2] / both), 0.25 * d / area_o)
 
 
 @wp.func
@@ -104,19 +68,12 @@ def make_outside(body: bool) -> wp.Function:
 
     Layers lie on the outside of a body; an opaque surface and a thin sheet have them on both sides.
     """
-    if body:
-        return _is_outside
-    return _always
 
+    @wp.func
+    def outside(bsdf: Bsdf, w: wp.vec3) -> bool:
+        return wp.static(not body) or bsdf.front == (w[2] > 0.0)
 
-@wp.func
-def _is_outside(bsdf: Bsdf, w: wp.vec3) -> bool:
-    return bsdf.front == (w[2] > 0.0)
-
-
-@wp.func
-def _always(bsdf: Bsdf, w: wp.vec3) -> bool:
-    return True
+    return outside
 
 
 @specialised()
@@ -130,26 +87,20 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool, bumpy: bool = 
         body: whether the surface bounds a transparent body, which is coated outside only.
         bumpy: whether bumps make its distribution a `BumpyShape`.
     """
-    below_evaluate, below_direction, below_albedo = below
     outside = make_outside(body)
+    shapes, facet_response = make_round_shapes(bumpy), make_facet_response(bumpy)
+    distribution = bumpy_ggx if bumpy else ggx
+
+    @wp.func
+    def alpha_at(bsdf: Bsdf) -> float:
+        return alpha_of(bsdf.slots[wp.static(roughness)][0])
 
     @wp.func
     def shape_of(bsdf: Bsdf) -> wp.vec3:
-        alpha = alpha_of(bsdf.slots[wp.static(roughness)][0])
-        if wp.static(bumpy):
-            variance = 0.5 * (bsdf.normal_variance[0] + bsdf.normal_variance[1])
-            shape = rough_as_bumpy(wp.vec3(alpha, alpha, 0.0), wp.vec2(variance))
-        else:
-            shape = widened_evenly(wp.vec3(alpha, alpha, 0.0), bsdf.normal_variance)
-        return shape
+        return shapes.as_rough(alpha_at(bsdf), bsdf.normal_variance)
 
     @wp.func
-    def bumpy_shape_of(bsdf: Bsdf) -> BumpyShape:
-        alpha = alpha_of(bsdf.slots[wp.static(roughness)][0])
-        return bumpy_shape(wp.vec3(alpha, alpha, 0.0), shape_of(bsdf))
-
-    @wp.func
-    def taken(bsdf: Bsdf, w: wp.vec3, alpha: float) -> float:
+    def reflected_at(bsdf: Bsdf, w: wp.vec3, alpha: float) -> float:
         if not outside(bsdf, w):
             return 0.0
         albedo = specular_albedo(wp.abs(w[2]), alpha)
@@ -158,39 +109,32 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool, bumpy: bool = 
     @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
         shape = shape_of(bsdf)
-        reflected = taken(bsdf, wo, shape[0])
-        base = below_evaluate(bsdf, wo, wi)
+        reflected = reflected_at(bsdf, wo, shape[0])
+        base = below.evaluate(bsdf, wo, wi)
         share = layer_share(reflected, base.albedo)
         r = Response()
         r.albedo = reflected + (1.0 - reflected) * base.albedo
-        r.value = base.value * (1.0 - wp.max(reflected, taken(bsdf, wi, shape[0])))
+        r.value = base.value * (1.0 - wp.max(reflected, reflected_at(bsdf, wi, shape[0])))
         r.density = base.density * (1.0 - share)
         if wi[2] > 0.0 and reflected > 0.0:
-            if wp.static(bumpy):
-                facets = bumpy_facet_response(wo, wi, bumpy_shape_of(bsdf))
-            else:
-                facets = facet_response(wo, wi, shape)
+            facets = facet_response(wo, wi, shapes.of_normals(alpha_at(bsdf), shape))
             amount = wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * facets[0]
-            r.value = r.value + schlick(0.5 * wp.length(wo + wi), wp.vec3(COAT_F0), 1.0) * amount
+            r.value = r.value + fresnel_schlick(0.5 * wp.length(wo + wi), wp.vec3(COAT_F0)) * amount
             r.density += share * facets[1]
         return r
 
     @wp.func
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         shape = shape_of(bsdf)
-        share = layer_share(taken(bsdf, wo, shape[0]), below_albedo(bsdf, wo))
+        share = layer_share(reflected_at(bsdf, wo, shape[0]), below.albedo(bsdf, wo))
         if u_lobe < share:
-            if wp.static(bumpy):
-                m = bumpy_ggx.sample_normal(wo, bumpy_shape_of(bsdf), u)
-            else:
-                m = ggx.sample_normal(wo, shape, u)
-            return mirrored(wo, m)
-        return below_direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
+            return mirrored(wo, distribution.sample_normal(wo, shapes.of_normals(alpha_at(bsdf), shape), u))
+        return below.direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
 
     @wp.func
     def albedo(bsdf: Bsdf, wo: wp.vec3) -> float:
-        reflected = taken(bsdf, wo, shape_of(bsdf)[0])
-        return reflected + (1.0 - reflected) * below_albedo(bsdf, wo)
+        reflected = reflected_at(bsdf, wo, shape_of(bsdf)[0])
+        return reflected + (1.0 - reflected) * below.albedo(bsdf, wo)
 
     return Layer(evaluate, direction, albedo)
 
@@ -246,7 +190,6 @@ def add_sheen(below: Layer, color: int, roughness: int, body: bool) -> Layer:
         roughness: row of their roughness.
         body: whether the surface bounds a transparent body, which has fibres outside only.
     """
-    below_evaluate, below_direction, below_albedo = below
     outside = make_outside(body)
 
     @wp.func
@@ -266,7 +209,7 @@ def add_sheen(below: Layer, color: int, roughness: int, body: bool) -> Layer:
         albedo_i = white_albedo(bsdf, wi)
         most = wp.max(albedo_o, albedo_i)
         reflected = wp.max(tint) * wp.min(albedo_o, 1.0)
-        base = below_evaluate(bsdf, wo, wi)
+        base = below.evaluate(bsdf, wo, wi)
         share = layer_share(reflected, base.albedo)
         r = Response()
         r.albedo = reflected + (1.0 - reflected) * base.albedo
@@ -281,18 +224,18 @@ def add_sheen(below: Layer, color: int, roughness: int, body: bool) -> Layer:
     @wp.func
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         reflected = wp.max(color_of(bsdf)) * wp.min(white_albedo(bsdf, wo), 1.0)
-        share = layer_share(reflected, below_albedo(bsdf, wo))
+        share = layer_share(reflected, below.albedo(bsdf, wo))
         if u_lobe < share:
             # Sample the hemisphere uniformly, as Estevez and Kulla recommend.
             z = 1.0 - u[0]
             radius = wp.sqrt(wp.max(0.0, 1.0 - z * z))
             turned = sine_cosine(TWO_PI * u[1])
             return wp.vec3(radius * turned[1], radius * turned[0], z)
-        return below_direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
+        return below.direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
 
     @wp.func
     def albedo(bsdf: Bsdf, wo: wp.vec3) -> float:
         reflected = wp.max(color_of(bsdf)) * wp.min(white_albedo(bsdf, wo), 1.0)
-        return reflected + (1.0 - reflected) * below_albedo(bsdf, wo)
+        return reflected + (1.0 - reflected) * below.albedo(bsdf, wo)
 
     return Layer(evaluate, direction, albedo)

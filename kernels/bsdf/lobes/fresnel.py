@@ -10,6 +10,13 @@ def cos_transmitted_squared(cos_i: float, eta: float) -> float:
 
 
 @wp.func
+def refracted_by(m: wp.vec3, wo: wp.vec3, cos_o: float, eta: float) -> wp.vec3:
+    """Return the direction into which a facet refracts, a unit vector up to rounding (Walter 2007, eq. 40)."""
+    cos_t = wp.sqrt(wp.max(cos_transmitted_squared(cos_o, eta), 0.0))
+    return m * (cos_o / eta - cos_t) - wo / eta
+
+
+@wp.func
 def fresnel_dielectric(cos_i: float, eta: float) -> float:
     """Return (F_s + F_p) / 2 for cosθi ≥ 0 and eta = n_t / n_i; 1 under total internal reflection."""
     cos2_t = cos_transmitted_squared(cos_i, eta)
@@ -52,8 +59,20 @@ def fresnel_conductor(cos_i: float, eta: wp.vec3, k: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def fresnel_schlick(cos_i: float, f0: wp.vec3) -> wp.vec3:
-    """Return F0 + (1 − F0)(1 − cosθ)⁵ for a reflectance F0 at normal incidence (Schlick 1994, eq. 15)."""
-    x = wp.clamp(1.0 - cos_i, 0.0, 1.0)
+def schlick_weight(cosine: float) -> float:
+    """Return (1 − cosθ)⁵."""
+    x = wp.clamp(1.0 - cosine, 0.0, 1.0)
     x2 = x * x
-    return f0 + (wp.vec3(1.0) - f0) * (x2 * x2 * x)
+    return x2 * x2 * x
+
+
+@wp.func
+def schlick(cos_i: float, f0: wp.vec3, f90: float) -> wp.vec3:
+    """Return F0 + (F90 − F0)(1 − cosθ)⁵ for reflectances at normal and at grazing incidence (Schlick 1994, eq. 15)."""
+    return f0 + (wp.vec3(f90) - f0) * schlick_weight(cos_i)
+
+
+@wp.func
+def fresnel_schlick(cos_i: float, f0: wp.vec3) -> wp.vec3:
+    """Return `schlick` with a reflectance of 1 at grazing incidence."""
+    return schlick(cos_i, f0, 1.0)

@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf.lobes.coats import alpha_of, schlick
-from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared
+from wrt.kernels.bsdf.lobes.coats import alpha_of
+from wrt.kernels.bsdf.lobes.fresnel import cos_transmitted_squared, schlick
 from wrt.kernels.bsdf.lobes.thin_film import film_change
 from wrt.kernels.core.bsdf import Bsdf
 from wrt.kernels.core.specialise import specialised
@@ -36,11 +36,6 @@ FEATURE_ROWS = {
 
 LEAST_IOR = wp.constant(1.001)
 """Lower indices of bodies are clamped to this: half vectors of refraction lose digits as 1 / (ior − 1)."""
-
-
-def name_of(features: tuple[str, ...]) -> str:
-    """Return an identifier for a set of features."""
-    return "_".join(features) or "core"
 
 
 def rows_of(features: tuple[str, ...]) -> dict[str, int]:
@@ -109,17 +104,29 @@ def make_turned(features: tuple[str, ...]) -> wp.Function:
 
 
 @specialised()
+def make_alphas(features: tuple[str, ...]) -> wp.Function:
+    """Return the device function bsdf -> vec3, the roughness along x and y before any normal map."""
+    anisotropy = rows_of(features).get("anisotropy", -1)
+
+    @wp.func
+    def alphas(bsdf: Bsdf) -> wp.vec3:
+        alpha = alpha_of(bsdf.slots[ROUGHNESS][0])
+        along = alpha
+        if wp.static(anisotropy >= 0):
+            strength = wp.clamp(bsdf.slots[wp.static(anisotropy)][2], 0.0, 1.0)
+            along = wp.lerp(alpha, 1.0, strength * strength)
+        return wp.vec3(along, alpha, 0.0)
+
+    return alphas
+
+
+@specialised()
 def make_base_of(features: tuple[str, ...]) -> wp.Function:
     """Return the device function bsdf -> Base."""
-    rows = rows_of(features)
-    anisotropic = "anisotropic" in features
-    anisotropy = rows.get("anisotropy", -1)
-    transmission = rows.get("transmission", -1)
-    transmits = transmission >= 0
-    bumpy = "bumpy" in features
-    filmed, film = "film" in features, rows.get("film", -1)
+    rows, anisotropic = rows_of(features), "anisotropic" in features
+    transmission, film = rows.get("transmission", -1), rows.get("film", -1)
     film_row, film_part = (rows.get("rotation", -1), 2) if anisotropic else (rows.get("film_ior", -1), 0)
-    turned = make_turned(features)
+    turned, alphas = make_turned(features), make_alphas(features)
 
     @wp.func
     def base_of(bsdf: Bsdf) -> Base:
@@ -131,24 +138,19 @@ def make_base_of(features: tuple[str, ...]) -> wp.Function:
         root = (ior - 1.0) / (ior + 1.0)
         b.f90 = wp.clamp(bsdf.slots[SPECULAR][0], 0.0, 1.0)
         b.f0 = wp.min(bsdf.slots[SPECULAR_COLOR] * (root * root), one) * b.f90
-        alpha = alpha_of(bsdf.slots[ROUGHNESS][0])
-        along = alpha
         variance = bsdf.normal_variance
         if wp.static(anisotropic):
-            strength = wp.clamp(bsdf.slots[wp.static(anisotropy)][2], 0.0, 1.0)
-            along = wp.lerp(alpha, 1.0, strength * strength)
             # For independent slopes along x and y.
             axis = turned(bsdf, wp.vec3(1.0, 0.0, 0.0), 1.0)
             c2 = axis[0] * axis[0]
             variance = wp.vec2(c2 * variance[0] + (1.0 - c2) * variance[1], (1.0 - c2) * variance[0] + c2 * variance[1])
-        if wp.static(bumpy):
-            b.shape = rough_as_bumpy(wp.vec3(along, alpha, 0.0), variance)
+        if wp.static("bumpy" in features):
+            b.shape = rough_as_bumpy(alphas(bsdf), variance)
         else:
-            b.shape = widened(wp.vec3(along, alpha, 0.0), variance)
-        b.transmission = 0.0
-        if wp.static(transmits):
+            b.shape = widened(alphas(bsdf), variance)
+        if wp.static(transmission >= 0):
             b.transmission = wp.clamp(bsdf.slots[wp.static(transmission)][0], 0.0, 1.0)
-        if wp.static(filmed):
+        if wp.static(film >= 0):
             index = bsdf.slots[wp.static(film_row)][wp.static(film_part)]
             thickness = wp.max(bsdf.slots[wp.static(film + 1)][0], 0.0)
             b.film = wp.vec3(wp.clamp(bsdf.slots[wp.static(film)][0], 0.0, 1.0), index, 1.0e-3 * thickness)
@@ -157,22 +159,23 @@ def make_base_of(features: tuple[str, ...]) -> wp.Function:
     return base_of
 
 
+@wp.func
+def _shape_of_base(bsdf: Bsdf, b: Base) -> wp.vec3:
+    return b.shape
+
+
 @specialised()
-def make_bumpy_of(features: tuple[str, ...]) -> wp.Function:
-    """Return the device function (bsdf, base) -> BumpyShape of facets on bumps, from `shape`, which is as rough."""
-    anisotropic = "anisotropic" in features
-    anisotropy = rows_of(features).get("anisotropy", -1)
+def make_shape_of(features: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf, base) -> shape of the facets: `Base.shape`, or a `BumpyShape` as rough."""
+    if "bumpy" not in features:
+        return _shape_of_base
+    alphas = make_alphas(features)
 
     @wp.func
-    def bumpy_of(bsdf: Bsdf, b: Base) -> BumpyShape:
-        alpha = alpha_of(bsdf.slots[ROUGHNESS][0])
-        along = alpha
-        if wp.static(anisotropic):
-            strength = wp.clamp(bsdf.slots[wp.static(anisotropy)][2], 0.0, 1.0)
-            along = wp.lerp(alpha, 1.0, strength * strength)
-        return bumpy_shape(wp.vec3(along, alpha, 0.0), b.shape)
+    def shape_on_bumps(bsdf: Bsdf, b: Base) -> BumpyShape:
+        return bumpy_shape(alphas(bsdf), b.shape)
 
-    return bumpy_of
+    return shape_on_bumps
 
 
 @wp.func
@@ -182,22 +185,20 @@ def seen_index(bsdf: Bsdf) -> float:
     return wp.where(bsdf.front, ior, 1.0 / ior)
 
 
-@wp.func
-def _same_cosine(bsdf: Bsdf, cos_m: float) -> float:
-    return cos_m
-
-
-@wp.func
-def _cosine_outside(bsdf: Bsdf, cos_m: float) -> float:
-    if bsdf.front:
-        return cos_m
-    cos2_t = cos_transmitted_squared(cos_m, seen_index(bsdf))
-    return wp.where(cos2_t > 0.0, wp.sqrt(wp.max(cos2_t, 0.0)), -1.0)
-
-
+@specialised()
 def make_cos_outside(body: bool) -> wp.Function:
     """Return the device function (bsdf, wo·m) -> cosine outside of the body; negative under total reflection."""
-    return _cosine_outside if body else _same_cosine
+
+    @wp.func
+    def cos_outside(bsdf: Bsdf, cos_m: float) -> float:
+        cosine = cos_m
+        if wp.static(body):
+            if not bsdf.front:
+                cos2_t = cos_transmitted_squared(cos_m, seen_index(bsdf))
+                cosine = wp.where(cos2_t > 0.0, wp.sqrt(wp.max(cos2_t, 0.0)), -1.0)
+        return cosine
+
+    return cos_outside
 
 
 @wp.struct

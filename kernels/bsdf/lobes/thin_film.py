@@ -38,23 +38,6 @@ class Channels:
     im: wp.vec3
 
 
-@wp.struct
-class FilmWaves:
-    """One polarisation: A, and the real and imaginary part of c, per channel."""
-
-    a: wp.vec3
-    re: wp.vec3
-    im: wp.vec3
-
-
-@wp.func
-def _c_of(waves: FilmWaves) -> Channels:
-    c = Channels()
-    c.re = waves.re
-    c.im = waves.im
-    return c
-
-
 @wp.func
 def times(x: Channels, y: Channels) -> Channels:
     """Return the product per channel."""
@@ -103,13 +86,13 @@ def _inner_face(outer: float, x: wp.vec2, y: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def _terms(waves: FilmWaves, power: Channels, s: Channels) -> wp.vec3:
-    return wp.cw_mul(waves.a, wp.cw_mul(power.re, s.re) - wp.cw_mul(power.im, s.im))
+def _terms(a: wp.vec3, power: Channels, s: Channels) -> wp.vec3:
+    return wp.cw_mul(a, wp.cw_mul(power.re, s.re) - wp.cw_mul(power.im, s.im))
 
 
 @wp.func
-def _size(waves: FilmWaves, power: Channels) -> float:
-    return wp.max(wp.cw_mul(waves.a, wp.cw_mul(power.re, power.re) + wp.cw_mul(power.im, power.im)))
+def _size(a: wp.vec3, power: Channels) -> float:
+    return wp.max(wp.cw_mul(a, wp.cw_mul(power.re, power.re) + wp.cw_mul(power.im, power.im)))
 
 
 @wp.func
@@ -130,8 +113,11 @@ def film_reflectance(cos_i: float, index: float, thickness: float, eta: wp.vec3,
     cos_film = wp.sqrt(cos2)
     outer_s = (cos_i - index * cos_film) / (cos_i + index * cos_film)
     outer_p = (index * cos_i - cos_film) / (index * cos_i + cos_film)
-    s = FilmWaves()
-    p = FilmWaves()
+    # A and c of both polarisations, s and p
+    s_a = wp.vec3(0.0)
+    p_a = wp.vec3(0.0)
+    s_c = Channels()
+    p_c = Channels()
     for i in range(3):
         # n₃ cosθ₃ = √(n₃² − sin²θ), with both parts positive
         square = wp.vec2(eta[i] * eta[i] - k[i] * k[i], 2.0 * eta[i] * k[i])
@@ -139,24 +125,22 @@ def film_reflectance(cos_i: float, index: float, thickness: float, eta: wp.vec3,
         length = wp.sqrt(re * re + square[1] * square[1])
         below = wp.vec2(wp.sqrt(wp.max(0.5 * (length + re), 0.0)), wp.sqrt(wp.max(0.5 * (length - re), 0.0)))
         face = _inner_face(outer_s, wp.vec2(index * cos_film, 0.0), below)
-        s.a[i] = face[0]
-        s.re[i] = face[1]
-        s.im[i] = face[2]
+        s_a[i] = face[0]
+        s_c.re[i] = face[1]
+        s_c.im[i] = face[2]
         face = _inner_face(outer_p, square * cos_film, below * index)
-        p.a[i] = face[0]
-        p.re[i] = face[1]
-        p.im[i] = face[2]
+        p_a[i] = face[0]
+        p_c.re[i] = face[1]
+        p_c.im[i] = face[2]
 
     d = 2.0 * index * thickness * cos_film
-    total = (s.a + p.a) * 0.5
-    s_c = _c_of(s)
-    p_c = _c_of(p)
+    total = (s_a + p_a) * 0.5
     s_power = s_c
     p_power = p_c
     m = int(1)
-    while m <= MOST_TERMS and wp.max(_size(s, s_power), _size(p, p_power)) > LEAST_TERM * LEAST_TERM:
-        seen = sensitivity(wp.min(float(m) * d, FARTHEST))
-        total += _terms(s, s_power, seen) + _terms(p, p_power, seen)
+    while m <= MOST_TERMS and wp.max(_size(s_a, s_power), _size(p_a, p_power)) > LEAST_TERM * LEAST_TERM:
+        wave = sensitivity(wp.min(float(m) * d, FARTHEST))
+        total += _terms(s_a, s_power, wave) + _terms(p_a, p_power, wave)
         s_power = times(s_power, s_c)
         p_power = times(p_power, p_c)
         m += 1
@@ -179,12 +163,12 @@ def film_change(film: wp.vec3, cos_i: float, f0: wp.vec3) -> wp.vec3:
         return wp.vec3(0.0)
     index = wp.vec3(_index_of(f0[0]), _index_of(f0[1]), _index_of(f0[2]))
     cosine = wp.clamp(cos_i, 1.0e-4, 1.0)
-    bare = wp.vec3(
+    unfilmed = wp.vec3(
         fresnel_dielectric(cosine, index[0]),
         fresnel_dielectric(cosine, index[1]),
         fresnel_dielectric(cosine, index[2]),
     )
-    return (film_reflectance(cosine, film[1], film[2], index, wp.vec3(0.0)) - bare) * film[0]
+    return (film_reflectance(cosine, film[1], film[2], index, wp.vec3(0.0)) - unfilmed) * film[0]
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""The table that `kernels/bsdf/measured/tables.py` reads."""
+"""The table that `kernels/bsdf/measured.py` reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""The tables of a measured reflectance, and what they say at a point.
+"""A measured reflectance, in the adaptive parameterisation of Dupuy and Jakob (2018).
+
+f |cosθi| = M(u) D(m) / (4 σ(o)), with the facet normal m halfway between both directions. D is the distribution of
+normals and σ the area that they show to the viewer, both found from measured retroreflection. M is the measured rest, a
+smooth function of u: the point of the unit square that is warped to m by the density of visible normals. A second warp,
+by the brightness of M, precedes that one where directions are drawn.
 
 A material's table begins with its sizes; then follow the nodes of the viewer's azimuth and angle, D, σ, the density of
 visible normals and the brightness, each with its integrals, and M as colours. `wrt/upload/tables/measured.py` writes
@@ -7,8 +12,8 @@ it.
 
 import warp as wp
 
-from wrt.kernels.core.bsdf import Bsdf
-from wrt.kernels.core.elementary import arc_tangent
+from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, no_sample
+from wrt.kernels.core.elementary import arc_tangent, sine_cosine
 from wrt.kernels.sampling.bilinear import (
     Blend,
     Cell,
@@ -16,17 +21,24 @@ from wrt.kernels.sampling.bilinear import (
     bilinear,
     blended,
     cell_at,
+    density_at,
     find_interval,
+    invert_grid,
     mixed,
     position_between,
+    sample_grid,
 )
 from wrt.kernels.sampling.warps import PI, TWO_PI
 
-TWO_OVER_PI = wp.constant(0.6366197723675814)
+_HALF_PI = wp.constant(1.5707963267948966)
+_TWO_OVER_PI = wp.constant(0.6366197723675814)
 _LEAST_AREA = wp.constant(1.0e-12)
+_LEAST_COSINE = wp.constant(1.0e-7)
+# Mitsuba's bound on the solid angle of a point of the square near the pole.
+_LEAST_ANGLE = wp.constant(1.0e-6)
 
 _HEADER = wp.constant(12)
-"""How many sizes there are."""
+"""The number of sizes."""
 
 
 @wp.struct
@@ -122,8 +134,8 @@ def view_of(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
     v.signs = wp.vec2(1.0, 1.0)
     # A half of the circle was measured where half a turn changes nothing, a quarter where both axes mirror the surface.
     if t.reduction == 2:
-        both = wp.where(wo[1] < 0.0, 1.0, -1.0)
-        v.signs = wp.vec2(both, both)
+        sign = wp.where(wo[1] < 0.0, 1.0, -1.0)
+        v.signs = wp.vec2(sign, sign)
     if t.reduction == 4:
         v.signs = wp.vec2(wp.where(wo[0] < 0.0, 1.0, -1.0), wp.where(wo[1] < 0.0, 1.0, -1.0))
     v.wo = turned(wo, v.signs)
@@ -131,7 +143,7 @@ def view_of(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
     v.azimuth = -arc_tangent(-v.wo[1], v.wo[0])
     angle = angle_of(v.wo)
     turns = wp.where(t.isotropic, 0.5, (v.azimuth + PI) / TWO_PI)
-    v.place = wp.vec2(wp.sqrt(angle * TWO_OVER_PI), turns)
+    v.place = wp.vec2(wp.sqrt(angle * _TWO_OVER_PI), turns)
     across = find_interval(bsdf.tables, t.azimuths, t.azimuth_count, v.azimuth)
     up = find_interval(bsdf.tables, t.angles, t.angle_count, angle)
     blend = Blend()
@@ -178,3 +190,76 @@ def factor_at(bsdf: Bsdf, t: Tables, v: Viewed, facet: wp.vec2) -> float:
     d = bilinear(bsdf.tables, t.normals, t.normals_width, t.normals_height, facet)
     area = bilinear(bsdf.tables, t.area, t.area_width, t.area_height, v.place)
     return d / (4.0 * wp.max(area, _LEAST_AREA))
+
+
+@wp.func
+def _place_of(t: Tables, v: Viewed, m: wp.vec3) -> wp.vec2:
+    """Return the point of the square that stands for a normal."""
+    azimuth = arc_tangent(m[1], m[0]) - wp.where(t.isotropic, v.azimuth, 0.0)
+    turns = (azimuth + PI) / TWO_PI
+    return wp.vec2(wp.sqrt(angle_of(m) * _TWO_OVER_PI), turns - wp.floor(turns))
+
+
+@wp.func
+def _solid_angle(v: Viewed, facet: wp.vec2, m: wp.vec3) -> float:
+    """Return the solid angle of mirrored directions to the area of the square of normals.
+
+    dω_m = sinθ dθ dφ with θ = π/2 x² and φ = π (2y − 1); dω_i = 4 (o·m) dω_m.
+    """
+    sine = wp.sqrt(m[0] * m[0] + m[1] * m[1])
+    of_normals = wp.max(2.0 * PI * PI * facet[0] * sine, _LEAST_ANGLE)
+    return of_normals * 4.0 * wp.max(wp.dot(v.wo, m), _LEAST_COSINE)
+
+
+@wp.func
+def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
+    """Return f |cosθi|."""
+    if wi[2] <= 0.0 or wo[2] <= 0.0:
+        return wp.vec3(0.0)
+    t = tables_of(bsdf)
+    v = view_of(bsdf, t, wo)
+    facet = _place_of(t, v, wp.normalize(v.wo + turned(wi, v.signs)))
+    u = invert_grid(bsdf.tables, t.visible, v.blend, facet)
+    return color_at(bsdf, t, v, wp.vec2(u[0], u[1])) * factor_at(bsdf, t, v, facet)
+
+
+@wp.func
+def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
+    """Return the density of `sample` per solid angle."""
+    if wi[2] <= 0.0 or wo[2] <= 0.0:
+        return 0.0
+    t = tables_of(bsdf)
+    v = view_of(bsdf, t, wo)
+    m = wp.normalize(v.wo + turned(wi, v.signs))
+    facet = _place_of(t, v, m)
+    u = invert_grid(bsdf.tables, t.visible, v.blend, facet)
+    brightness = density_at(bsdf.tables, t.brightness, v.blend, wp.vec2(u[0], u[1]))
+    return u[2] * brightness / _solid_angle(v, facet, m)
+
+
+@wp.func
+def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+    """Return the mirrored direction of a normal that both warps find; none where it points below the surface."""
+    if wo[2] <= 0.0:
+        return no_sample()
+    t = tables_of(bsdf)
+    v = view_of(bsdf, t, wo)
+    bright = sample_grid(bsdf.tables, t.brightness, v.blend, u)
+    warped = wp.vec2(bright[0], bright[1])
+    visible = sample_grid(bsdf.tables, t.visible, v.blend, warped)
+    facet = wp.vec2(visible[0], visible[1])
+    across = sine_cosine(PI * (2.0 * facet[1] - 1.0) + wp.where(t.isotropic, v.azimuth, 0.0))
+    up = sine_cosine(_HALF_PI * facet[0] * facet[0])
+    m = wp.vec3(across[1] * up[0], across[0] * up[0], up[1])
+    wi = m * (2.0 * wp.dot(v.wo, m)) - v.wo
+    density = visible[2] * bright[2] / _solid_angle(v, facet, m)
+    if wi[2] <= 0.0 or density <= 0.0:
+        return no_sample()
+    s = no_sample()
+    s.wi = wp.normalize(turned(wi, v.signs))
+    s.weight = color_at(bsdf, t, v, warped) * (factor_at(bsdf, t, v, facet) / density)
+    s.pdf = density
+    return s
+
+
+MEASURED = Model(evaluate, pdf, sample, slots=0)
