@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import warp as wp
 
-from wrt.kernels.camera.samples import make_camera_sample
+from wrt.kernels.camera.models import make_camera_sample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.film.film import is_finite_color
@@ -20,7 +20,7 @@ from wrt.kernels.native import include
 from wrt.kernels.render import CUDA_BOUNDS, gpu_module, make_render_kernel, of_pass, pixel_of_thread
 from wrt.kernels.sampling.sampler import make_sampler_of_pixel
 
-votes_h = include("votes.h")
+threads_h = include("threads.h")
 
 IDLE_SHARE = wp.constant(2)
 """New paths start once 1/IDLE_SHARE of the lanes with samples left are idle. On an H200 other shares gain up to a fifth
@@ -30,19 +30,19 @@ in some scenes and lose a tenth in others, nothing in the mean (docs/notes/cuda.
 @wp.func_native("return wrt::lanes_beside();")
 def lanes_beside() -> wp.uint32:
     """Return the lanes that this thread votes with, as bits."""
-    votes_h()
+    threads_h()
 
 
 @wp.func_native("return wrt::votes(lanes, vote);")
 def votes(lanes: wp.uint32, vote: bool) -> wp.uint32:
     """Return those of the lanes that vote yes; each of them has to come here."""
-    votes_h()
+    threads_h()
 
 
 @wp.func_native("return wrt::number_of(lanes);")
 def number_of(lanes: wp.uint32) -> int:
     """Return how many lanes these are."""
-    votes_h()
+    threads_h()
 
 
 def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.Kernel:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import warp as wp
 
 from wrt.kernels.camera.camera import Camera
-from wrt.kernels.camera.samples import make_camera_sample
+from wrt.kernels.camera.models import make_camera_sample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised

@@ -12,8 +12,8 @@ from wrt.rendering.film import BYTES_PER_PIXEL
 from wrt.rendering.film_aovs import bytes_per_pixel
 from wrt.rendering.guides import LAYERS as GUIDES
 from wrt.studio.framing import with_camera
-from wrt.upload.memory import scene_memory
-from wrt.upload.prepare import prepare_scene
+from wrt.upload.memory import SceneMemory
+from wrt.upload.prepare import PreparedScene
 
 _PARTS = ("geometry", "trees", "materials", "lights", "film", "layers")
 
@@ -75,7 +75,7 @@ def device_memory(
     settings = scene.settings.changed(width=width, height=height, layers=layers, denoise=denoise)
     scene = with_camera(scene, settings.width / settings.height)
     coordinates = "uv" in settings.layers
-    of_scene = scene_memory(prepare_scene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
+    of_scene = SceneMemory(PreparedScene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
     x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
     pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers)
     film = pixels * BYTES_PER_PIXEL * (1 + settings.denoise)

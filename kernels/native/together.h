@@ -8,34 +8,20 @@
 #if WRT_VECTORS
 namespace wrt {
 // Vectors with a number for each of N rays.
-template<int N> struct Of;
-template<> struct Of<4> {
-    typedef f4 floats;
-    typedef i4 ints;
-    typedef b4 bools;
+template<int N> struct Of {
+    typedef float floats __attribute__((ext_vector_type(N)));
+    typedef int ints __attribute__((ext_vector_type(N)));
+    typedef bool bools __attribute__((ext_vector_type(N)));
 };
-template<> struct Of<8> {
-    typedef f8 floats;
-    typedef i8 ints;
-    typedef b8 bools;
+// An array with one number for each ray, as a vector.
+template<class T, int N> struct RowOf {
+    typedef T vector __attribute__((ext_vector_type(N)));
 };
-template<> struct Of<16> {
-    typedef f16 floats;
-    typedef i16 ints;
-    typedef b16 bools;
+template<class T, int N> struct RowOf<const T, N> {
+    typedef const typename RowOf<T, N>::vector vector;
 };
-// One number for each ray, in an array. (Warp makes `float (` a cast, hence the names.)
-template<int N> using FloatRow = float[N];
-template<int N> using IntRow = int[N];
-template<int N> WRT_INLINE typename Of<N>::floats& row(FloatRow<N>& numbers) {
-    return *(typename Of<N>::floats*)numbers;
-}
-template<int N> WRT_INLINE typename Of<N>::ints& row(IntRow<N>& numbers) { return *(typename Of<N>::ints*)numbers; }
-template<int N> WRT_INLINE const typename Of<N>::floats& row(const FloatRow<N>& numbers) {
-    return *(const typename Of<N>::floats*)numbers;
-}
-template<int N> WRT_INLINE const typename Of<N>::ints& row(const IntRow<N>& numbers) {
-    return *(const typename Of<N>::ints*)numbers;
+template<class T, int N> WRT_INLINE typename RowOf<T, N>::vector& row(T (&numbers)[N]) {
+    return *(typename RowOf<T, N>::vector*)numbers;
 }
 
 // `Ray` for N rays, and their hits. A ray that is done has a negative reach.

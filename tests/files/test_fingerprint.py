@@ -111,8 +111,8 @@ def test_one_change_shows_in_its_part_alone(part: str) -> None:
     for name, change in CHANGES[part].items():
         changed = scene()
         change(changed)
-        after = scene_fingerprint(changed)
-        assert {key for key in before if before[key] != after[key]} == {part}, name
+        digests = scene_fingerprint(changed)
+        assert {key for key in before if before[key] != digests[key]} == {part}, name
 
 
 def test_order_of_shapes_counts() -> None:

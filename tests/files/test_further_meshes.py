@@ -115,7 +115,7 @@ LEVELS = "".join(
         (model_of("").replace('v3="3"', 'v3="9"'), "names vertex 9"),
         ('<!DOCTYPE a [<!ENTITY b "c">]>' + model_of("")[21:], "document type"),
         (item('<object id="1"><components><component objectid="1"/></components></object>'), "a component of itself"),
-        (item(""), "'1' is missing"),
+        (item(""), "KeyError: '1'"),
         (item(f'{LEVELS}<object id="60"/>'), "its shapes would take"),
         ("\0" * (80 << 20), "its meshes would take"),
     ],

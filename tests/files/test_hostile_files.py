@@ -210,7 +210,7 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
     # Words and numbers
     ("a.obj", "v 0 0 0\nv 1 a 0\nv 1 1 0\nf 1 2 3\n", "something else where a number should be"),
     ("a.ply", "ply\nformat ascii 1.0\n\nend_header\n", r"not a whole PLY file .* not as specified \(list index"),
-    ("a.off", OFF.replace("1 0 0\n", "1 x 0\n") + "3 0 1 2\n", "not a whole OFF file"),
+    ("a.off", OFF.replace("1 0 0\n", "1 x 0\n") + "3 0 1 2\n", "the OFF file is damaged or not as specified"),
 ]
 
 

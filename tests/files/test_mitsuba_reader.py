@@ -192,36 +192,6 @@ def test_instances_share_a_mesh_and_comments_may_hold_hyphens(tmp_path: Path) ->
         loaded(tmp_path, f'{comment}\n<shape type="obj"/>')
 
 
-SPECTRA = [
-    '<spectrum name="{}" value="0.5"/>',
-    '<spectrum name="{}" value="400:0.1, 500:0.2, 600:0.8, 700:0.3"/>',
-    '<spectrum name="{}" type="d65"/>',
-    '<rgb name="{}" value="0.2 0.4 0.6"/>',
-]
-
-
-@pytest.mark.parametrize("text", SPECTRA)
-def test_colours_agree_with_mitsuba(text: str, tmp_path: Path, report: Report) -> None:
-    pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
-    from support.mitsuba_scene import load_mitsuba
-
-    mi = load_mitsuba()
-    si = mi.SurfaceInteraction3f()
-    si.wi = mi.Vector3f(0, 0, 1)
-    emitter = f'<emitter version="3.0.0" type="constant">{text.format("radiance")}</emitter>'
-    surface = f'<bsdf version="3.0.0" type="diffuse">{text.format("reflectance")}</bsdf>'
-    reflected = np.pi * np.array(mi.load_string(surface).eval(mi.BSDFContext(), si, mi.Vector3f(0, 0, 1)))
-    light = np.array(mi.load_string(emitter).eval(si))
-    unversioned = (part.replace(' version="3.0.0"', "") for part in (emitter, surface))
-    scene = loaded(tmp_path, next(unversioned) + BALL)
-    for claim, ours, expected, error in (
-        ("light", scene.environment.radiance, light, 2e-3),
-        ("reflectance", material(tmp_path, next(unversioned)).reflectance, reflected, 4e-3),
-    ):
-        report(claim, np.round(ours, 4).tolist(), np.round(expected, 4).tolist())
-        assert np.array(ours) == pytest.approx(expected, rel=error, abs=error)
-
-
 def test_named_conductors_agree_with_mitsuba(report: Report) -> None:
     """All that Mitsuba comes with, to the four digits that are kept; and a name that only `materials.presets` has."""
     mi = pytest.importorskip("mitsuba", reason="the independent renderer is not installed")

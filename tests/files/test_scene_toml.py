@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.meshes import gltf_box
-from support.scene_files import COMPOSITES, FULL, MISTAKES, MOVING, QUAD, ROOF, scene_of, write_beside
+from support.scene_files import COMPOSITES, FULL, MISTAKES, MOVING, QUAD, scene_of, write_beside
 
 import wrt
 from wrt.io.images import save_image
@@ -99,15 +99,6 @@ def test_defaults(folder):
     scene = scene_of(folder, '[environment]\ntype = "constant"\n[[shapes]]\ntype = "box"\n')
     assert (scene.camera, scene.settings) == (None, wrt.RenderSettings())
     assert (scene.environment, scene.shapes[0].material) == (wrt.ConstantEnvironment(1.0), wrt.Diffuse())
-
-
-def test_a_mesh_keeps_its_own_materials_unless_given_one(folder):
-    (folder / "roof.mtl").write_text("newmtl a\nKd 0.1 0.2 0.3\n")
-    (folder / "roof.obj").write_text(f"mtllib roof.mtl\nusemtl a\n{ROOF}")
-    shape = '[[shapes]]\ntype = "mesh"\nfile = "roof.obj"\n'
-    assert scene_of(folder, shape).shapes[0].material == wrt.Diffuse((0.1, 0.2, 0.3))
-    painted = scene_of(folder, shape + 'material = "m"\n[materials.m]\ntype = "mirror"\n')
-    assert painted.shapes[0].material == wrt.Mirror()
 
 
 def test_a_camera_that_moves(folder):

@@ -82,11 +82,11 @@ def test_the_studio_turns_with_the_camera() -> None:
     azimuth, elevation = VIEWS["three-quarter"]
     quarter = np.eye(4)
     quarter[:3, :3] = [[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # +z, the front, comes to +x
-    here, there = wrt.load(BLOCK), wrt.load(BLOCK.transformed(quarter), view=(azimuth + 90.0, elevation))
-    for one, other in zip(here.shapes, there.shapes, strict=True):
-        np.testing.assert_allclose(one.mesh.transformed(quarter).vertices, other.mesh.vertices, atol=2e-5)
-        np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)  # the lamp faces the mesh in both
-    np.testing.assert_allclose(quarter[:3, :3] @ here.camera.origin, there.camera.origin, atol=1e-5)
+    first, turned = wrt.load(BLOCK), wrt.load(BLOCK.transformed(quarter), view=(azimuth + 90.0, elevation))
+    for shape, copy in zip(first.shapes, turned.shapes, strict=True):
+        np.testing.assert_allclose(shape.mesh.transformed(quarter).vertices, copy.mesh.vertices, atol=2e-5)
+        np.testing.assert_array_equal(shape.mesh.faces, copy.mesh.faces)  # the lamp faces the mesh in both
+    np.testing.assert_allclose(quarter[:3, :3] @ first.camera.origin, turned.camera.origin, atol=1e-5)
 
 
 def test_from_below_there_is_no_floor_in_the_way() -> None:
@@ -98,8 +98,8 @@ def test_a_camera_that_shows_the_mesh_small_is_replaced_with_a_note(tmp_path: Pa
     tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
     tree["nodes"].append({"camera": 0, "translation": [0.5, 0.5, 2.0]})
-    kept = wrt.load(saved(tmp_path, tree))
-    assert kept.camera.origin == (0.5, 0.5, 2.0)
+    close = wrt.load(saved(tmp_path, tree))
+    assert close.camera.origin == (0.5, 0.5, 2.0)
     tree["nodes"][1]["translation"] = [0.5, 0.5, 6.0]
     path = saved(tmp_path, tree)
     with pytest.warns(UserWarning, match=r"a\.gltf: its camera shows the mesh at 23% .* --no-frame"):
@@ -109,15 +109,15 @@ def test_a_camera_that_shows_the_mesh_small_is_replaced_with_a_note(tmp_path: Pa
 
 
 def test_framing_a_scene_leaves_out_floors_lamps_and_what_its_camera_does_not_see() -> None:
-    still = wrt.load("still-life")
-    seen = subjects(still.shapes, still.camera)
-    assert {"teapot", "blue cube"} < {shape.name for shape in seen}
-    assert not {"backdrop", "window", "bounce card"} & {shape.name for shape in seen}
+    scene = wrt.load("still-life")
+    visible = subjects(scene.shapes, scene.camera)
+    assert {"teapot", "blue cube"} < {shape.name for shape in visible}
+    assert not {"backdrop", "window", "bounce card"} & {shape.name for shape in visible}
     framed = wrt.load("still-life", frame=True)
-    assert len(framed.shapes) == len(still.shapes)
-    np.testing.assert_allclose(framed.camera.frame(), still.camera.frame(), atol=1e-9)  # without a view, its direction
-    aspect = still.settings.width / still.settings.height
-    assert all(np.abs(on_film(framed.camera, shape.outline, aspect)).max() < 1.0 for shape in seen)
+    assert len(framed.shapes) == len(scene.shapes)
+    np.testing.assert_allclose(framed.camera.frame(), scene.camera.frame(), atol=1e-9)  # without a view, its direction
+    aspect = scene.settings.width / scene.settings.height
+    assert all(np.abs(on_film(framed.camera, shape.outline, aspect)).max() < 1.0 for shape in visible)
     box = wrt.load("cornell-box")
     assert {shape.name for shape in subjects(box.shapes, box.camera)} == {s.name for s in box.shapes} - {"light"}
 
@@ -140,7 +140,7 @@ def test_materials_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ("glod", "did you mean 'gold'"),
         ("diffuse:2", "reflectance"),
@@ -149,8 +149,8 @@ def test_materials_by_name() -> None:
         (3, "material must be"),
     ],
 )
-def test_other_materials_are_refused(wrong: Any, said: str) -> None:
-    with pytest.raises(wrt.InputError, match=rf"{said}[^\n]*$"):
+def test_other_materials_are_refused(wrong: Any, message: str) -> None:
+    with pytest.raises(wrt.InputError, match=rf"{message}[^\n]*$"):
         wrt.load(BLOCK, material=wrong)
 
 
@@ -165,8 +165,8 @@ def test_an_environment_takes_the_place_of_the_studio(tmp_path: Path) -> None:
     sky = wrt.load(BLOCK, view="back", environment="sky").environment
     assert isinstance(sky, wrt.SunSkyEnvironment)
     assert sky.sun_direction[2] < -0.2  # on the camera's side
-    for wrong, said in ((1.0, "environment must be"), ("none.hdr", "none.hdr: no such file")):
-        with pytest.raises(wrt.InputError, match=said):
+    for wrong, message in ((1.0, "environment must be"), ("none.hdr", "none.hdr: no such file")):
+        with pytest.raises(wrt.InputError, match=message):
             wrt.load(BLOCK, environment=wrong)
 
 
@@ -179,12 +179,12 @@ def test_the_options_reach_the_picture(tmp_path: Path, monkeypatch: pytest.Monke
         red, green, _, alpha = np.asarray(picture, np.float64).reshape(-1, 4).T
     assert {0, 255} <= set(alpha.tolist())
     assert (red[alpha == 255] > 2.0 * green[alpha == 255]).all()
-    for arguments, said in (
+    for arguments, message in (
         (["a.obj", "--view", "front", "--no-frame"], "cannot be kept"),
         (["cornell-box", "--material", "gold"], "cornell-box.toml: a material is for meshes"),
     ):
         assert main(["render", *arguments]) == 2
-        assert said in capfd.readouterr().err
+        assert message in capfd.readouterr().err
 
 
 def lid(height: float, *, up: float = 1.0) -> wrt.Mesh:

@@ -242,17 +242,3 @@ def test_objects_without_triangles_or_uvs_are_warned_of():
     mesh.visual = TextureVisuals(material=PBRMaterial(baseColorTexture=image((9, 9, 9))))
     with pytest.warns(InputWarning, match="^trimesh: the textures of material 0 are left out: its mesh has no texture"):
         from_trimesh(mesh)
-
-
-def test_options_of_other_sources_are_refused(tmp_path):
-    mesh, scene = box(), wrt.load(wrt.box((0, 0, 0), (1, 2, 3)))
-    for call, message in (
-        (lambda: wrt.render(scene, up="z"), r"^Scene: an up axis is for meshes, not for scenes$"),
-        (lambda: wrt.load_mesh(np.zeros((3, 3))), "not ndarray; wrt.Mesh takes arrays"),
-        # Where a scene is needed, the function that makes one is named.
-        (lambda: wrt.Renderer(mesh), "a renderer needs a wrt.Scene, not Trimesh; wrt.load makes one"),
-        (lambda: wrt.save_scene(scene, tmp_path / "a.toml"), "a scene file is written to a path, not to Scene"),
-        (lambda: wrt.Scene("a.obj"), r"shapes must be a list of wrt\.Shape, .*; wrt\.load makes a scene of a file"),
-    ):
-        with pytest.raises(wrt.InputError, match=message):
-            call()

@@ -9,7 +9,7 @@ from scipy import integrate
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
-from wrt.kernels.camera.samples import filter_offset
+from wrt.kernels.camera.models import filter_offset
 from wrt.scene.scene import FILTERS
 from wrt.upload.camera import filter_table
 

@@ -81,17 +81,6 @@ def test_samples_are_saved_after_an_error_in_a_pass(failure, after_passes, capsy
     assert wrt.Renderer.resume("a.ckpt", wrt.load("cornell-box")).spp == 1
 
 
-def test_an_error_in_a_pass_and_another_in_saving_are_one_line(after_passes, monkeypatch, capsys):
-    """As when a GPU is lost, which has the film."""
-    fail = fail_with(RuntimeError("CUDA error 700"))
-    after_passes(fail)
-    monkeypatch.setattr(wrt.Renderer, "image", fail)
-    assert run("render", "cornell-box", "-o", "a.png", *SMALL) == 1
-    err = assert_one_error(capsys, "RuntimeError: CUDA error 700")
-    assert err.count("CUDA error 700") == 2
-    assert "; saving the samples so far failed: " in err
-
-
 @pytest.mark.parametrize(
     ("function", "options"),
     [

@@ -18,8 +18,6 @@ from wrt.backend.device import Device
 from wrt.kernels.accel.ray_batch import RayBatch, trace_interleaved, trace_packets, trace_rays
 from wrt.kernels.core.ray_tree import Bvh
 from wrt.kernels.core.scene_data import ImageRecord, SceneData
-from wrt.kernels.film.film import FilmData, film_mean
-from wrt.kernels.integrators.aovs import add_color
 from wrt.kernels.native.constants import LEAF_FLOATS, NODE_FLOATS, PACKET, RAYS_PER_THREAD
 from wrt.kernels.textures.textures import image_color
 from wrt.upload.accel.geometry import upload_triangles
@@ -40,10 +38,10 @@ def place(request):
         yield Device("cpu" if request.param == "cpu" else GPU)
 
 
-def sparse(count, kind, device, *, row=1):
+def sparse(count, kind, device):
     """Return an array of zeros that takes memory only where it is written to, in NumPy and in Warp."""
     number = wp.dtype_to_numpy(getattr(kind, "_wp_scalar_type_", kind))
-    width = getattr(kind, "_length_", 1) * row
+    width = getattr(kind, "_length_", 1)
     flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | getattr(mmap, "MAP_NORESERVE", 0x4000)  # since Python 3.13
     try:
         memory = mmap.mmap(-1, count * width * np.dtype(number).itemsize, flags=flags)
@@ -131,30 +129,6 @@ def test_the_last_texels_of_the_largest_textures(coded, place):
         found.append(out.numpy())
     assert np.ptp(found[0]) > 0.2
     np.testing.assert_array_equal(*found)
-
-
-@wp.kernel(enable_backward=False)
-def add_to_layers(first: int, pixels: int, sums: wp.array2d(dtype=wp.float64)):
-    """Add a colour to the last layer of the last pixels."""
-    pixel = pixels - 1 - (first + wp.tid())
-    add_color(sums, pixel, 8, wp.vec3(float(first + wp.tid()), 2.0, 3.0))
-
-
-def test_the_last_pixels_of_the_largest_films(place):
-    film, some = FilmData(), 64
-    total, film.total = sparse(MOST_ELEMENTS, wp.vec3d, place)
-    count, film.count = sparse(MOST_ELEMENTS, wp.int32, place)
-    out, mean = sparse(MOST_ELEMENTS, wp.vec3, place)
-    total[-some:], count[-some:] = RNG.random((some, 3)), 4
-    place.compile(film_mean)
-    place.backend.launch(film_mean, MOST_ELEMENTS - some, some, [film.total, film.count, mean], place.name)
-    np.testing.assert_array_equal(out[-some:], (total[-some:] / 4.0).astype(np.float32))
-    pixels = 2**28 + 5  # of eleven layers
-    rows, sums = sparse(pixels, wp.float64, place, row=11)
-    place.launch(add_to_layers, some, [pixels, sums])
-    expected = np.stack([np.arange(some), np.full(some, 2.0), np.full(some, 3.0)], axis=1)[::-1]
-    np.testing.assert_array_equal(rows[-some:, 8:], expected)
-    assert not rows[-some:, :8].any()
 
 
 MESH = SimpleNamespace(vertices=range(2**30), faces=range(2**20))

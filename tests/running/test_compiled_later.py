@@ -65,13 +65,13 @@ def request(features: Features, lanes: int, kernels: Path) -> Path | None:
 
 @pytest.fixture
 def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
-    """Return what `main` would have compiled; diffuse surfaces cannot be translated."""
+    """Return what `main` would have compiled; diffuse surfaces are not translated, or rejected by clang."""
     features: list[Features] = []
 
     def compile_kernel(requested: Features, lanes: int, uses: Any) -> None:
         assert (uses is not None) == is_general(requested)
         if requested == DIFFUSE:
-            raise Unsupported("diffuse")
+            raise Unsupported("diffuse") if lanes == 8 else RuntimeError("CPU kernel build failed")
         features.append(requested)
 
     monkeypatch.setattr(later, "compile_kernel", compile_kernel)
@@ -126,17 +126,20 @@ def test_what_cannot_be_compiled_is_left_for_an_hour_and_damaged_requests_are_re
     started, table: Path, compiled, tmp_path: Path
 ) -> None:
     path, damaged = request(DIFFUSE, 8, tmp_path), request(MIRROR, 8, tmp_path)
+    rejected = request(DIFFUSE, 16, tmp_path)
     assert path is not None
+    assert rejected is not None
     assert damaged is not None
     damaged.write_text("{")
     assert serve(table, tmp_path) == 0
     assert compiled == []
     assert not damaged.exists()
+    assert rejected.with_suffix(BEGUN).exists()
     assert request(DIFFUSE, 8, tmp_path) is None
     before = time.time() - RETRY_SECONDS - 1.0
     os.utime(path.with_suffix(BEGUN), (before, before))
     assert request(DIFFUSE, 8, tmp_path) == path
-    assert len(started) == 3
+    assert len(started) == 4
 
 
 def test_one_process_compiles_and_serves_what_comes_meanwhile(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+import pytest
 import warp as wp
 from numpy.typing import NDArray
 
@@ -65,15 +65,14 @@ WITH_PROBES = covering(
 """Features of a kernel for anything made of these models, by the sampler "independent"."""
 
 
-@contextmanager
+@pytest.fixture(scope="module", autouse=True)
 def registered_probes() -> Iterator[None]:
+    """Register the probes for the tests of a file that imports this fixture."""
     for name, model in PROBES.items():
         models.register_model(name, model)
-    try:
-        yield
-    finally:
-        for name in PROBES:
-            models.BSDFS.forget(name)
+    yield
+    for name in PROBES:
+        models.BSDFS.forget(name)
 
 
 FRONT = wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), fov_degrees=30.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,11 +19,11 @@ from support.bumps import (
     Probe,
     encoded,
     lit,
-    registered_probes,
     rendered,
     unit,
     with_uvs,
 )
+from support.bumps import registered_probes as registered_probes
 from support.covering_kernels import covering, rendering_with
 
 import wrt
@@ -108,12 +108,6 @@ MAKERS: dict[str, Callable[[Any, wrt.NormalMap | None], wrt.Material]] = {
 def models() -> set[str]:
     names = {make((2.0, 2.0) if name == "abc" else 0.1, None).model for name, make in MAKERS.items()}
     return names | {filtered_name(name) for name in names}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _probes() -> Iterator[None]:
-    with registered_probes():
-        yield
 
 
 two_kernels = rendering_with(WITH_PROBES, covering(*models()))

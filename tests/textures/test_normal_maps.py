@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,11 @@ from support.bumps import (
     constant_map,
     encoded,
     lit,
-    registered_probes,
     rendered,
     unit,
     with_uvs,
 )
+from support.bumps import registered_probes as registered_probes
 from support.covering_kernels import rendering_with
 from support.kernels import map_function
 
@@ -43,12 +42,6 @@ UVS: dict[str, tuple[Any, Any, Any]] = {
     "swapped": ([[0.0, 1.0], [1.0, 0.0]], (0.0, 1.0), (1.0, 0.0)),
 }
 """A matrix on the coordinates of a square in x and y, and where u and v then grow."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _probes() -> Iterator[None]:
-    with registered_probes():
-        yield
 
 
 one_kernel = rendering_with(WITH_PROBES)

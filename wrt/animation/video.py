@@ -191,7 +191,7 @@ def _write_mp4(path: Path, first: Pixels, frames: Iterator[Pixels], fps: float) 
     command += ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709", "-color_range", "tv"]
     command += ["-movflags", "+faststart", "-metadata", f"comment={_MARK}", "-f", "mp4", os.fspath(path.absolute())]
     with tempfile.TemporaryFile() as messages:
-        # In its own session it does not get Ctrl-C: this process decides whether to finish the video.
+        # A session of its own keeps Ctrl-C from it: this process decides whether to finish the video.
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=messages, start_new_session=True
         )
@@ -245,7 +245,7 @@ def _palette(pictures: list[Any]) -> Any:
 
 
 def _save_animation(path: Path, kind: str, pictures: list[Any], fps: float, *, unit: int, **options: Any) -> None:
-    """Write pictures that loop for ever; each shows for a multiple of `unit` milliseconds, and all for len/fps."""
+    """Write a looping animation whose times, in multiples of `unit` milliseconds, add up to those of the frame rate."""
     ends = [round(1000.0 * number / fps / unit) * unit for number in range(len(pictures) + 1)]
     options["duration"] = [max(unit, end - start) for start, end in itertools.pairwise(ends)]
     pictures[0].save(path, format=kind, save_all=True, append_images=pictures[1:], loop=0, **options)

@@ -29,11 +29,11 @@ from wrt.backend.cuda.staging import LARGEST_PINNED, Staging
 from wrt.backend.cuda.warp_errors import on_device, plain, ran_out
 from wrt.backend.describe import COOPERATIVE, call_name, describe, describe_arguments
 from wrt.backend.kernel_cache import Build
-from wrt.backend.memory import LARGE, forget_code, trim
-from wrt.backend.warp_start import initialize_warp, warp_libraries
+from wrt.backend.memory import LARGE, trim
+from wrt.backend.warp_start import initialize_warp
 
 LOAD_SECONDS = 0.2
-"""A module that takes longer was compiled, which leaves 40 MB in the heap, and 27 MB of the compiler's own code."""
+"""A module that takes longer was compiled, which leaves 40 MB in the heap."""
 
 FLAGS = (
     "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
@@ -223,7 +223,6 @@ class Backend:
             self._compile(kernel)
         if time.perf_counter() - start > LOAD_SECONDS:
             trim()
-            forget_code(*warp_libraries())
 
     def _compile(self, kernel: Kernel) -> None:
         """Compile a kernel's module for the CPU, load it, and add it to the table."""

@@ -135,6 +135,8 @@ class Build:
             room = os.statvfs(folder.parent)
             if room.f_bavail * room.f_frsize < ROOM // 4 and not isinstance(error, OSError):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder.parent)) from error
+            if type(error) is Exception:  # clang rejects the code
+                raise RuntimeError(f"{self._module.name}: {error}") from error
             raise
         COMPILED.append(str(self._module.name))
 

@@ -7,9 +7,7 @@ import ctypes
 import math
 import mmap
 import os
-import re
 import resource
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,9 +20,6 @@ LARGE = 1 << 21
 
 MEMORY_ADVICE = "'wrt info --memory SCENE' says what takes it"
 """The end of messages about memory that does not suffice."""
-
-_MADV_DONTNEED = 4  # of Linux's mman.h
-_MAPPING = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) \S+ \S+ \S+ +(/.*)")
 
 
 def memory_left(proc: Path = Path("/proc/self"), groups: Path = Path("/sys/fs/cgroup")) -> int:
@@ -78,27 +73,6 @@ def trim() -> None:
     malloc_trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if malloc_trim is not None:
         malloc_trim(0)
-
-
-def forget_code(*libraries: Path) -> None:
-    """Drop the code pages of libraries from this process's memory; the system maps them again when they run.
-
-    That is fast, because the file stays in the page cache. Mappings with modified pages, such as relocations by the
-    dynamic linker, are kept.
-    """
-    if not sys.platform.startswith("linux"):
-        return
-    names = {os.fspath(library) for library in libraries}
-    madvise = ctypes.CDLL(None).madvise
-    madvise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
-    with contextlib.suppress(OSError, UnicodeDecodeError):
-        start = size = 0
-        for line in Path("/proc/self/smaps").read_text(encoding="utf-8").splitlines():
-            if found := _MAPPING.fullmatch(line):
-                start, end = int(found[1], 16), int(found[2], 16)
-                size = end - start if found[4] in names and found[3] in ("r-xp", "r--p") else 0
-            elif size and line.startswith("Anonymous:") and int(line.split()[1]) == 0:
-                madvise(start, size, _MADV_DONTNEED)
 
 
 def zeros(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:

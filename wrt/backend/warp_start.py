@@ -9,7 +9,6 @@ from functools import cache
 from pathlib import Path
 
 from wrt.backend.cache_folders import choose_warp_folder, remove_leftovers, wrt_folder
-from wrt.backend.memory import forget_code
 
 # Lines that Warp writes at every start and that users cannot act on: that there is no GPU or its driver is too old,
 # which wrt reports in one line when it matters, and that its next release will drop the oldest Python.
@@ -57,12 +56,3 @@ def _initialize() -> None:
         os.close(stderr)
     kernels, folder = Path(wp.config.kernel_cache_dir), wrt_folder()
     remove_leftovers(kernels, folder, *folder.glob("headers-*"))
-    # Release 90 MB of code of Warp's libraries: the code that runs when they load is spread all over them.
-    forget_code(*warp_libraries())
-
-
-def warp_libraries() -> list[Path]:
-    """Return Warp's libraries."""
-    import warp as wp
-
-    return [Path(wp.__file__).parent / "bin" / name for name in ("warp.so", "warp-clang.so")]

@@ -15,8 +15,10 @@ FAILED = 1
 UNUSABLE = 2
 INTERRUPTED = 130
 
-NO_MORE_THREADS = "the system allows no more threads or processes (ulimit -u, or the pids.max of a control group)"
+NO_THREAD = "can't start new thread"
+"""Beginning of Python's error where the system allows no more threads."""
 
+NO_MORE_THREADS = "the system allows no more threads or processes (ulimit -u, or the pids.max of a control group)"
 
 LACKS_OF_MEMORY = ("Failed to allocate", "Failed to load the shared library")
 """Beginnings of Warp's errors where memory, or address space for libraries, is lacking."""
@@ -64,18 +66,16 @@ def outcome(run: Callable[[], int], *, name: str = "") -> int:
 
 def _expected_cause(error: BaseException) -> str | None:
     """Return the message about an exception that a person, the machine or the system may have caused, else None."""
-    from wrt.threads import is_lack_of_threads  # not at the top: --help must import little
-
-    text = str(error)
+    text, is_runtime = str(error), isinstance(error, RuntimeError)
     if isinstance(error, (Failed, InputError)):
         return text
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
         is_unmapped = "failed to map segment" in text  # of a library that was to be loaded
         return f"{where}{'not enough memory: ' if is_unmapped else ''}{error.strerror or error}"
-    if is_lack_of_threads(error):
+    if is_runtime and text.startswith(NO_THREAD):
         return NO_MORE_THREADS
-    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and text.startswith(LACKS_OF_MEMORY)):
+    if isinstance(error, MemoryError) or (is_runtime and text.startswith(LACKS_OF_MEMORY)):
         return f"not enough memory{f': {text}' if text else ''}"
     return None
 

@@ -69,8 +69,7 @@ def _flush() -> None:
 
 def end_soon(status: int) -> None:
     """End the process within a second, whatever its threads are doing."""
-    from wrt.threads import start_if_possible
-
     timer = threading.Timer(1.0, os._exit, (status,))
     timer.daemon = True
-    start_if_possible(timer)
+    with contextlib.suppress(RuntimeError):  # if the system allows no more threads
+        timer.start()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,17 +53,18 @@ def render(interrupts: Interrupts, **arguments: Any) -> int:
     return highest
 
 
+@dataclass(frozen=True)
 class PictureRender:
-    """The render of one input to its picture."""
+    """The render of one input, `source`, to its picture and its checkpoint."""
 
-    def __init__(self, source: str, options: RenderOptions, output: Output, interrupts: Interrupts) -> None:
-        """Prepare to render `source`; its picture and checkpoint are saved to `output`."""
-        self._source, self._options, self._output = source, options, output
-        self._interrupts = interrupts
+    source: str
+    options: RenderOptions
+    output: Output
+    interrupts: Interrupts
 
     def run(self, label: str) -> int:
         """Load the scene, render and save it; return the exit status. The label follows the name of the picture."""
-        options, output, started = self._options, self._output, time.perf_counter()
+        options, output, started = self.options, self.output, time.perf_counter()
         output.check()
         title = output.picture.stem + label
         with (
@@ -76,19 +78,19 @@ class PictureRender:
                 bar.message(f"wrt: warning: {developed.warning}")
         if not is_complete:
             complain("stopped", self._saved(renderer))
-            return self._interrupts.exit_status
-        report_picture(self._source, options, renderer, output.picture, developed, started)
+            return self.interrupts.exit_status
+        report_picture(self.source, options, renderer, output.picture, developed, started)
         return 0
 
     def _start(self, bar: ProgressBar) -> Renderer:
         """Read the input and compile the kernels."""
-        options, output = self._options, self._output
+        options, output = self.options, self.output
         with no_collections():
             from wrt.develop.picture import require_tone
             from wrt.develop.settings import DEVELOPED_SUFFIXES
             from wrt.rendering.picture import check_contents
 
-            scene = options.load(self._source)
+            scene = options.load(self.source)
             settings = scene.settings
             fits_png = len(settings.layers) <= (settings.integrator == "aov")
             if output.is_default and options.settings["layers"] is None and not fits_png:
@@ -104,14 +106,14 @@ class PictureRender:
         return renderer
 
     def _resume(self, renderer: Renderer, bar: ProgressBar) -> None:
-        checkpoint = self._output.checkpoint
-        if not self._options.resume or checkpoint is None:
+        checkpoint = self.output.checkpoint
+        if not self.options.resume or checkpoint is None:
             return
         if not os.path.exists(checkpoint):
             bar.message(f"wrt: no checkpoint {checkpoint} yet; starting from the beginning")
             return
         renderer.load_checkpoint(checkpoint)
-        if not self._options.quiet:
+        if not self.options.quiet:
             bar.message(f"wrt: resuming from {checkpoint}, {samples_text(renderer)}")
 
     def _trace(self, renderer: Renderer, bar: ProgressBar) -> bool:
@@ -120,7 +122,7 @@ class PictureRender:
         Raises:
             Failed: after any other exception; the samples so far are saved.
         """
-        options, interrupts = self._options, self._interrupts
+        options, interrupts = self.options, self.interrupts
         is_watched = bar_stream() is not None and not options.quiet
         renewal = Renewal(options.save_every, is_watched=is_watched, longest=renderer.longest_pass)
         try:
@@ -146,15 +148,15 @@ class PictureRender:
     def _renew(self, renderer: Renderer, renewal: Renewal, progress: Progress, bar: ProgressBar) -> None:
         """Write the picture and the checkpoint if it is time; a failure is a warning."""
         picture, checkpoint = renewal.due(progress)
-        checkpoint = checkpoint and self._output.checkpoint is not None
+        checkpoint = checkpoint and self.output.checkpoint is not None
         if not picture and not checkpoint:
             return
 
         def write() -> None:
-            self._output.save(renderer, picture=picture, checkpoint=checkpoint)
+            self.output.save(renderer, picture=picture, checkpoint=checkpoint)
 
         try:
-            self._interrupts.hold(lambda: renewal.run(write, picture=picture, checkpoint=checkpoint))
+            self.interrupts.hold(lambda: renewal.run(write, picture=picture, checkpoint=checkpoint))
         except Exception as error:  # noqa: BLE001  # if the render cannot go on either, its next pass says so
             is_memory = isinstance(error, MemoryError)
             failure = "not enough memory for the picture" if is_memory else one_line(cause_of(error))
@@ -163,14 +165,14 @@ class PictureRender:
     def _saved_after(self, error: Exception, renderer: Renderer) -> str:
         """Save the samples so far after an error; return a message about both."""
         try:
-            self._output.save_at_end(renderer)
+            self.output.save_at_end(renderer)
         except Exception as second:  # noqa: BLE001  # such as a lost GPU, which has the film; the first is the cause
             return f"{cause_of(error)}; saving the samples so far failed: {cause_of(second)}"
         return f"{cause_of(error)}; stopped {self._saved(renderer)}"
 
     def _saved(self, renderer: Renderer) -> str:
         """Return a message about the state that was saved before the end."""
-        return f"at {samples_text(renderer)}; {self._output.saved_files()}"
+        return f"at {samples_text(renderer)}; {self.output.saved_files()}"
 
 
 def _warned_black(renderer: Renderer) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -35,32 +36,28 @@ NEARLY_DONE = 1.0
 """A picture that will be finished in fewer seconds is not renewed before."""
 
 
+@dataclass
 class Renewal:
     """Decides after each pass what to write.
 
     By default the picture is renewed at growing intervals, and the checkpoint every minute. An interval given by
     `--save-every` applies to both, as it is.
+
+    Attributes:
+        save_every: seconds between saves, infinite for none before the end, or None for the default.
+        is_watched: whether there is a progress bar.
+        longest: most seconds of a pass, `wrt.Renderer.longest_pass`; by default for one machine.
+        clock: returns seconds.
     """
 
-    def __init__(
-        self,
-        save_every: float | None,
-        *,
-        is_watched: bool = True,
-        longest: float | None = None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        """Start the clock.
+    save_every: float | None
+    is_watched: bool = True
+    longest: float | None = None
+    clock: Callable[[], float] = time.monotonic
 
-        Args:
-            save_every: seconds between saves, infinite for none before the end, or None for the default.
-            is_watched: whether there is a progress bar.
-            longest: most seconds of a pass, `wrt.Renderer.longest_pass`; by default for one machine.
-            clock: returns seconds.
-        """
-        self._save_every, self._is_watched, self._longest = save_every, is_watched, longest
-        self._clock = clock
-        self._started = self._picture_at = self._checkpoint_at = clock()
+    def __post_init__(self) -> None:
+        """Start the clock."""
+        self._started = self._picture_at = self._checkpoint_at = self.clock()
         self._cost = 0.0
 
     @property
@@ -68,18 +65,18 @@ class Renewal:
         """Seconds of a pass, or None for short passes at first, which a progress bar needs."""
         from wrt.rendering.passes import LONGEST_PASS
 
-        save_every, longest = self._save_every, self._longest or LONGEST_PASS
+        save_every, longest = self.save_every, self.longest or LONGEST_PASS
         if save_every is not None and save_every < longest:
             return save_every
-        if self._is_watched:
+        if self.is_watched:
             return None
         return UNWATCHED_PASS * longest / LONGEST_PASS if save_every is None else longest
 
     def due(self, progress: Progress) -> tuple[bool, bool]:
         """Return whether to write the picture and whether to write the checkpoint."""
-        now = self._clock()
-        if self._save_every is not None:
-            return (now - self._picture_at >= self._save_every,) * 2
+        now = self.clock()
+        if self.save_every is not None:
+            return (now - self._picture_at >= self.save_every,) * 2
         checkpoint = now - self._checkpoint_at >= CHECKPOINT_SECONDS
         seconds_left = math.inf if progress.seconds_left is None else progress.seconds_left
         interval = min(max(FIRST_SECONDS, SHARE_OF_RENDER * (now - self._started)), MOST_SECONDS)
@@ -88,11 +85,11 @@ class Renewal:
 
     def run(self, write: Callable[[], object], *, picture: bool, checkpoint: bool) -> None:
         """Call `write`, which writes picture or checkpoint or both, and measure its duration."""
-        begun = self._clock()
+        begun = self.clock()
         try:
             write()
         finally:
-            now = self._clock()
+            now = self.clock()
             if picture:
                 self._picture_at = now
                 # A fast renewal after a slow one lowers the estimate by half at most.

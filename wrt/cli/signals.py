@@ -12,7 +12,6 @@ from types import FrameType
 from typing import Any
 
 from wrt.cli.exit_status import complain, give_up, outcome
-from wrt.threads import start_if_possible
 
 SIGNALS = (
     *(signal.SIGINT, signal.SIGTERM, signal.SIGHUP),
@@ -85,7 +84,7 @@ class Interrupts:
                 os.set_blocking(self._pipe[1], False)
                 self._previous_wakeup = signal.set_wakeup_fd(self._pipe[1], warn_on_full_buffer=False)
                 watcher = threading.Thread(target=self._watch, args=(self._pipe[0],), name="wrt-signals", daemon=True)
-                start_if_possible(watcher)  # without it signals wait for the main thread
+                watcher.start()
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wrt.cli.exit_status import complain, warn
-from wrt.threads import start_if_possible
 
 if TYPE_CHECKING:
     from wrt.cli.signals import Interrupts
@@ -57,7 +56,7 @@ def view(
     def ready(address: str) -> None:
         print(f"{source}: {address}\nCtrl-C ends it.", flush=True)
         if not no_browser:
-            start_if_possible(threading.Thread(target=_browse, args=(address,), daemon=True))
+            threading.Thread(target=_browse, args=(address,), daemon=True).start()
 
     with contextlib.closing(bound), short_warnings(once(warn)):
         session = Session(open_scene, name=Path(source).stem, spp=spp)

@@ -123,7 +123,7 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
     from wrt.spmd.ir import Unsupported
 
     begun = path.with_suffix(BEGUN)
-    with contextlib.suppress(OSError, ValueError, Unsupported):
+    with contextlib.suppress(OSError, RuntimeError, ValueError, Unsupported):
         path.replace(begun)
         os.utime(begun)
         features, lanes = json.loads(begun.read_text(encoding="utf-8"))

@@ -7,7 +7,7 @@ import inspect
 import re
 import textwrap
 import typing
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from wrt.describe.docstrings import meanings_of, plain, summary_of
@@ -24,7 +24,6 @@ from wrt.scene.materials.presets import (
     dielectric_ior,
 )
 from wrt.scene.textures import ImageTexture
-from wrt.values import Vec3
 
 WIDTH = 100
 """Maximum number of characters in a line."""
@@ -150,45 +149,37 @@ _MEASURED = (
 
 def list_presets() -> str:
     """Return all names, the keys that take them, their values and their sources."""
-    tables = (
-        ("metal = NAME, by eta and k", _MEASURED, ((name, *map(_rgb, value)) for name, value in METAL_IOR.items())),
-        ("f0 = NAME, and metal = NAME if it is not above: metals", _HOFFMAN, _colors(METAL_F0)),
-        ("f0 = NAME, metal = NAME: semiconductors", _HOFFMAN, _colors(SEMICONDUCTOR_F0)),
-        ("f0 = NAME: dielectrics, the middle of the range", _HOFFMAN, _ranges(DIELECTRIC_F0)),
-        ("ior = NAME, the middle of the range", _CORNELL, _ranges(DIELECTRIC_IOR)),
-        (
-            "ior = NAME, by the middle of the range of f0",
-            _HOFFMAN,
-            (
-                (name, f"{dielectric_ior(name):.3f}")
-                for name in DIELECTRIC_F0
-                if ALIASES.get(name, name) not in DIELECTRIC_IOR
-            ),
-        ),
+    by_f0 = [name for name in DIELECTRIC_F0 if ALIASES.get(name, name) not in DIELECTRIC_IOR]
+    tables: tuple[tuple[str, str, Mapping[str, Any]], ...] = (
+        ("metal = NAME, by eta and k", _MEASURED, METAL_IOR),
+        ("f0 = NAME, and metal = NAME if it is not above: metals", _HOFFMAN, METAL_F0),
+        ("f0 = NAME, metal = NAME: semiconductors", _HOFFMAN, SEMICONDUCTOR_F0),
+        ("f0 = NAME: dielectrics, the middle of the range", _HOFFMAN, DIELECTRIC_F0),
+        ("ior = NAME, the middle of the range", _CORNELL, DIELECTRIC_IOR),
+        ("ior = NAME, by the middle of the range of f0", _HOFFMAN, {n: f"{dielectric_ior(n):.3f}" for n in by_f0}),
         (
             "dispersion = NAME, by the Abbe number",
             _KHRONOS,
-            ((name, f"{abbe:g}", f"{20.0 / abbe:.3f}") for name, abbe in DIELECTRIC_ABBE.items()),
+            {name: (f"{abbe:g}", f"{20.0 / abbe:.3f}") for name, abbe in DIELECTRIC_ABBE.items()},
         ),
     )
     paragraphs = []
-    for heading, source, rows in tables:
-        cells = [[name, *values] for name, *values in rows]
-        lines = ["  " + "  ".join(f"{cell:<22}" for cell in row).rstrip() for row in cells]
+    for heading, source, presets in tables:
+        rows = ([name, *_cells(value)] for name, value in presets.items())
+        lines = ["  " + "  ".join(f"{cell:<22}" for cell in row).rstrip() for row in rows]
         paragraphs.append("\n".join([heading, *textwrap.wrap(f"({source})", WIDTH), *lines]))
     symbols = ", ".join(f"{symbol} ({name})" for symbol, name in ALIASES.items())
     paragraphs.append("\n".join(textwrap.wrap(f"Other names: {symbols}. Upper and lower case are the same.", WIDTH)))
     return "\n\n".join(paragraphs)
 
 
-def _rgb(value: Vec3) -> str:
-    return " ".join(f"{x:.3f}" for x in value)
-
-
-def _colors(table: Mapping[str, Vec3]) -> Iterable[tuple[str, str]]:
-    return ((name, _rgb(value)) for name, value in table.items())
-
-
-def _ranges(table: Mapping[str, tuple[float, float]]) -> Iterable[tuple[str, str]]:
-    for name, (low, high) in table.items():
-        yield name, f"{low:g}" if low == high else f"{low:g} to {high:g}"
+def _cells(value: Any) -> list[str]:
+    """Return a preset as texts: those it has, a colour, two colours, or a range."""
+    if isinstance(value, str):
+        return [value]
+    if isinstance(value[0], (str, tuple)):
+        return [cell for each in value for cell in _cells(each)]
+    if len(value) == 3:
+        return [" ".join(f"{x:.3f}" for x in value)]
+    low, high = value
+    return [f"{low:g}" if low == high else f"{low:g} to {high:g}"]

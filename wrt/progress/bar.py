@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from wrt.errors import one_line
 from wrt.progress.terminal import bar_stream, fitted, fitted_bar, literal, terminal_columns
-from wrt.threads import start_if_possible
 
 if TYPE_CHECKING:
     from wrt.rendering.passes import Progress
@@ -200,7 +199,7 @@ class _ProgressLines:
 
     def start(self) -> None:
         """Start the thread and its clock."""
-        start_if_possible(self._thread)
+        self._thread.start()
 
     def stop(self) -> None:
         """Stop the thread; nothing is printed after this."""

@@ -11,13 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from wrt.errors import InputError
 from wrt.rendering.noise import MOST as MOST_FOR_NOISE
 from wrt.rendering.noise import NoiseEstimate
+from wrt.scene.description import Description, Flag, optional
 from wrt.scene.scene import MAX_SPP
-from wrt.values import boolean, integer, number
+from wrt.values import integer, number
 
 if TYPE_CHECKING:
     from wrt.rendering.film import Film
@@ -80,14 +82,14 @@ class _Goal(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Description):
     """What ends a render, and how long its passes are; see `Renderer.passes`."""
 
-    spp: int | None
-    time: float | None
-    noise: float | None
-    adaptive: bool
-    pass_seconds: float | None
+    spp: Annotated[int | None, optional(partial(integer, minimum=1, maximum=MAX_SPP))]
+    time: Annotated[float | None, optional(partial(number, above=0.0))]
+    noise: Annotated[float | None, optional(partial(number, above=0.0, maximum=1.0))]
+    adaptive: Flag
+    pass_seconds: Annotated[float | None, optional(partial(number, above=0.0))]
 
     @classmethod
     def of(
@@ -108,20 +110,12 @@ class Limits:
         if spp is None and time is None and noise is None:
             noise = settings.noise
             spp = settings.spp if noise is None else None
-        adaptive = settings.adaptive if adaptive is None else boolean(adaptive, "adaptive")
-        if noise is not None:
-            noise = number(noise, "noise", above=0.0, maximum=1.0)
-            if not renderer.renders_light:
-                raise InputError("integrator aov renders only layers, which have no target of noise")
-        elif adaptive:
+        limits = cls(spp, time, noise, settings.adaptive if adaptive is None else adaptive, pass_seconds)
+        if noise is not None and not renderer.renders_light:
+            raise InputError("integrator aov renders only layers, which have no target of noise")
+        if noise is None and limits.adaptive:
             raise InputError("adaptive sampling needs a target of noise, such as 0.01")
-        return cls(
-            spp=None if spp is None else integer(spp, "spp", minimum=1, maximum=MAX_SPP),
-            time=None if time is None else number(time, "time", above=0.0),
-            noise=noise,
-            adaptive=adaptive,
-            pass_seconds=None if pass_seconds is None else number(pass_seconds, "pass_seconds", above=0.0),
-        )
+        return limits
 
     def least_seconds(self, film: Film) -> float:
         """Return seconds that rendering will take at least, before anything is known about the scene."""

@@ -125,11 +125,6 @@ class RenderKernel:
         """Paths that the kernel of the next pass follows at once."""
         return self._best().lanes
 
-    @property
-    def in_use(self) -> Any:
-        """The kernel of the next pass."""
-        return self._best().kernel or self.scalar
-
     def _best(self) -> WideKernel:
         """Return the fastest of the wide kernels; its `kernel` is None if only the scalar one can run."""
         return self.wide if self.wide.kernel is not None or self._stand_in is None else self._stand_in

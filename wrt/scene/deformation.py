@@ -16,7 +16,7 @@ from wrt.values import key_times, owned, sealed
 
 @dataclass(frozen=True, eq=False)
 class Deformation:
-    """Keyframes of vertices, interpolated linearly; before the first and after the last they stand still.
+    """Keyframes of vertices, interpolated linearly; before the first and after the last nothing moves.
 
     Attributes:
         times: (K,) seconds, ascending; at least one.

@@ -64,7 +64,7 @@ class ImageEnvironment(Description):
         scale: multiplies the pixels.
         rotation_degrees: turns the environment about +y, counter-clockwise seen from above.
         name: source of the pixels, for messages.
-        rotation_axis: axis to turn about instead, counter-clockwise for an observer whom it points at.
+        rotation_axis: axis to turn about instead, counter-clockwise seen from its tip.
     """
 
     pixels: Annotated[NDArray[np.float32], image] = field(repr=False)

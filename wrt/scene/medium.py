@@ -60,7 +60,7 @@ class DensityGrid(Description):
         factor: multiplies the values.
         albedo: (nz, ny, nx, 3) share of the extinction that is scattering, 0 to 1, in place of the medium's own; on
             cells of any number in the same box. The medium's absorption and scattering count by their sum only.
-        emission: (nz, ny, nx) or (nz, ny, nx, 3) factor on the medium's emission, besides the density.
+        emission: (nz, ny, nx) or (nz, ny, nx, 3) factor on the medium's emission, in addition to the density.
         name: source of the values, for messages.
     """
 

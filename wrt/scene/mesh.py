@@ -198,7 +198,7 @@ class Mesh:
         return self.transformed(m)
 
     def rotated(self, axis: ArrayLike, degrees: float) -> Mesh:
-        """Return a copy turned about an axis through the origin, counter-clockwise seen from the axis's end."""
+        """Return a copy turned about an axis through the origin, counter-clockwise seen from the axis's tip."""
         return self.transformed(turn(axis, degrees))
 
 

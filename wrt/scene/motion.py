@@ -94,7 +94,7 @@ class Motion:
         """Return a rotation at constant speed about an axis through `center` between two times.
 
         Args:
-            axis: axis of any length but zero; the rotation is counter-clockwise for an observer whom it points at.
+            axis: axis of any length but zero; the rotation is counter-clockwise seen from its tip.
             degrees: angle, which may exceed a full turn.
             center: a point on the axis, metres.
             times: begin and end, seconds.

@@ -53,7 +53,10 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
         if _any(normals).all():
             return replace(mesh, normals=sealed(normals))
     faces = mesh.faces.astype(np.intp)
-    face_normals, angles = _face_normals(mesh)
+    # Zero for faces without area; and interior angles in radians.
+    face_normals, angles = np.empty(faces.shape), np.empty(faces.shape)
+    for part, some_normals, some_angles in _faces_in_chunks(mesh.vertices, mesh.faces):
+        face_normals[part], angles[part] = some_normals.T, some_angles.T
     corners = positions[faces].reshape(-1)
     if len(faces) > CREASE_LIMIT or crease_degrees >= 180.0:
         groups = corners
@@ -188,14 +191,6 @@ def _length(vectors: _Float) -> _Float:
     x, y, z = vectors
     length: _Float = np.sqrt(x * x + y * y + z * z)
     return length
-
-
-def _face_normals(mesh: Mesh) -> tuple[_Float, _Float]:
-    """Return (M, 3) unit face normals, zero for faces without area, and (M, 3) interior angles in radians."""
-    normals, angles = np.empty(mesh.faces.shape), np.empty(mesh.faces.shape)
-    for part, some_normals, some_angles in _faces_in_chunks(mesh.vertices, mesh.faces):
-        normals[part], angles[part] = some_normals.T, some_angles.T
-    return normals, angles
 
 
 def _group_normals(vertices: _Vertices, faces: _Faces, groups: _Int) -> _Float:

@@ -31,7 +31,7 @@ from wrt.scene.textures import ColorSource, shines
 from wrt.values import FLOAT32_MAX, Vec3, integer, number
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
-"""Reconstruction filters by name; `kernels/camera/samples.py` defines them."""
+"""Reconstruction filters by name; `kernels/camera/models.py` defines them."""
 
 SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
 """Samplers by name; docs/sampling.md compares them."""

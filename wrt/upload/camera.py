@@ -115,7 +115,7 @@ _PROFILES: dict[str, tuple[float, Callable[[NDArray[np.float64]], NDArray[np.flo
 def filter_table(name: str) -> NDArray[np.float32]:
     """Return (TABLE_SIZE + 1,) float32 offsets in pixels: the inverse cumulative distribution. Do not change it.
 
-    `kernels/camera/samples.py` reads it.
+    `kernels/camera/models.py` reads it.
     """
     half_width, profile = _PROFILES[name]
     place = np.linspace(0.0, 1.0, TABLE_SIZE + 1)

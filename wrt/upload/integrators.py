@@ -85,7 +85,8 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> An
     path.max_scatterings = settings.max_scatterings
     path.min_attenuation = settings.min_attenuation
     path.jittered_rays = settings.jittered_rays
-    path.ambient = mean_radiance(scene)
+    if integrator == "whitted":  # no other reads it, and a sky takes a tenth of a second
+        path.ambient = mean_radiance(scene)
     path.ao_distance = intersect.INFINITE_DISTANCE if settings.ao_distance is None else settings.ao_distance
     path.clamp_indirect = 0.0 if settings.clamp_indirect is None else settings.clamp_indirect
     path.hides_lights = int(settings.transparent)

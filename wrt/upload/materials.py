@@ -182,7 +182,6 @@ class _Slots:
     def add(self, value: ColorSource) -> int:
         """Append a value, and return its number."""
         k = current_backend().kernels("wrt.kernels.core.scene_data")
-
         image = channel = -1
         uv_set, colors = 0, k.VERTEX_COLOR_NONE
         factor, cutoff = np.broadcast_to(np.asarray(getattr(value, "factor", value), np.float64), 3), None

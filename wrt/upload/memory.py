@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -35,9 +34,8 @@ LIGHTS_IN_NODE = 4.5
 """Mean number of lights for each node of the light tree, measured: 4.0 to 4.8 for a thousand lights and more."""
 
 
-@dataclass(frozen=True)
 class SceneMemory:
-    """Bytes that a scene takes on a device, by part.
+    """Bytes that the upload of a scene will take on a device, by part.
 
     Trees follow from the mean number of triangles in a leaf and are right within 4 %, all else within a few kilobytes.
     Tables of rough materials, under 1 MB, and the driver's memory are not counted.
@@ -47,39 +45,21 @@ class SceneMemory:
         trees: the ray trees.
         materials: materials, texels of images and normal maps, the environment with its tables, and grids of media.
         lights: light records, and what selects one.
-        scratch: the most that building takes besides, until it is done.
-        scratch_if_cut: the same if the builder cuts large triangles, which it decides when it has seen the tree.
+        scratch: the most that building takes in addition; it is released afterwards.
+        scratch_if_cut: the same if the builder cuts large triangles; it decides that from the finished tree.
+        lasting: the built scene.
     """
 
-    geometry: int
-    trees: int
-    materials: int
-    lights: int
-    scratch: int
-    scratch_if_cut: int
-
-    @property
-    def lasting(self) -> int:
-        """Bytes of the built scene."""
-        return self.geometry + self.trees + self.materials + self.lights
-
-
-def scene_memory(prepared: PreparedScene, *, is_cpu: bool, texture_coordinates: bool = False) -> SceneMemory:
-    """Return what the upload of a scene will take; on the CPU builders of trees work in larger pieces.
-
-    `texture_coordinates` is as for `build_scene`.
-    """
-    materials = prepared.materials
-    textured = materials.textured or materials.tangents or texture_coordinates
-    trees = tree_memory(prepared.layout, is_cpu=is_cpu)
-    return SceneMemory(
-        geometry=_geometry(prepared.layout, textured=textured, uv2_alpha=materials.uv2_alpha),
-        trees=trees.lasting,
-        materials=materials.bytes + _environment(prepared.environment) + _grids(prepared.scene.media),
-        lights=_lights(prepared),
-        scratch=trees.most - trees.lasting,
-        scratch_if_cut=trees.most_if_cut - trees.lasting,
-    )
+    def __init__(self, prepared: PreparedScene, *, is_cpu: bool, texture_coordinates: bool = False) -> None:
+        """Add up a scene; on the CPU builders of trees work in larger pieces. See `build_scene` for the option."""
+        materials = prepared.materials
+        textured = materials.textured or materials.tangents or texture_coordinates
+        self.trees, most, most_if_cut = tree_memory(prepared.layout, is_cpu=is_cpu)
+        self.scratch, self.scratch_if_cut = most - self.trees, most_if_cut - self.trees
+        self.geometry = _geometry(prepared.layout, textured=textured, uv2_alpha=materials.uv2_alpha)
+        self.materials = materials.bytes + _environment(prepared.environment) + _grids(prepared.scene.media)
+        self.lights = _lights(prepared)
+        self.lasting = self.geometry + self.trees + self.materials + self.lights
 
 
 def _geometry(layout: Layout, *, textured: bool, uv2_alpha: bool) -> int:
@@ -137,22 +117,11 @@ class _Builder(NamedTuple):
         return first * triangles + wide + self.scratch(round((1.0 + MORE_PIECES) * triangles))
 
 
-class TreeMemory(NamedTuple):
-    """Bytes of ray trees.
+def tree_memory(layout: Layout, *, is_cpu: bool) -> tuple[int, int, int]:
+    """Return the bytes of a scene's trees, and the most that they and their builder take at once.
 
-    Attributes:
-        lasting: bytes of all trees.
-        most: the most that trees and their builder take at once.
-        most_if_cut: the same if the builder cuts large triangles.
+    The last number is the same if the builder cuts large triangles.
     """
-
-    lasting: int
-    most: int
-    most_if_cut: int
-
-
-def tree_memory(layout: Layout, *, is_cpu: bool) -> TreeMemory:
-    """Return what the trees of a scene will take."""
     constants = current_backend().kernels("wrt.kernels.native.constants")
     binary_node = _size("wrt.kernels.accel.build.split", "BinaryNode")
     bins = 3 * constants.BINS * (32 + 4)
@@ -170,7 +139,7 @@ def tree_memory(layout: Layout, *, is_cpu: bool) -> TreeMemory:
         count = len(layout.instances) + bool(world)
         lasting += count * _size("wrt.kernels.core.ray_tree", "InstanceRecord")
         lasting += builder.node * math.ceil(count / INSTANCES_IN_NODE)
-    return TreeMemory(lasting, max(most, lasting), max(most_if_cut, most, lasting))
+    return lasting, max(most, lasting), max(most_if_cut, most, lasting)
 
 
 def _environment(environment: ConstantEnvironment | ImageEnvironment | None) -> int:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
 
 import numpy as np
 
 from wrt.errors import InputError, warn
 from wrt.linalg import norm
-from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.lights import Light
@@ -36,7 +34,7 @@ VISIBLE = 1.01
 """Images of files may exceed 1 by this factor without a warning: resampling overshoots."""
 
 
-class PreparedScene(NamedTuple):
+class PreparedScene:
     """A scene as the upload takes it.
 
     Attributes:
@@ -49,32 +47,21 @@ class PreparedScene(NamedTuple):
         materials: its materials.
     """
 
-    scene: Scene
-    layout: Layout
-    exact: str
-    environment: ConstantEnvironment | ImageEnvironment | None
-    lights: list[Light]
-    textures: dict[int, ImageTexture]
-    materials: MaterialTable
-
-
-def prepare_scene(scene: Scene) -> PreparedScene:
-    """Check a scene and prepare its upload; raise InputError as `build_scene` does."""
-    if not scene.shapes:
-        raise InputError("the scene has no shapes to render")
-    _check_sizes(scene)
-    check_attributes(scene.shapes)
-    scene = _with_exact_shapes(scene)
-    layout = lay_out(scene)
-    exact = _mark_exact(layout)
-    environment, sky_lights = resolve_environment(scene.environment)
-    lights = [*scene.lights, *sky_lights]
-    textures = {i: texture for i, light in enumerate(lights) if (texture := texture_of(light)) is not None}
-    materials = MaterialTable(
-        [shape.material for shape in scene.shapes],
-        [*(shape.emission for shape in scene.shapes), *textures.values()],
-    )
-    return PreparedScene(scene, layout, exact, environment, lights, textures, materials)
+    def __init__(self, scene: Scene) -> None:
+        """Check a scene and prepare its upload; raise InputError as `build_scene` does."""
+        if not scene.shapes:
+            raise InputError("the scene has no shapes to render")
+        _check_sizes(scene)
+        check_attributes(scene.shapes)
+        self.scene = scene = _with_exact_shapes(scene)
+        self.layout = lay_out(scene)
+        self.exact = _mark_exact(self.layout)
+        self.environment, sky_lights = resolve_environment(scene.environment)
+        self.lights: list[Light] = [*scene.lights, *sky_lights]
+        textures = ((i, texture_of(light)) for i, light in enumerate(self.lights))
+        self.textures = {i: texture for i, texture in textures if texture is not None}
+        emissions = [*(shape.emission for shape in scene.shapes), *self.textures.values()]
+        self.materials = MaterialTable([shape.material for shape in scene.shapes], emissions)
 
 
 def _check_sizes(scene: Scene) -> None:
@@ -106,7 +93,7 @@ def check_attributes(shapes: Iterable[Shape]) -> None:
     """
     bright: set[int] = set()
     varying: dict[int, list[tuple[str, object]]] = {}  # of materials, since many shapes share one
-    alike = {(id(shape.mesh), id(shape.material), id(shape.emission)): shape for shape in shapes}  # instances are many
+    alike = {(id(shape.mesh), id(shape.material), id(shape.emission)): shape for shape in shapes}  # not every instance
     for shape in alike.values():
         if id(shape.material) not in varying:
             varying[id(shape.material)] = [*_varying(shape.material)]

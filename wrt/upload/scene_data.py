@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.backend.memory import MEMORY_ADVICE
 from wrt.scene.camera import Camera
-from wrt.scene.mesh import Mesh, columns
+from wrt.scene.mesh import columns
 from wrt.scene.scene import Scene, Shape
 from wrt.upload.accel.bvh import build_bvh
 from wrt.upload.accel.geometry import joined, numbered, upload, upload_triangles
@@ -24,8 +24,8 @@ from wrt.upload.lights.choice import upload_lights
 from wrt.upload.lights.environment import environment_kind, upload_environment
 from wrt.upload.lights.table import LightTable
 from wrt.upload.materials import MaterialTable
-from wrt.upload.memory import scene_memory, tree_memory
-from wrt.upload.prepare import PreparedScene, prepare_scene
+from wrt.upload.memory import SceneMemory, tree_memory
+from wrt.upload.prepare import PreparedScene
 from wrt.upload.vertex_updates import WorldMeshes
 
 WORTH_ASKING = 1 << 26
@@ -64,11 +64,11 @@ def _require_memory(prepared: PreparedScene, device: Device, texture_coordinates
     On the CPU only trees and their builder count, as it shares the other arrays with the scene.
     """
     if device.is_cpu:
-        most = tree_memory(prepared.layout, is_cpu=True).most
+        _, most, _ = tree_memory(prepared.layout, is_cpu=True)
         if most < WORTH_ASKING:
             return
     else:
-        memory = scene_memory(prepared, is_cpu=False, texture_coordinates=texture_coordinates)
+        memory = SceneMemory(prepared, is_cpu=False, texture_coordinates=texture_coordinates)
         most = memory.lasting + memory.scratch
     triangles = sum(len(shape.mesh.faces) for shape in prepared.scene.shapes)
     device.require_memory(most, f"building a scene of {triangles:,} triangles", advice=MEMORY_ADVICE)
@@ -100,27 +100,26 @@ def build_scene(
 
     from wrt.kernels.core.features import Features
 
-    prepared = prepare_scene(scene)
-    scene, layout, exact, environment, lights, textures, materials = prepared
+    prepared = PreparedScene(scene)
+    scene, layout, materials = prepared.scene, prepared.layout, prepared.materials
     _require_memory(prepared, device, texture_coordinates)
     data = scene_data.SceneData()
-    places = _places(layout)
-    first_triangles = places.of_shapes
+    places = _Places(layout)
     materials.upload(data, device)
     bodies = BodyTable(scene)
     bodies.upload(data, device)
 
-    data.environment, flux = upload_environment(environment, device.name)
-    slots = dict(zip(textures, materials.emission_slots[len(scene.shapes) :], strict=True))
-    table = LightTable(scene.shapes, lights, layout, first_triangles, flux, slots)
+    data.environment, flux = upload_environment(prepared.environment, device.name)
+    slots = dict(zip(prepared.textures, materials.emission_slots[len(scene.shapes) :], strict=True))
+    table = LightTable(scene.shapes, prepared.lights, layout, places.of_shapes, flux, slots)
     light_tree = upload_lights(data, table, device, light_choice)
-    records = _shape_records(scene, materials, bodies, table, first_triangles)
+    records = _shape_records(scene, materials, bodies, table, places.of_shapes)
     data.shapes = backend.array(records, scene_data.ShapeRecord, device.name)
 
     features = Features(
         materials.models,
         materials.textured,
-        environment_kind(environment),
+        environment_kind(prepared.environment),
         composite=materials.composite,
         tangents=materials.tangents,
         light_shapes=table.shape_models,
@@ -131,7 +130,7 @@ def build_scene(
         nested=bodies.nested,
         uv2_alpha=materials.uv2_alpha,
         mipmapped=materials.mipmapped,
-        exact=exact,
+        exact=prepared.exact,
     )
     read = on_features(features)
     textured = read.textured or read.tangents or texture_coordinates
@@ -143,7 +142,7 @@ def build_scene(
     return built
 
 
-class _Places(NamedTuple):
+class _Places:
     """Offsets of the meshes of a layout in the common arrays; the world's meshes come first.
 
     Attributes:
@@ -155,28 +154,20 @@ class _Places(NamedTuple):
         of_shapes: first triangle of each shape.
     """
 
-    copies: list[Mesh]
-    faces: list[Mesh]
-    first_vertices: NDArray[np.int64]
-    first_triangles: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    of_shapes: NDArray[np.int64]
-
-
-def _places(layout: Layout) -> _Places:
-    world = layout.world_meshes
-    copies = [*world, *(key for shared in layout.shared for key in shared.keys)]
-    # All keys of a mesh share the faces of the first.
-    faces = [*world, *(shared.keys[0] for shared in layout.shared)]
-    bases = np.cumsum([0, *(len(m.vertices) for m in copies)])
-    repeats = np.array([1] * len(world) + [len(shared.keys) for shared in layout.shared])
-    counts = np.array([len(m.faces) for m in faces])
-    first_triangles = np.cumsum(counts) - counts
-    of_shapes = np.empty(len(layout.world_shapes) + len(layout.instances), np.int64)
-    of_shapes[layout.world_shapes] = first_triangles[: len(world)]
-    for instance in layout.instances:
-        of_shapes[instance.shape] = first_triangles[len(world) + instance.mesh]
-    return _Places(copies, faces, bases[np.cumsum(repeats) - repeats], first_triangles, counts, of_shapes)
+    def __init__(self, layout: Layout) -> None:
+        world = layout.world_meshes
+        self.copies = [*world, *(key for shared in layout.shared for key in shared.keys)]
+        # All keys of a mesh share the faces of the first.
+        self.faces = [*world, *(shared.keys[0] for shared in layout.shared)]
+        bases = np.cumsum([0, *(len(m.vertices) for m in self.copies)])
+        repeats = np.array([1] * len(world) + [len(shared.keys) for shared in layout.shared])
+        self.first_vertices = bases[np.cumsum(repeats) - repeats]
+        self.counts = np.array([len(m.faces) for m in self.faces])
+        self.first_triangles = np.cumsum(self.counts) - self.counts
+        self.of_shapes = np.empty(len(layout.world_shapes) + len(layout.instances), np.int64)
+        self.of_shapes[layout.world_shapes] = self.first_triangles[: len(world)]
+        for instance in layout.instances:
+            self.of_shapes[instance.shape] = self.first_triangles[len(world) + instance.mesh]
 
 
 def _shape_records(

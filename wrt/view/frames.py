@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.develop.denoise import denoise
-from wrt.threads import start_if_possible
 from wrt.view.controls import Look
 from wrt.view.picture import MOVING_QUALITY, RESTING_QUALITY, develop, jpeg
 
@@ -94,8 +93,8 @@ class Encoder:
         with self._waiting:
             self._source, self._due = source, source.guides is None or not source.shows_same(self._denoised)
             if source.guides is not None and not self._denoising:
-                thread = threading.Thread(target=self._denoise, args=(source,), name="wrt-denoise", daemon=True)
-                self._denoising = start_if_possible(thread)
+                threading.Thread(target=self._denoise, args=(source,), name="wrt-denoise", daemon=True).start()
+                self._denoising = True
             self._waiting.notify()
 
     def _denoise(self, source: Source) -> None:

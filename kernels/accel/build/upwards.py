@@ -14,13 +14,13 @@ from wrt.kernels.native import include
 # Unrolled loops take Warp many times as long to compile and run no faster.
 wp.set_module_options({"max_unroll": 1})
 
-fence_h = include("fence.h")
+threads_h = include("threads.h")
 
 
 @wp.func_native("wrt::fence();")
 def fence():
     """Order the writes and reads of this thread as others see them."""
-    fence_h()
+    threads_h()
 
 
 @wp.func

@@ -1,7 +1,7 @@
 #pragma once
 // Several lanes at once: elements, arrays, single lanes, ranges.
 #include "lanes/numbers.h"
-#include "lanes/portable.h"
+#include "lanes/processors.h"
 
 namespace lanes {
 // Elements of vectors and matrices, at a constant index or at one for each lane; negative constants count from the end.
@@ -118,17 +118,6 @@ LANES_INLINE Place<typename Bare<M>::type, OFFSET + BY, SIZE> member(Place<T, OF
 
 typedef float f4_anywhere __attribute__((ext_vector_type(4), aligned(4)));
 typedef float f8 __attribute__((ext_vector_type(8)));
-typedef double double_anywhere __attribute__((aligned(4)));
-typedef double d2 __attribute__((ext_vector_type(2)));
-
-#if !LANES_BIT_MASKS
-// Three numbers, without reading a fourth, which may be outside the array; `avx512.h` has one instruction for it.
-LANES_INLINE f4 three(const char* p) {
-    f4 v = __builtin_bit_cast(f4, (d2){*(const double_anywhere*)p, 0.0});
-    v[2] = *(const float*)(p + 8);
-    return v;
-}
-#endif
 
 // The numbers at(first), at(first + 4) and so on, side by side.
 template<class At> LANES_INLINE floats joined(At at, int first) {

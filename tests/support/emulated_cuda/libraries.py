@@ -68,16 +68,16 @@ def compiled(ptx: str, *, optimization: int = 1) -> bytes:
 
     cpp = to_cpp(parse(ptx))
     digest = hashlib.sha256(f"{optimization}\n{cpp}".encode()).hexdigest()
-    kept = _folder() / f"{digest[:32]}.o"
-    if kept.is_file():
-        return kept.read_bytes()
-    with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
+    cached = _folder() / f"{digest[:32]}.o"
+    if cached.is_file():
+        return cached.read_bytes()
+    with tempfile.TemporaryDirectory(dir=cached.parent) as folder:
         source, binary = Path(folder) / "module.cpp", Path(folder) / "module.o"
         source.write_text(cpp, encoding="utf-8")
         # PTX says where operations are fused; nothing else may be.
         build_cpu(str(binary), str(source), fuse_fp=False, optimization_level=optimization, extra_flags="-w")
         data = binary.read_bytes()
-        os.replace(binary, kept)
+        os.replace(binary, cached)
     return data
 
 
@@ -85,11 +85,11 @@ def ptx_of(module: Any, arch: int) -> str:
     """Return a Warp module as NVRTC compiles it for an architecture such as 90; kept like `compiled`."""
     import warp as wp
 
-    kept = _folder() / f"{module.name[:80]}-{module.get_module_hash(BLOCK).hex()}-{arch}.ptx"
-    if not kept.is_file():
-        with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
-            os.replace(wp.compile_aot_module(module, arch=arch, use_ptx=True, module_dir=Path(folder))[0], kept)
-    return kept.read_text(encoding="latin-1")
+    cached = _folder() / f"{module.name[:80]}-{module.get_module_hash(BLOCK).hex()}-{arch}.ptx"
+    if not cached.is_file():
+        with tempfile.TemporaryDirectory(dir=cached.parent) as folder:
+            os.replace(wp.compile_aot_module(module, arch=arch, use_ptx=True, module_dir=Path(folder))[0], cached)
+    return cached.read_text(encoding="latin-1")
 
 
 @cache

@@ -184,8 +184,8 @@ def instruction(text: str) -> Instruction:
     guard = ""
     if text.startswith("@"):
         guard, _, text = text[1:].partition(" ")
-    opcode, _, rest = text.partition(" ")
-    operands = re.split(r",(?![^{\[(]*[}\])])", rest) if rest else []
+    opcode, _, arguments = text.partition(" ")
+    operands = re.split(r",(?![^{\[(]*[}\])])", arguments) if arguments else []
     return Instruction(guard, tuple(opcode.split(".")), tuple(operand.strip() for operand in operands))
 
 

@@ -93,10 +93,10 @@ def _entry(
             operands.addresses[statement.name] = str(shared)
             shared += statement.size
     called = entry.name in functions
-    kept: dict[int, Registers | Variable] = {}
+    persistent: dict[int, Registers | Variable] = {}
     if not called and _waits(entry):
-        operands.stops, kept = 0, _kept(entry)
-        yield from _waiting_thread(entry, list(kept.values()), operands)
+        operands.stops, persistent = 0, _persistent(entry)
+        yield from _waiting_thread(entry, list(persistent.values()), operands)
     else:
         yield (
             f"static void {name}_called(char* R, {_THREAD}) {{"
@@ -104,7 +104,7 @@ def _entry(
             else f"static void {name}_thread({_THREAD}) {{"
         )
     for place, statement in enumerate(entry.body):
-        if place in kept:
+        if place in persistent:
             continue
         try:
             yield _statement(statement, operands)
@@ -134,7 +134,7 @@ def _waits(entry: Entry) -> bool:
     return any(isinstance(s, Instruction) and s.opcode[0] in TOGETHER for s in entry.body)
 
 
-def _kept(entry: Entry) -> dict[int, Registers | Variable]:
+def _persistent(entry: Entry) -> dict[int, Registers | Variable]:
     """Return the declarations of what a thread keeps while it waits, by their places: all outside of inner blocks."""
     found: dict[int, Registers | Variable] = {}
     depth = 0
@@ -146,14 +146,14 @@ def _kept(entry: Entry) -> dict[int, Registers | Variable]:
     return found
 
 
-def _waiting_thread(entry: Entry, kept: list[Registers | Variable], operands: Operands) -> Iterator[str]:
+def _waiting_thread(entry: Entry, persistent: list[Registers | Variable], operands: Operands) -> Iterator[str]:
     """Yield a struct of what a thread keeps, and the begin of a function that runs it until it waits or ends."""
     name = name_of(entry.name)
     yield f"struct {name}_lane : Lane {{"
-    yield from (_statement(s, operands) for s in kept)
+    yield from (_statement(s, operands) for s in persistent)
     yield f"}};\nstatic void {name}_thread({name}_lane& lane, {_THREAD}) {{"
-    operands.lane = frozenset(name for s in kept if isinstance(s, Registers) for name in s.names)
-    operands.addresses |= {s.name: f"(u64)lane.{name_of(s.name)}" for s in kept if isinstance(s, Variable)}
+    operands.lane = frozenset(name for s in persistent if isinstance(s, Registers) for name in s.names)
+    operands.addresses |= {s.name: f"(u64)lane.{name_of(s.name)}" for s in persistent if isinstance(s, Variable)}
     stops = sum(isinstance(s, Instruction) and s.opcode[0] in TOGETHER for s in entry.body)
     cases = " ".join(f"case {i}: goto stop_{i};" for i in range(1, stops + 1))
     yield f"const u32 from = lane.at;\nlane.at = ENDED;\nswitch (from) {{ {cases} }}"

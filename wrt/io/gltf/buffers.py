@@ -61,11 +61,8 @@ class Buffers:
             memory_limits.take(memory_limits.MESHES, count * stride)
             from wrt.io.gltf.meshopt import decoded
 
-            data = self._slice(packed)
-            try:
-                self._views[number] = decoded(data, count, stride, packed["mode"], packed.get("filter", "NONE"))
-            except InputError as error:
-                raise InputError(f"{self.path}: {error}") from None
+            data, mode, kind = self._slice(packed), packed["mode"], packed.get("filter", "NONE")
+            self._views[number] = decoded(data, count, stride, mode, kind)
         return self._views[number]
 
     def _slice(self, view: Tree) -> bytes:

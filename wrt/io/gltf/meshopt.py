@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
-
 Bytes = NDArray[np.uint8]
 
 _GROUP = 16
@@ -30,17 +28,14 @@ def decoded(data: bytes, count: int, stride: int, mode: str, kind: str = "NONE")
         kind: the filter, "NONE", "OCTAHEDRAL", "QUATERNION" or "EXPONENTIAL".
 
     Raises:
-        InputError: when the data are not as the format has them.
+        ValueError: where the data are not as specified, or TypeError or LookupError.
     """
     packed = np.frombuffer(data, np.uint8)
-    try:
-        if mode == "ATTRIBUTES":
-            rows = _attributes(packed, count, stride)
-            return bytes(_FILTERS[kind](rows).tobytes())
-        indices = _triangles(data, count) if mode == "TRIANGLES" else _sequence(data, count)
-        return np.array(indices, np.uint32).astype({2: np.uint16, 4: np.uint32}[stride]).tobytes()
-    except (IndexError, KeyError, ValueError, TypeError) as error:
-        raise InputError(f"data compressed by meshoptimizer are damaged ({type(error).__name__}: {error})") from None
+    if mode == "ATTRIBUTES":
+        rows = _attributes(packed, count, stride)
+        return bytes(_FILTERS[kind](rows).tobytes())
+    indices = _triangles(data, count) if mode == "TRIANGLES" else _sequence(data, count)
+    return np.array(indices, np.uint32).astype({2: np.uint16, 4: np.uint32}[stride]).tobytes()
 
 
 def _attributes(packed: Bytes, count: int, stride: int) -> Bytes:

@@ -10,7 +10,6 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,7 @@ from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import EXTENSIONS, GltfMaterials
 from wrt.io.gltf.primitives import FAN, STRIP, TRIANGLES, Deformation, Primitive, joint_matrices
 from wrt.io.gltf.scene import Matrix, cameras_of, lights_of, local_matrix, nodes_of
-from wrt.io.mesh.parts import Contents, Part, placed
-from wrt.io.safe_read import first_line
+from wrt.io.mesh.parts import Contents, Part, as_specified, placed
 from wrt.linalg import product
 
 _KNOWN_EXTENSIONS = {
@@ -60,7 +58,7 @@ def read_gltf(path: Path, data: bytes, seconds: float | None = None) -> Contents
         InputError: on a damaged file, a file of glTF 1.0, and on extensions that are required and not supported; if a
             time is given, also on a file without animations.
     """
-    with _as_specified(path):
+    with as_specified(path, "glTF"):
         tree, buffers = _opened(path, data)
         for name in tree.get("extensionsRequired", []):
             if str(name) not in _KNOWN_EXTENSIONS:
@@ -82,20 +80,8 @@ def animation_ends(path: Path, data: bytes) -> tuple[float, float] | None:
     Raises:
         InputError: on a damaged file.
     """
-    with _as_specified(path):
+    with as_specified(path, "glTF"):
         return ends_of(*_opened(path, data))
-
-
-@contextmanager
-def _as_specified(path: Path) -> Iterator[None]:
-    """Report as InputError what code raises that follows the unchecked JSON of a damaged file."""
-    try:
-        yield
-    except InputError:
-        raise
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
-        reason = f"{type(error).__name__}: {first_line(error)}"
-        raise InputError(f"{path}: the glTF file is damaged or not as specified ({reason})") from None
 
 
 def _opened(path: Path, data: bytes) -> tuple[Tree, Buffers]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.parts import Part, decoded, only_points
+from wrt.io.mesh.parts import Part, as_specified, decoded, only_points
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.safe_read import as_text
 
@@ -40,15 +40,12 @@ def read_off(path: Path, data: bytes) -> list[Part]:
         raise InputError(f"{path}: not an OFF file: it does not begin with OFF")
     if header["beyond"]:
         raise InputError(f"{path}: an OFF file of points with more than three coordinates; write it with three")
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("error", DeprecationWarning)  # NumPy only warns about a malformed number
-            if binary:
-                rows, (corners, counts) = _from_bytes(data[binary.end() :], header)
-            else:
-                rows, (corners, counts) = _from_text(text[header.end() :])
-    except (ValueError, OverflowError, DeprecationWarning) as error:
-        raise InputError(f"{path}: not a whole OFF file that can be read: {error}") from None
+    with warnings.catch_warnings(), np.errstate(all="ignore"), as_specified(path, "OFF", DeprecationWarning):
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy only warns about a malformed number
+        if binary:
+            rows, (corners, counts) = _from_bytes(data[binary.end() :], header)
+        else:
+            rows, (corners, counts) = _from_text(text[header.end() :])
     if len(rows) and not len(counts):
         raise only_points(path, len(rows))
     triangles, _ = triangulate(path, rows[:, :3], corners, counts)

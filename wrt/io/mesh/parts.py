@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
+from wrt.io.safe_read import first_line
 from wrt.linalg import determinant, norm, product
 from wrt.scene.camera import Camera
 from wrt.scene.lights import Light
@@ -71,6 +74,23 @@ class Contents:
     parts: list[Part]
     lights: list[Light] = field(default_factory=list)
     cameras: list[Camera] = field(default_factory=list)
+
+
+@contextmanager
+def as_specified(path: str | Path, kind: str, *errors: type[Exception]) -> Iterator[None]:
+    """Report as InputError what code raises that follows the unchecked content of a damaged file of a kind.
+
+    `errors` are raised by the libraries that it calls.
+    """
+    python = LookupError, TypeError, ValueError, AttributeError, OverflowError, RuntimeError, EOFError
+    unchecked: tuple[type[Exception], ...] = (*python, *errors)
+    try:
+        yield
+    except InputError:
+        raise
+    except unchecked as error:
+        reason = f"{type(error).__name__}: {first_line(error)}"
+        raise InputError(f"{path}: the {kind} file is damaged or not as specified ({reason})") from None
 
 
 def only_points(path: str | Path, count: int) -> InputError:

@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io import memory_limits
-from wrt.io.mesh.parts import Contents, Part, checked_faces, placed, split_vertices
-from wrt.io.safe_read import first_line
+from wrt.io.mesh.parts import Contents, Part, as_specified, checked_faces, placed, split_vertices
 from wrt.io.texture_images import TextureImages
 from wrt.linalg import product
 from wrt.scene.srgb import linear_from_srgb
@@ -156,19 +155,10 @@ def read_3mf(path: Path, data: bytes) -> Contents:
     Raises:
         InputError: on a damaged file.
     """
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            memory_limits.take(memory_limits.MESHES, _PER_BYTE * sum(each.file_size for each in archive.infolist()))
-            return Contents(_Reader(path, archive).parts())
-    except InputError:
-        raise
-    except zipfile.BadZipFile as error:
-        raise InputError(f"{path}: not a 3MF file: {first_line(error)}") from None
-    except (KeyError, IndexError, ValueError, OverflowError, RuntimeError, NotImplementedError, EOFError) as error:
-        reason = f"{error} is missing" if isinstance(error, KeyError) else first_line(error)
-        raise InputError(f"{path}: not a whole 3MF file that can be read: {reason}") from None
-    except (expat.ExpatError, zlib.error) as error:
-        raise InputError(f"{path}: not a whole 3MF file that can be read: {first_line(error)}") from None
+    errors = zipfile.BadZipFile, zlib.error, expat.ExpatError
+    with as_specified(path, "3MF", *errors), zipfile.ZipFile(io.BytesIO(data)) as archive:
+        memory_limits.take(memory_limits.MESHES, _PER_BYTE * sum(each.file_size for each in archive.infolist()))
+        return Contents(_Reader(path, archive).parts())
 
 
 class _Reader:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io.images import FLOAT_SUFFIXES, read_image
-from wrt.io.safe_read import first_line, read_file, require_inside
+from wrt.io.mesh.parts import as_specified
+from wrt.io.safe_read import read_file, require_inside
 from wrt.io.texture_images import Source, TextureImages
 from wrt.io.usd.lights import Matrix, Values, path_of, radiance_of
 from wrt.linalg import product
@@ -117,15 +118,12 @@ class UsdMaterials:
         inner = inner.removesuffix("]")
         if "[" in inner or Path(inner).suffix.lower() in FLOAT_SUFFIXES:
             raise InputError(f"{self._path}: {name}: archives and images of floats within an archive are not supported")
-        try:
-            with zipfile.ZipFile(io.BytesIO(read_file(self._path.parent / archive))) as opened:
-                if opened.getinfo(inner).compress_type != zipfile.ZIP_STORED:
-                    raise InputError(f"{self._path}: {name}: it is compressed, which USDZ forbids")
-                return opened.read(inner)
-        except InputError:
-            raise
-        except (KeyError, ValueError, NotImplementedError, EOFError, RuntimeError, zipfile.BadZipFile) as error:
-            raise InputError(f"{self._path}: {name}: {first_line(error)}") from None
+        data = read_file(self._path.parent / archive)
+        specified = as_specified(f"{self._path}: {name}", "USDZ", zipfile.BadZipFile)
+        with specified, zipfile.ZipFile(io.BytesIO(data)) as opened:
+            if opened.getinfo(inner).compress_type != zipfile.ZIP_STORED:
+                raise InputError(f"{self._path}: {name}: it is compressed, which USDZ forbids")
+            return opened.read(inner)
 
 
 class _Inputs:

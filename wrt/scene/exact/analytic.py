@@ -31,10 +31,10 @@ A = TypeVar("A", bound="Analytic")
 class Analytic(Mesh, ABC):
     """Spheres, or disks and cylinders, that are not made of triangles.
 
-    Each is stored as a triangle that no ray hits, so that all which holds meshes holds them, too: its corners are two
-    opposite corners of the box around it, and the first again. Which two they are tells the kind of shape and its front
-    (`kernels/native/exact`). The normals of its vertices are the shape's own vectors. What is
-    interpolated over a triangle by u and v is interpolated over the shape by its texture coordinates.
+    Each is stored as a triangle that no ray hits, so code for meshes handles it unchanged. Its corners are two opposite
+    corners of the box around the shape, and the first again; which two encodes the kind of shape and its front
+    (`kernels/native/exact`). The normals of its vertices are the shape's own vectors. Attributes that a triangle
+    interpolates by u and v are interpolated over the shape by its texture coordinates.
     """
 
     def __repr__(self) -> str:

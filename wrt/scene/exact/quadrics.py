@@ -30,7 +30,7 @@ class Quadrics(Analytic):
     """Disks and open cylinders that are not made of triangles; `wrt.disk` and `wrt.cylinder` make them.
 
     Of the corners of a box, the first is the lowest along x, or the highest if the front is the other side; along y it
-    is the opposite, which tells the shape from a sphere; along z it is as along x for a disk, and as along y for a
+    is the opposite, unlike a sphere's; along z it is as along x for a disk, and as along y for a
     cylinder. The vectors of a disk are two radii and its normal, those of a cylinder two radii and the way from end to
     end. Disks may be ellipses; the vectors of a cylinder are perpendicular, and its radii equal.
     The texture coordinates are Mitsuba's: of a disk, the distance from the centre in radii, and the fraction of a turn

@@ -45,14 +45,11 @@ class Spheres(Analytic):
         first, second = self._corners(0), self._corners(1)
         half, falls = 0.5 * np.abs(second - first), second < first
         uneven = half.max(axis=1) - half.min(axis=1) > 2.0**-22 * (np.abs(self.centers) + half).max(axis=1)
+        uneven |= (falls != falls[:, :1]).any(axis=1)
         turned = np.abs(product(self.axes, np.swapaxes(self.axes, 1, 2)) - np.eye(3)).max(axis=(1, 2)) > _ORTHONORMAL
         return [
             (half.min(axis=1) == 0.0, "boxes", "must have a size"),
-            (
-                uneven | (falls != falls[:, :1]).any(axis=1),
-                "boxes",
-                "must be the lowest and the highest corner of a cube",
-            ),
+            (uneven, "boxes", "must be the lowest and the highest corner of a cube"),
             (turned, "axes", "rows must be perpendicular and of length 1"),
         ]
 

@@ -112,7 +112,7 @@ def axes_of(direction: Vec3, up: Vec3) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def light_texture(texture: Any, name: str) -> ImageTexture:
-    """Return a light's image, or raise InputError if it is none or needs a surface."""
+    """Return a light's image, or raise InputError if it is not an image or needs a surface."""
     if not isinstance(texture, ImageTexture):
         raise InputError(f"the {name} of a light must be an image")
     if texture.vertex_colors or texture.vertex_alpha or texture.uv_set:

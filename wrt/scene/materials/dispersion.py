@@ -26,7 +26,7 @@ MOST = 1000.0
 
 
 def channel_spread(ior: float, dispersion: float) -> Vec3:
-    """Return the index of each channel less that at 587.6 nm, `ior`; no index falls below 1, or a lesser `ior`."""
+    """Return the index of each channel minus that at 587.6 nm, `ior`; none falls below 1, or below a lower `ior`."""
     over_all = (ior - 1.0) * dispersion / 20.0  # n_F − n_C
     least = min(ior, 1.0)
 

@@ -68,7 +68,7 @@ class Material(Kind):
 
     @classmethod
     def example(cls) -> Self:
-        """Return one for lists and tests of all materials: as it comes, unless a class has no default."""
+        """Return one for lists and tests of all materials; classes with required fields override it."""
         return cls()
 
     def __post_init__(self) -> None:

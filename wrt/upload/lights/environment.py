@@ -18,7 +18,7 @@ from wrt.scene.environment import (
 from wrt.scene.lights import DirectionalLight
 from wrt.scene.motion import rotation_matrix
 from wrt.upload.arrays import require_countable
-from wrt.upload.lights.environment_sampling import environment_tables
+from wrt.upload.lights.environment_sampling import EnvironmentTables
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Weights of linear Rec. 709 RGB in luminance."""
@@ -52,7 +52,6 @@ def upload_environment(environment: ConstantEnvironment | ImageEnvironment | Non
     """
     backend = current_backend()
     k = backend.kernels("wrt.kernels.core.scene_data")
-
     data = k.EnvironmentData()
     data.rotation = np.eye(3)
     data.light = -1
@@ -66,7 +65,7 @@ def upload_environment(environment: ConstantEnvironment | ImageEnvironment | Non
     require_countable(environment.pixels.shape[0] * environment.pixels.shape[1], "texels of the environment")
     pixels = environment.pixels * np.float32(environment.scale)
     image_to_world = rotation_matrix(environment.rotation_axis, environment.rotation_degrees)
-    tables = environment_tables(weighted_sum(pixels, LUMINANCE), image_to_world)
+    tables = EnvironmentTables(weighted_sum(pixels, LUMINANCE), image_to_world)
     data.height, data.width = pixels.shape[:2]
     data.texels = backend.array(pixels.reshape(-1, 3), "vec3", device)
     data.rotation = image_to_world.T

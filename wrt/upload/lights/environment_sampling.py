@@ -8,8 +8,6 @@ Jensen (2005) sample such products of light and reflectance with wavelets; here 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,7 +34,6 @@ OFFSET, LEAST = 0.5, 0.1
 """The density is the radiance minus OFFSET times its mean, but at least LEAST times the radiance."""
 
 
-@dataclass(frozen=True)
 class EnvironmentTables:
     """The tables that kernels/lights/environment.py reads.
 
@@ -48,23 +45,16 @@ class EnvironmentTables:
         flux: luminance integrated over all directions.
     """
 
-    cells: NDArray[np.uint16]
-    bins: NDArray[np.uint16]
-    side: int
-    flux: float
-
-
-def environment_tables(luminance: NDArray[np.floating], image_to_world: NDArray[np.float64]) -> EnvironmentTables:
-    """Return the tables of an image from the luminance of its texels, (H, W), and its rotation, (3, 3)."""
-    light = bin_light(luminance, finest_side(luminance.shape))
-    solid_angle = np.broadcast_to(solid_angles(*light.shape), light.shape)
-    flux = float(light.sum())
-    weights = compensated(light, solid_angle)
-    side = coarsest_side(weights)
-    height, width = ROWS * side, COLUMNS * side
-    bins = pooled(weights, height, width).reshape(ROWS, side, COLUMNS, side).transpose(0, 2, 1, 3)
-    cells = by_normal(weights, image_to_world)
-    return EnvironmentTables(tiles(cells), tiles(bins.reshape(-1, side, side)), side, flux)
+    def __init__(self, luminance: NDArray[np.floating], image_to_world: NDArray[np.float64]) -> None:
+        """Make the tables of an image from the luminance of its texels, (H, W), and its rotation, (3, 3)."""
+        light = bin_light(luminance, finest_side(luminance.shape))
+        solid_angle = np.broadcast_to(solid_angles(*light.shape), light.shape)
+        self.flux = float(light.sum())
+        weights = compensated(light, solid_angle)
+        self.side = side = coarsest_side(weights)
+        bins = pooled(weights, ROWS * side, COLUMNS * side).reshape(ROWS, side, COLUMNS, side).transpose(0, 2, 1, 3)
+        self.cells = tiles(by_normal(weights, image_to_world))
+        self.bins = tiles(bins.reshape(-1, side, side))
 
 
 def solid_angles(height: int, width: int) -> NDArray[np.float64]:

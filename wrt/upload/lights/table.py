@@ -111,7 +111,7 @@ class LightTable:
         self.weights = _shares(self.bounds)
 
     def _list_lights(self, lights: list[Light], first: int, texture_slots: dict[int, int]) -> list[dict[str, Any]]:
-        """List the shapes of lights without triangles, of which the first has a number, and return their records."""
+        """List the shapes of lights without triangles, numbered from `first` on, and return their records."""
         backend = current_backend()
         k = backend.kernels("wrt.kernels.core.scene_data")
         names, orders = _light_models(lights)

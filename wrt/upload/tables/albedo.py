@@ -63,7 +63,6 @@ def _missing_table(
     """Return the table that a kernel computes, one thread a value, from its parameters after the number of points."""
     backend = current_backend()
     albedo = backend.kernels("wrt.kernels.bsdf.lobes.albedo")
-
     columns = np.linspace(0.0, 1.0, int(albedo.COLUMNS))
     if shape is None:
         along, azimuth, toward = (0.0, 0.0), np.zeros_like(columns), _roughness_at(columns)
@@ -106,7 +105,6 @@ def _missing_table(
 def _roughness_at(column: Floats) -> Floats:
     """Return the roughness at a column position, 0 to 1 (`kernels.albedo.table_column_of_alpha`)."""
     microfacet = current_backend().kernels("wrt.kernels.microfacet")
-
     least = float(microfacet.LEAST_ALPHA) ** 0.25
     return np.asarray((least + (1.0 - least) * column) ** 4)
 
@@ -124,7 +122,6 @@ def _azimuth_at(column: Floats, along: tuple[float, float]) -> tuple[Floats, Flo
 def _rows(count: int, toward: Floats) -> tuple[Floats, Floats]:
     """Return (rows, columns) ln(1 + μ / scale) of the rows' cosines μ, and the scale for each column's roughness."""
     albedo = current_backend().kernels("wrt.kernels.bsdf.lobes.albedo")
-
     scale = float(albedo.ROW_SCALE) * toward
     return np.linspace(0.0, 1.0, count)[:, None] * np.log1p(1.0 / scale), scale
 
@@ -161,7 +158,6 @@ def _averages(missing: Floats, along: tuple[float, float] | None) -> Floats:
     over α².
     """
     albedo = current_backend().kernels("wrt.kernels.bsdf.lobes.albedo")
-
     rows, columns = missing.shape
     steps = (columns - 1) * int(albedo.STEPS)
     place = np.arange(steps + 1) / steps

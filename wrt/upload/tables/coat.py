@@ -35,7 +35,6 @@ def coat_table(
     backend = current_backend()
     coat = backend.kernels("wrt.kernels.bsdf.lobes.coat_transmittance")
     microfacet = backend.kernels("wrt.kernels.microfacet")
-
     points = POINTS.get(distribution, MORE_POINTS)
     rows, points = (ROWS, points) if alpha is not None else (ROWS_OF_MANY, points // 4)
     root = np.linspace(0.0, 1.0, rows)
