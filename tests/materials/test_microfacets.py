@@ -1,11 +1,9 @@
-"""Distributions of microfacet normals and their maskings are the printed ones, and normalised.
-
-That samples follow their density is tested by test_reflection_models.py, and at all roughnesses by its white furnace.
-"""
+"""Distributions of microfacet normals and their maskings: the printed ones, normalised, and sampled as stated."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,12 +14,16 @@ from conftest import Report
 from numpy.typing import ArrayLike, NDArray
 from scipy import integrate, special
 from support.kernels import uniforms, upload
+from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
 from wrt.kernels.microfacet import DISTRIBUTIONS, LEAST_ALPHA, make_microfacet, maskings_of
 from wrt.scene.materials import microfacet as described
 from wrt.scene.materials.microfacet import sgd_normalization
 
+N = 2**18
 ANGLES = (0.0, 45.0, 80.0, 89.0)
+RESOLUTION = (25, 51)
+"""Cells of histograms in cosθ and φ."""
 
 Array = NDArray[np.float64]
 
@@ -106,6 +108,19 @@ class Case:
     def sample(self, wo: ArrayLike, u: NDArray[np.float32], device: str) -> Array:
         return self._launch(kernels(self.name).sample, wp.vec3, device, wo, u).T
 
+    def stretched_density(self, density: Callable[[Array], Array]) -> Callable[[Array], Array]:
+        """Return the density of stretched normals.
+
+        The linear map M of them to normals takes the solid angle dω at s to |det M| / |M s|³ dω.
+        """
+
+        def of(stretched: Array) -> Array:
+            m = stretched * np.array([*self.scale, 1.0])
+            length = np.linalg.norm(m, axis=1)
+            return density(m / length[:, None]) * self.scale[0] * self.scale[1] / length**3
+
+        return of
+
 
 def slopes(name: str, alpha_u: float, alpha_v: float | None = None) -> Case:
     alpha_v = alpha_u if alpha_v is None else alpha_v
@@ -118,6 +133,7 @@ def abc(b: float, c: float) -> Case:
 
 
 def sgd(alpha: float, p: float) -> Case:
+    # The density of samples has a step at tan²θ = α. That is at cosθ = 3/5 in this scale, between cells of histograms.
     width = 0.75 * np.sqrt(alpha)
     return Case("sgd", (alpha, p, sgd_normalization(alpha, p)), (width, width))
 
@@ -133,6 +149,10 @@ CASES = [
         for pair in ((3.13e-5, 0.1528), (0.0148, 0.459), (0.1, 0.0), (0.05, 1.0), (0.674, 1.381), (0.02, 2.0))
     ),
 ]
+
+
+VISIBLE = [case for case in CASES if case.name in ("ggx", "beckmann")]
+"""Cases that sample visible normals: those alone depend on the viewer."""
 
 
 def viewer(degrees: float, azimuth: float = 0.7) -> Array:
@@ -225,6 +245,38 @@ def test_sgd_constants_are_the_published_ones(device: str, report: Report) -> No
         weight = case.d(m, device) * m[:, 2] / case.pdf([0.0, 0.0, 1.0], m, device)
         assert weight.max() < 1.5
         assert abs(weight.mean() - 1.0) < 4.0 * weight.std() / np.sqrt(len(m)) + 1e-5
+
+
+# --- Sampling ---------------------------------------------------------------------------------------
+
+CHOSEN = ((1e-4, 1e-3), (0.5, 0.05), (1.0, 1.0))
+SAMPLED = [
+    *((case, degrees) for case in VISIBLE if case.shape[:2] in CHOSEN for degrees in (0.0, 45.0, 89.0)),
+    *((case, 45.0) for case in CASES if case not in VISIBLE and case.shape[0] != 0.5),
+]
+QUICK = [("ggx", 89.0), ("beckmann", 45.0)]
+
+
+def marked(case: Case, degrees: float) -> object:
+    quick = (case.name, degrees) in QUICK and case.shape[0] == 0.5
+    return pytest.param(case, degrees, marks=() if quick else pytest.mark.slow, id=f"{case} at {degrees:g}")
+
+
+@pytest.mark.parametrize(("case", "degrees"), [marked(*each) for each in SAMPLED])
+def test_normals_follow_their_density(case: Case, degrees: float, device: str, report: Report) -> None:
+    wo = viewer(degrees)
+    m = case.sample(wo, uniforms(N, 2, seed=int(degrees)), device)
+    np.testing.assert_allclose(np.linalg.norm(m, axis=1), 1.0, atol=1e-6)
+    density = case.stretched_density(lambda m: case.pdf(wo, m, device))
+    expected = N * integrate_pdf_over_bins(density, RESOLUTION, tolerance=1e-6)
+    assert abs(expected.sum() / N - 1.0) < 2e-4
+    # Of some cells a mere corner is visible, which quadrature may miss; that samples are visible is asserted below.
+    expected = np.maximum(expected, 1e-6)
+    stretched = normalised(m / np.array([*case.scale, 1.0]))
+    result = chi_square_test(sphere_histogram(stretched, RESOLUTION), expected, tests=len(SAMPLED))
+    report(f"{case} at {degrees:g}°", result.statistic, result.dof, p=result.p)
+    assert result.passed, result.message
+    assert (case.pdf(wo, m, device) > 0.0).all()
 
 
 # --- Masking ----------------------------------------------------------------------------------------
