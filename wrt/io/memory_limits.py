@@ -45,8 +45,8 @@ share one large array of vertices, and each gets a copy."""
 SHAPES = Limit("shapes", 2**28, 256)
 """65,000 shapes, plus one for each 16 bytes of the files: a shape takes about 100 bytes of a file, an instance 50."""
 
-MADE = Limit("spheres and other round shapes", 2**29, 256)
-"""19 million triangles. A sphere far from the camera has 4,000, a near one five times as many."""
+MADE = Limit("spheres and other round shapes", 2**28, 256)
+"""10 million triangles. A sphere far from the camera has 4,000, a near one five times as many."""
 
 TEXT = Limit("XML elements and texts", 2**26, 128)
 """The shortest element has 4 bytes in the file and takes 300 in memory."""

@@ -98,17 +98,25 @@ def _icosahedron() -> tuple[np.ndarray, np.ndarray]:
         [[0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11]]
         + [[1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6], [7, 1, 8]]
         + [[3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9]]
-        + [[4, 9, 5], [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1]]
+        + [[4, 9, 5], [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1]],
+        np.int32,
     )
     return points / np.linalg.norm(points, axis=1, keepdims=True), faces
 
 
 def _split_in_four(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    unique, index = np.unique(edges[:, 0] * len(points) + edges[:, 1], return_inverse=True)
-    middle = points[unique // len(points)] + points[unique % len(points)]
+    a, b = faces.T.reshape(-1), faces[:, [1, 2, 0]].T.reshape(-1)
+    keys = np.minimum(a, b) * np.int64(len(points)) + np.maximum(a, b)
+    order = np.argsort(keys, kind="stable")  # both faces at an edge beside each other: the surface is closed
+    index = np.empty(len(keys), np.int32)
+    index[order] = len(points) + np.arange(len(keys), dtype=np.int32) // 2
+    first, second = np.divmod(keys[order[::2]], len(points))
+    middle = points[first] + points[second]
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    ab, bc, ca = (index.reshape(3, -1) + len(points)).reshape(3, -1)
+    ab, bc, ca = index.reshape(3, -1)
     a, b, c = faces.T
-    split = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
-    return np.concatenate([points, middle]), split
+    split = np.empty((4, len(faces), 3), np.int32)
+    for part, corners in zip(split, ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)), strict=True):
+        for k in range(3):
+            part[:, k] = corners[k]
+    return np.concatenate([points, middle]), split.reshape(-1, 3)
