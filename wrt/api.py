@@ -48,6 +48,7 @@ def load(
     material: Material | str | None = None,
     environment: Environment | PathLike | None = None,
     transparent: bool = False,
+    double_sided: bool = False,
     aspect: float | None = None,
     time: float | None = None,
 ) -> Scene:
@@ -81,6 +82,7 @@ def load(
         environment: replaces the studio's light, or the scene's own environment: an environment, an image file, or
             "sky" for a clear sky with the sun, at the radiance of an exposed picture.
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
+        double_sided: whether everything is seen from behind, also what a file calls single-sided.
         aspect: width of the picture over its height, for framing; by default from the scene's settings.
         time: the time, seconds, at which the first animation of a glTF file is; by default the file is at rest. Studio
             and camera are the same for all times.
@@ -92,10 +94,16 @@ def load(
     stage = Stage(view, frame, material, environment, transparent, aspect, time)
     with _confined(source if confined else None), _strictly() if strict else contextlib.nullcontext():
         scene = _load(source, reading, stage)
+    if double_sided and not all(shape.double_sided for shape in scene.shapes):
+        scene = dataclasses.replace(scene, shapes=[_both_sides(shape) for shape in scene.shapes])
     if confined and scene is not source and names_file(scene.settings.tone):
         # Such a configuration names further files, which OpenColorIO opens when a picture is developed.
         raise InputError(f"{source}: tone {scene.settings.tone!r} names a file, which is not read in confinement")
     return scene
+
+
+def _both_sides(shape: Shape) -> Shape:
+    return shape if shape.double_sided else dataclasses.replace(shape, double_sided=True)
 
 
 def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any) -> Scene:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 
 _LONGEST_NAME = 100
 
-_COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha")
+_COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided")
 _COVERING = ("models", "light_shapes", "environment", "composite", *_COVERING_FLAGS)
 """Features of a kernel that a scene need not have: the kernel decides at run time."""
 
@@ -46,6 +46,7 @@ class Features:
         exact: which exact shapes lie among the triangles of the ray tree: "none", "spheres" alone, or "quadrics", which
             are disks and cylinders, with spheres or without.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
+        single_sided: whether any shape is single-sided or unlit (see `kernels/integrators/sides.py`).
         gpu: whether the kernel is for GPUs alone. There one loop reads the values of materials for all models, threads
             take the pixels tile by tile, and shadow rays to a hole in a light are traced to nowhere, beside others of
             a warp.
@@ -72,6 +73,7 @@ class Features:
     mipmapped: bool = False
     composite: str = "none"
     exact: str = "none"
+    single_sided: bool = False
     gpu: bool = False
 
     def covers(self, scene: "Features") -> bool:
@@ -110,6 +112,11 @@ class Features:
     def mixed(self) -> bool:
         """Whether each hit chooses a material at random."""
         return self.composite in ("mixed", "holes")
+
+    @property
+    def tells_blurred(self) -> bool:
+        """Whether a path must know if anything that is not smooth has scattered it."""
+        return self.regularized or self.single_sided
 
     @property
     def bodies(self) -> bool:

@@ -120,6 +120,8 @@ class ShapeRecord:
     emission: wp.vec3
     emission_slot: int  # -1 if `emission` is constant
     two_sided: int
+    single_sided: int  # see `kernels/integrators/sides.py`
+    unlit: int
     body: int  # the body that it bounds; −1 for none
 
 

@@ -22,6 +22,7 @@ from wrt.kernels.geometry.surface import (
     make_add_texture_coordinates,
     make_surface_at,
 )
+from wrt.kernels.integrators.sides import make_hit_shown
 from wrt.kernels.materials.choice import MOST_PASSED, PASSED_THROUGH, make_choose_material, material_of_side
 from wrt.kernels.materials.values import disperses, make_bsdf_at, make_with_throughput
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, passed_block, vertex_block
@@ -43,7 +44,9 @@ class FirstSurface:
     rays: int
 
 
-@specialised("sampler", "instances", "exact", "textured", "uv2_alpha", "mipmapped", "composite", "tangents")
+@specialised(
+    *("sampler", "instances", "exact", "textured", "uv2_alpha", "mipmapped", "composite", "tangents", "single_sided")
+)
 def make_first_surface(features: Features) -> wp.Function:
     """Return the device function (scene, camera_ray, pixel_footprint, sampler) -> FirstSurface.
 
@@ -52,6 +55,7 @@ def make_first_surface(features: Features) -> wp.Function:
     """
     sample_4d = make_sample_4d(features.sampler)
     closest_hit, surface_at = make_intersect(features.geometry).closest_hit, make_surface_at(features.geometry)
+    hit_shown = make_hit_shown(features.geometry)
     choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
 
@@ -62,6 +66,8 @@ def make_first_surface(features: Features) -> wp.Function:
         first.material = PASSED_THROUGH
         while first.material == PASSED_THROUGH and first.rays <= MOST_PASSED:
             hit = closest_hit(scene, ray)
+            if wp.static(features.single_sided):
+                hit = hit_shown(scene, ray, hit, True)
             first.hit = hit
             first.rays = first.rays + 1
             if hit.triangle == NO_HIT:

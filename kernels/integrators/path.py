@@ -28,6 +28,7 @@ from wrt.kernels.integrators.path_surface import (
     pass_through,
 )
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
+from wrt.kernels.integrators.sides import make_hit_shown
 from wrt.kernels.lights.shapes import make_closest_hit
 from wrt.kernels.media.skin import no_skin, or_skin
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_sample_4d, passed_block, vertex_block
@@ -38,6 +39,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
     """Return the stage (scene, path, sampler, settings) -> PathState: to a path's end, or (`in_rounds`) next vertex."""
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
     closest_hit, occluded = make_closest_hit(features), make_intersect(features.geometry).occluded
+    hit_shown = make_hit_shown(features.geometry, features.light_shapes)
     traverse_medium, scatter_in_medium = make_traverse_medium(features), make_scatter_in_medium(features)
     surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
@@ -62,6 +64,8 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             u_light = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
             hit = closest_hit(scene, path.ray)
+            if wp.static(features.single_sided):
+                hit = hit_shown(scene, path.ray, hit, not path.was_blurred)
             if wp.static(scattering):
                 hit = or_skin(path.skin, path.ray, hit)
             path.rays += 1

@@ -137,7 +137,7 @@ def make_scatter_in_medium(features: Features) -> wp.Function:
         forward = path.ray.direction
         path.ray.direction = sample_phase(forward, segment.g, wp.vec2(u_phase[0], u_phase[1]))
         path.scatter_pdf = phase(wp.dot(forward, path.ray.direction), segment.g)
-        if wp.static(features.regularized):
+        if wp.static(features.tells_blurred):
             path.was_blurred = True
 
         # Roulette begins below a throughput of 1 only: paths in milk scatter hundreds of times and must survive.

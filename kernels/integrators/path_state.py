@@ -51,8 +51,8 @@ class PathState:
     at the surface. `footprint` is the width of the camera ray's cone, and its growth; 0 once the path was scattered.
     `depth` counts the surfaces that scattered the path, and `medium_scatterings` the points in media.
     While indirect light is clamped, `direct_radiance` keeps the light of at most two segments once there may be more;
-    the path then `is_indirect`. It `was_blurred` if anything that is not smooth scattered it. It `is_done` once it has
-    ended, for whatever reason.
+    the path then `is_indirect`. It `was_blurred` if anything that is not smooth scattered it, where `Features` ask for
+    it. It `is_done` once it has ended, for whatever reason.
     """
 
     ray: Ray

@@ -22,6 +22,7 @@ from wrt.kernels.geometry.surface import (
 from wrt.kernels.geometry.triangles import WIDELY
 from wrt.kernels.integrators.next_event import emitter_hit_weight
 from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, begin_indirect
+from wrt.kernels.integrators.sides import shines_for
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import make_hit_pdf
 from wrt.kernels.materials.choice import MOST_PASSED, PASSED_THROUGH, make_choose_material, material_of_side
@@ -128,7 +129,7 @@ def pass_through(path: PathState, vertex: SurfaceVertex) -> PathState:
     return path
 
 
-@specialised(*make_lights.fields)
+@specialised(*make_lights.fields, "single_sided")
 def make_surface_emission(features: Features) -> wp.Function:
     """Return the stage (scene, path, vertex, strategy) -> PathState that adds the emission of the surface."""
     lights, hit_pdf = make_lights(features), make_hit_pdf(features.geometry)
@@ -137,7 +138,10 @@ def make_surface_emission(features: Features) -> wp.Function:
     @inline_stage
     def surface_emission(scene: SceneData, path: PathState, vertex: SurfaceVertex, strategy: int) -> PathState:
         shape = scene.shapes[vertex.surface.shape]
-        if shape.first_light >= 0:
+        shines = shape.first_light >= 0
+        if wp.static(features.single_sided):
+            shines = shines_for(shape, not path.was_blurred)
+        if shines:
             if vertex.surface.front or shape.two_sided != 0:
                 weight = float(1.0)
                 if path.scatter_pdf > 0.0:
@@ -264,7 +268,7 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
         path.depth += 1
         path.eta_scale *= sample.eta * sample.eta
         path.scatter_pdf = sample.pdf
-        if wp.static(features.regularized):
+        if wp.static(features.tells_blurred):
             path.was_blurred = path.was_blurred or sample.pdf > 0.0
         side = wp.where(sample.wi[2] > 0.0, 1.0, -1.0)
         direction = to_world(vertex.surface.frame, sample.wi)

@@ -11,6 +11,7 @@ from wrt.kernels.core.scene_data import MATERIAL_MODEL, BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import traces_alone
 from wrt.kernels.geometry.surface import Surface, align_tangents, make_add_texture_coordinates, make_surface_at
+from wrt.kernels.integrators.sides import is_passed
 from wrt.kernels.lights.shapes import make_light_shapes
 from wrt.kernels.materials.choice import MOST_PASSED
 from wrt.kernels.materials.values import make_share_passed
@@ -29,7 +30,7 @@ def can_attenuate_shadows(features: Features) -> bool:
 
 
 @specialised(
-    *("instances", "exact", "composite", "media", "grid_media", "nested", "light_shapes", "tangents"),
+    *("instances", "exact", "composite", "media", "grid_media", "nested", "light_shapes", "tangents", "single_sided"),
     *make_share_passed.fields,
 )
 def make_transmission(features: Features) -> wp.Function:
@@ -108,6 +109,8 @@ def make_transmission(features: Features) -> wp.Function:
                     if wp.static(features.nested):
                         is_solid = is_there(scene, surface, stack, stack_behind)
                     stack = stack_behind
+            if wp.static(features.single_sided):
+                is_solid = is_solid and not is_passed(scene.shapes[surface.shape], surface.front, False)
             if is_solid:
                 share = wp.cw_mul(share, passed_at(scene, hit, surface, ray.direction))
                 if wp.max(share) <= 0.0:

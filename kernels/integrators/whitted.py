@@ -30,7 +30,9 @@ from wrt.kernels.integrators.path_escape import make_add_lights_met
 from wrt.kernels.integrators.path_state import PathResult, PathSettings, SurfaceVertex
 from wrt.kernels.integrators.path_surface import cone_width, make_vertex_at, make_with_body_indices
 from wrt.kernels.integrators.shadow_rays import make_visibility
+from wrt.kernels.integrators.sides import make_hit_shown, shines_for
 from wrt.kernels.integrators.tree_ray import (
+    JITTERED,
     WAITING,
     TreeRay,
     make_children,
@@ -169,6 +171,7 @@ def make_trace_tree(features: Features) -> wp.Function:
     """Return the device function that follows the ray tree of a camera ray."""
     direct_light = make_direct_light(features)
     add_lights_met, hit_seen = make_add_lights_met(features), make_hit_seen(features)
+    of_triangles, of_all = make_hit_shown(features.geometry), make_hit_shown(features.geometry, features.light_shapes)
     specular, children = make_by_viewer(features.models, "specular", no_lobes), make_children(features)
     next_leaf = make_next_leaf(features.uv2_alpha, features.mipmapped)
     vertex_at, bsdf_at = make_vertex_at(features), make_bsdf_at(features)
@@ -197,6 +200,12 @@ def make_trace_tree(features: Features) -> wp.Function:
             ray = segment_of(r, camera_ray.time)
             hit = hit_seen(scene, ray, sees_lights(r, settings))
             result.rays += 1
+            looks = r.camera_distance > JITTERED
+            if wp.static(features.single_sided):
+                if sees_lights(r, settings):
+                    hit = of_all(scene, ray, hit, looks)
+                else:
+                    hit = of_triangles(scene, ray, hit, looks)
             if wp.static(features.media != "none"):
                 medium = medium_of(scene, r.medium_stack)
                 if medium >= 0:
@@ -234,7 +243,10 @@ def make_trace_tree(features: Features) -> wp.Function:
                 part = r.throughput * leaves.share
 
                 # Emission
-                if shape.first_light >= 0 and (surface.front or shape.two_sided != 0):
+                shines = shape.first_light >= 0
+                if wp.static(features.single_sided):
+                    shines = shines_for(shape, looks)
+                if shines and (surface.front or shape.two_sided != 0):
                     result.radiance += wp.cw_mul(part, emission_at(scene, shape, surface))
                 if r.depth >= settings.max_depth:
                     continue

@@ -27,6 +27,7 @@ def covering(*models: str, **fields: Any) -> Features:
         light_tree=True,
         uv2_alpha=True,
         mipmapped=True,
+        single_sided=True,
         **{"composite": "sides", **fields},
     )
 

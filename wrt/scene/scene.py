@@ -21,7 +21,7 @@ from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.layers import layer_names
 from wrt.scene.lights import LIGHTS, Light
-from wrt.scene.materials import Diffuse, Material
+from wrt.scene.materials import Diffuse, Material, Unlit
 from wrt.scene.materials.body import bodies_of
 from wrt.scene.materials.material import UnlimitedColor
 from wrt.scene.medium import Medium
@@ -65,6 +65,8 @@ class Shape(Description):
         emission: radiance emitted from its front, per channel, W·sr⁻¹·m⁻², also an image or the mesh's vertex colours;
             0 for the emission of the material.
         two_sided_emission: whether its back emits too.
+        double_sided: whether it is seen from behind. If not, the camera, mirrors and clear glass show what is behind its
+            back, as in glTF; light stops at it all the same. What transmits light or emits to its back has both sides.
         name: for messages.
         transform: a (4, 4) affine matrix from the mesh's space to the world, or a Motion. Shapes with a transform that
             share a mesh are instances and share its memory. A mirroring transform keeps the mesh's front.
@@ -78,6 +80,7 @@ class Shape(Description):
     name: str = "shape"
     transform: _Placement = field(default=None, repr=False)
     deformation: _Deformation = field(default=None, repr=False)
+    double_sided: Flag = True
 
     def _label(self, name: str) -> str:
         return f"{self.name}: {name}"
@@ -95,8 +98,8 @@ class Shape(Description):
 
     @property
     def emits(self) -> bool:
-        """Whether it emits light."""
-        return shines(self.emission)
+        """Whether it emits light; unlit surfaces do not."""
+        return shines(self.emission) and not isinstance(self.material, Unlit)
 
     def transform_at(self, time: float) -> NDArray[np.float64]:
         """Return the (4, 4) matrix from the mesh's space to the world at a time in seconds."""
@@ -306,6 +309,7 @@ class Scene:
         name: str | None = None,
         transform: ArrayLike | Motion | None = None,
         deformation: Deformation | None = None,
+        double_sided: bool = True,
     ) -> Shape:
         """Add a mesh and return the new shape; see Shape for the options."""
         shape = Shape(
@@ -316,6 +320,7 @@ class Scene:
             name=name or str(getattr(mesh, "name", "shape")),
             transform=transform,  # type: ignore[arg-type]
             deformation=deformation,
+            double_sided=double_sided,
         )
         self.shapes.append(shape)
         return shape

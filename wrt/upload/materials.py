@@ -34,6 +34,7 @@ class MaterialTable:
     Attributes:
         materials: the materials.
         of_shapes: (shapes,) number of each shape's material.
+        transmits: (shapes,) whether light passes through the material of each shape, other than by its opacity.
         emission_slots: slot of each emission that varies, otherwise −1.
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
@@ -52,6 +53,7 @@ class MaterialTable:
         self.materials: list[Material] = []
         self._numbers: dict[int, int] = {}
         self.of_shapes = [self._add(material) for material in materials]
+        self.transmits = np.array([self._transmits(material) for material in materials])
         simple = [material for material in self.materials if not material.parts]
         self.models = tuple(sorted({model_name(material) for material in simple}))
         values = [value for material in self.materials for value in (*material.slots, material.opacity)]
@@ -80,6 +82,12 @@ class MaterialTable:
             for part in material.parts:
                 self._add(part)
         return self._numbers[id(material)]
+
+    def _transmits(self, material: Material) -> bool:
+        """Return whether a material, or a part of it, has a reflection model that transmits light."""
+        if material.parts:
+            return any(self._transmits(part) for part in material.parts)
+        return bool(_bsdf("models_with", (model_name(material),), "transmits"))
 
     def _record(self, material: Material) -> dict[str, Any]:
         """Return the record of a material, still without its table, and add its values to the slots."""

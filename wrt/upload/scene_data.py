@@ -13,6 +13,7 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.backend.memory import MEMORY_ADVICE
 from wrt.scene.camera import Camera
+from wrt.scene.materials import Unlit
 from wrt.scene.mesh import columns
 from wrt.scene.scene import Scene, Shape
 from wrt.upload.accel.bvh import build_bvh
@@ -120,7 +121,8 @@ def build_scene(
         materials.models,
         materials.textured,
         environment_kind(prepared.environment),
-        composite=materials.composite,
+        # Shadow rays pass unlit surfaces from their front.
+        composite="holes" if (records["single_sided"] & records["unlit"]).any() else materials.composite,
         tangents=materials.tangents,
         light_shapes=table.shape_models,
         instances=layout.kind,
@@ -131,6 +133,7 @@ def build_scene(
         uv2_alpha=materials.uv2_alpha,
         mipmapped=materials.mipmapped,
         exact=prepared.exact,
+        single_sided=bool((records["single_sided"] | records["unlit"]).any()),
     )
     read = on_features(features)
     textured = read.textured or read.tangents or texture_coordinates
@@ -184,7 +187,12 @@ def _shape_records(
     for record, shape in zip(records, scene.shapes, strict=True):
         if record["emission_slot"] < 0:
             record["emission"] = shape.emission
-    records["two_sided"] = [shape.two_sided_emission for shape in scene.shapes]
+    unlit = np.array([isinstance(shape.material, Unlit) for shape in scene.shapes])
+    double_sided = np.array([shape.double_sided for shape in scene.shapes])
+    emits_back = np.array([shape.two_sided_emission for shape in scene.shapes])
+    records["unlit"] = unlit
+    records["two_sided"] = emits_back | (unlit & double_sided)
+    records["single_sided"] = ~(double_sided | emits_back | materials.transmits)
     records["body"] = bodies.of_shapes
     return records
 

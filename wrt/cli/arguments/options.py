@@ -85,6 +85,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
     "--denoise": _flag("remove noise from the picture (needs the extra wrt[denoise])"),
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
+    "--double-sided": _flag("show the backs of all surfaces, also of those that a file calls single-sided"),
     "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
     "--quiet": _flag("show only errors and warnings"),
     "--json": _flag("print a summary of each render to standard output as a line of JSON"),
@@ -116,7 +117,7 @@ SHORT = {"--output": "-o", "--define": "-D"}
 
 STUDIO = "--size --crop --view --frame --material --environment --transparent --layers --triangles"
 INTEGRATION = "--sampler --integrator --clamp-indirect --regularization"
-READING = "--define --sensor --confined --strict --up"
+READING = "--define --sensor --confined --strict --up --double-sided"
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:

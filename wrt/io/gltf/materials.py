@@ -1,7 +1,7 @@
 """Materials of glTF files.
 
 Formats: Khronos Group 2021, "glTF 2.0 Specification", section 3.9, and EXTENSIONS. Ignored: the occlusion texture,
-since a path tracer computes occlusion, and backface culling.
+since a path tracer computes occlusion.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from wrt.io.gltf.buffers import Tree
 from wrt.io.gltf.images import GltfImages, placement_of
 from wrt.io.mesh.parts import Part
 from wrt.linalg import product
-from wrt.scene.materials import Emissive, Material, Principled
+from wrt.scene.materials import Material, Principled, Unlit
 from wrt.scene.materials.dispersion import MOST as MOST_DISPERSION
 from wrt.scene.materials.material import HIGHEST_FILM_INDEX, THICKEST_FILM
 from wrt.scene.medium import Medium
@@ -135,8 +135,9 @@ class GltfMaterials:
             uvs = product(np.asarray(uvs, np.float64), placement[:, :2].T) + placement[:, 2]
         if uvs is not None and second is not None:
             uvs = np.column_stack([uvs, second * (1.0, -1.0) + (0.0, 1.0)])
-        two_sided = bool(description.tree.get("doubleSided", False)) and shines(material.emission)  # section 3.9.6
-        return replace(part, material=material, two_sided=two_sided, colors=colors, uvs=uvs)
+        double_sided = bool(description.tree.get("doubleSided", False))  # section 3.9.6
+        sides = {"double_sided": double_sided, "two_sided": double_sided and shines(material.emission)}
+        return replace(part, material=material, colors=colors, uvs=uvs, **sides)
 
     def _description(self, number: int) -> _Description:
         if number not in self._descriptions:
@@ -163,7 +164,7 @@ class _Reader:
         opacity = self._opacity()
         base = self._color(description.base_texture, description.base_factor, colored=attributes.colors)
         if "KHR_materials_unlit" in description.extensions:
-            return Emissive(base, opacity=opacity)  # looks the same under any light, and reflects none
+            return Unlit(base, opacity=opacity)
         values: dict[str, Any] = {"base_color": base, "opacity": opacity}
         if description.gloss is not None:
             values |= self._specular_glossiness(description.gloss)

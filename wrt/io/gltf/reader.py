@@ -249,4 +249,5 @@ def _part(
     if number is not None:
         return materials.dressed(part, number, second_uvs)
     part.colors = None if part.colors is None else part.colors[:, :3]
+    part.double_sided = False  # the default material, section 3.9.1
     return part

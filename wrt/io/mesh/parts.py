@@ -43,6 +43,7 @@ class Part:
         reflectance: an image mapped by `uvs`, if the file names one.
         material: the material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
         two_sided: whether emission is two-sided.
+        double_sided: whether it is seen from behind.
         vertex_format: names a vertex by its number in messages; loaders of some formats renumber vertices.
         places: (4, 4) transforms of its instances, if there are several; otherwise it is in world space.
     """
@@ -58,6 +59,7 @@ class Part:
     material: Material | None = None
     places: list[NDArray[np.float64]] = field(default_factory=list)
     two_sided: bool = False
+    double_sided: bool = True
     vertex_format: str = "vertex {} (counted from 0)"
 
 

@@ -46,6 +46,8 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
     shapes = []
     for part, mesh in zip(repaired, meshes, strict=True):
         shape = _shape(part, mesh)
+        if not part.double_sided:
+            shape = replace(shape, double_sided=False)
         shapes += [replace(shape, transform=place) for place in part.places] or [shape]
     return shapes
 

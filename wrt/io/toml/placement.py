@@ -111,9 +111,12 @@ def after(place: Transform, first: Transform) -> Transform:
 
 def joined(shapes: list[Shape]) -> list[Shape]:
     """Merge the shapes that will share one material; instances stay as they are."""
-    loose = [shape.mesh for shape in shapes if shape.transform is None]
+    loose = [shape for shape in shapes if shape.transform is None]
     placed = [shape for shape in shapes if shape.transform is not None]
-    return [Shape(merge(loose, "mesh")), *placed] if len(loose) > 1 else shapes
+    if len(loose) < 2:
+        return shapes
+    merged = merge([shape.mesh for shape in loose], "mesh")
+    return [Shape(merged, double_sided=any(shape.double_sided for shape in loose)), *placed]
 
 
 def read_deformation(

@@ -136,6 +136,7 @@ SHAPE: Keys = {
     "material": Key("A name from [materials]; without it the file's own, or a diffuse one.", TEXT),
     "emission": Key(_OF_SHAPES.get("emission", ""), definition("color_that_varies")),
     "two_sided_emission": Key(_OF_SHAPES.get("two_sided_emission", ""), BOOLEAN),
+    "double_sided": Key(_OF_SHAPES.get("double_sided", ""), BOOLEAN),
     **TRANSFORM,
     **PLACES,
 }

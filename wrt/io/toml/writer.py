@@ -217,6 +217,8 @@ class _Writer:
             table["emission"] = self.value(shape.emission)
         if shape.two_sided_emission:
             table["two_sided_emission"] = True
+        if not shape.double_sided:
+            table["double_sided"] = False
         if isinstance(shape.transform, Motion):
             table["motion"] = self.motion(shape.transform)
         elif shape.transform is not None:
@@ -266,7 +268,7 @@ def _key_of_group(shape: Shape) -> tuple[Any, ...]:
     if shape.transform is None or isinstance(shape.transform, Motion):
         return (id(shape),)
     objects = (id(each) for each in (shape.mesh, shape.material, shape.deformation))
-    return (*objects, shape.name, shape.two_sided_emission, shape.emission)
+    return (*objects, shape.name, shape.two_sided_emission, shape.double_sided, shape.emission)
 
 
 def _arrays_of(thing: Any, *names: str) -> dict[str, NDArray[Any]]:

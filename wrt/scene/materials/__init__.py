@@ -26,6 +26,7 @@ from wrt.scene.materials.measured import Measurement as Measurement
 from wrt.scene.materials.composite import Mix as Mix
 from wrt.scene.materials.composite import TwoSided as TwoSided
 from wrt.scene.materials.composite import Emissive as Emissive
+from wrt.scene.materials.composite import Unlit as Unlit
 # isort: on
 
 MATERIALS: dict[str, type[Material]] = by_type_name(globals(), Material)

@@ -99,3 +99,32 @@ class Emissive(Material):
     @property
     def emission(self) -> ColorSource:
         return self.radiance
+
+
+@dataclass(frozen=True)
+class Unlit(Material):
+    """A surface that looks the same under any light, as KHR_materials_unlit of glTF.
+
+    The camera sees its colour, also in smooth mirrors and clear glass. It lights nothing else, and reflects nothing. It
+    casts shadows, but where it has one side, only of light that comes to its front.
+
+    Attributes:
+        color: radiance that is seen, per channel, W·sr⁻¹·m⁻².
+    """
+
+    color: UnlimitedColor = 1.0
+
+    type_name: ClassVar[str] = "unlit"
+
+    @property
+    def model(self) -> str:
+        """The model of a black Lambertian surface."""
+        return Diffuse.type_name
+
+    @property
+    def slots(self) -> tuple[ColorSource, ...]:
+        return (0.0,)
+
+    @property
+    def emission(self) -> ColorSource:
+        return self.color

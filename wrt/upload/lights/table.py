@@ -14,7 +14,7 @@ from wrt.scene.exact.analytic import Analytic
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.lights import Light
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.textures import ImageTexture
+from wrt.scene.textures import ImageTexture, shines
 from wrt.upload.accel.instancing import Layout, is_moving
 from wrt.upload.arrays import packed
 from wrt.upload.lights.bounds import LightBounds
@@ -31,9 +31,9 @@ Array = NDArray[np.float64]
 
 
 def has_light(scene: Scene) -> bool:
-    """Return whether anything in a scene emits light."""
+    """Return whether anything in a scene shines."""
     return (
-        any(shape.emits for shape in scene.shapes)
+        any(shines(shape.emission) for shape in scene.shapes)
         or any(light.shines for light in scene.lights)
         or environment_kind(resolve_environment(scene.environment)[0]) != "none"
         or any(any(medium.emission) for medium in scene.media)  # type: ignore[arg-type]
