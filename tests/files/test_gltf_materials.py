@@ -149,11 +149,17 @@ def test_what_shines_does_so_without_light_and_on_both_sides_where_it_has_two(tm
     shape = shape_of(tmp_path, file_with({**described, "emissiveFactor": [1, 1, 1]}))
     assert shape.two_sided_emission == double
     shape = shape_of(tmp_path, file_with({**described, **extensions(unlit={})}))
-    assert shape.material == wrt.Emissive((0.5, 0.25, 0.125))
+    assert shape.material == wrt.Unlit((0.5, 0.25, 0.125))
+    assert not shape.emits
     assert shape.emission == (0.5, 0.25, 0.125)
     for line, expected in (("", double), ("two_sided_emission = false", False)):
         text = f'[[shapes]]\ntype = "mesh"\nfile = "a.gltf"\n{line}'
-        assert wrt.load(write(tmp_path, "one.toml", text)).shapes[0].two_sided_emission == expected
+        loaded = wrt.load(write(tmp_path, "one.toml", text)).shapes[0]
+        assert (loaded.two_sided_emission, loaded.double_sided) == (expected, double)
+    text += "\ndouble_sided = true"
+    assert wrt.load(write(tmp_path, "one.toml", text)).shapes[0].double_sided
+    assert wrt.load(tmp_path / "a.gltf", double_sided=True).shapes[0].double_sided
+    assert shape_of(tmp_path, file_with(described)).double_sided == double
 
 
 def test_one_transform_of_all_textures_moves_the_coordinates_of_the_mesh(tmp_path):

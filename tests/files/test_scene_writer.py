@@ -60,7 +60,7 @@ def materials() -> list[wrt.Material]:
         wrt.Principled(WOOD, ior=1.7, transmission=0.4, interior=water, emission=(1.0, 2.0, 3.0), anisotropy=0.3),
     ]
     mix = wrt.Mix(made[0], wrt.Dielectric(1.33), WOOD)
-    return [*made, mix, wrt.TwoSided(made[1], mix), wrt.Emissive(WOOD)]
+    return [*made, mix, wrt.TwoSided(made[1], mix), wrt.Emissive(WOOD), wrt.Unlit(WOOD)]
 
 
 def test_every_kind_of_value_is_kept(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_every_kind_of_value_is_kept(tmp_path: Path) -> None:
     for number, material in enumerate(materials()):
         mesh = colored if number % 2 else quad
         scene.add(mesh.translated((number, 0, 0)), material=material, name=f"nr {number}")
-    scene.add(quad, emission=WOOD, two_sided_emission=True, name="screen")
+    scene.add(quad, emission=WOOD, two_sided_emission=True, double_sided=False, name="screen")
     scene.add(quad, material=wrt.Diffuse(0.3), transform=PLACE, name="placed")
     for k in range(3):
         scene.add(quad, material=scene.shapes[0].material, transform=PLACE + k * np.eye(4, k=3), name="copies")

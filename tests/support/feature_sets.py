@@ -69,6 +69,7 @@ FEATURES = [
         tangents=True,
         uv2_alpha=True,
         light_shapes=(*LIGHT_SHAPES, "projector", "projector:spot"),
+        single_sided=True,
     ),
     Features(("principled:anisotropic:transmission:coat:sheen:bounces", "principled:thin"), False, "none"),
     *SHADING,

@@ -93,4 +93,4 @@ def test_meshes_without_alpha_and_opaque_materials_are_opaque(tmp_path: Path) ->
     unlit = {**textured({}), "extensions": UNLIT}
     material: Any = scene_of(tmp_path, unlit, TEXCOORD_0=UVS, COLOR_0=COLORS).shapes[0].material
     assert material.opacity == 1.0
-    assert material.radiance.vertex_colors
+    assert material.color.vertex_colors

@@ -94,7 +94,9 @@ def general_features(features: Any) -> list[Any]:
         return []
     if features.media != "none" or features.clamped or features.regularized or features.cameras:
         return []
-    general: dict[str, Any] = dict.fromkeys(("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided"), True)
+    general: dict[str, Any] = dict.fromkeys(
+        ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided"), True
+    )
     if not features.guides:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
         general |= {"environment": "image", "light_shapes": shapes}

@@ -27,6 +27,7 @@ from wrt.scene.materials import (
     RoughPlastic,
     ThinDielectric,
     TwoSided,
+    Unlit,
 )
 from wrt.scene.textures import CHANNELS, ColorSource, ImageTexture, VertexColor
 from wrt.values import Vec3, vec3
@@ -76,6 +77,9 @@ def _values(material: Material, note: Note) -> dict[str, Any]:
         return {"base_color": material.reflectance, **_MATT}
     if isinstance(material, Emissive):
         return {"base_color": 0.0, **_MATT, "emission": material.radiance}
+    if isinstance(material, Unlit):
+        note("unlit surfaces: lamps of their colour stand for them")
+        return {"base_color": 0.0, **_MATT, "emission": material.color}
     if isinstance(material, Mirror):
         return {"base_color": material.reflectance, "metallic": 1.0, "roughness": 0.0}
     if isinstance(material, Glossy):

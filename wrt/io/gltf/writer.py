@@ -37,7 +37,7 @@ from wrt.scene.materials import Diffuse, Null
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
+from wrt.scene.textures import ColorSource, ImageTexture, VertexColor, shines
 
 GLB_SUFFIX = ".glb"
 _FLOAT, _UNSIGNED = 5126, 5125
@@ -88,8 +88,8 @@ class _Writer(Store):
         for light in scene.lights:
             nodes += self._light(light)
         punctual = "KHR_lights_punctual" in self.tree.get("extensions", {})
-        shines = any("emissiveFactor" in material for material in self.tree.get("materials", []))
-        if shines and not punctual and scene.environment is None:
+        any_shines = any("emissiveFactor" in material for material in self.tree.get("materials", []))
+        if any_shines and not punctual and scene.environment is None:
             # A black lamp, as wrt and other programs light scenes that have no lamp; here meshes give the light.
             nodes.append(self._placed_light({"type": "point", "intensity": 0.0}, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
         if scene.camera is not None:
@@ -140,7 +140,8 @@ class _Writer(Store):
 
     def _primitive(self, shape: Shape, mesh: Mesh) -> Tree:
         material = nearest(shape.material, self.note)
-        described = self._materials.described(material, shape.emission, two_sided=shape.two_sided_emission)
+        two_sided = shape.two_sided_emission or (shape.double_sided and not shines(shape.emission))
+        described = self._materials.described(material, shape.emission, two_sided=two_sided)
         attributes = {"POSITION": self._accessor(mesh, "POSITION", mesh.vertices)}
         if mesh.normals is not None:
             attributes["NORMAL"] = self._accessor(mesh, "NORMAL", _of_unit_length(mesh.normals))
