@@ -60,6 +60,6 @@ def test_what_is_no_color_is_warned_of_once(tmp_path):
         (shape,) = load_shapes(stl(tmp_path / "a.stl", [7, 0, 3]))
     assert shape.mesh.colors is None
     facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\ncolor 1 0 0\nendfacet\n"
-    text = f"solid vertex of a name\n{facet}endsolid\n"
+    text = f"solid by hand\n{facet}endsolid\n"
     with pytest.warns(InputWarning, match="statement 'color' is unknown"):
         load_shapes(write(tmp_path, "b.stl", text))
