@@ -43,6 +43,9 @@ def scene_text(scene: Scene) -> str:
         f"camera      {'none; the renderer frames the shapes' if scene.camera is None else _summary(scene.camera)}",
         f"environment {'none' if scene.environment is None else _summary(scene.environment)}",
     ]
+    if len(scene.cameras) > 1:
+        rows: list[Row] = [(f"{i} {name}", _summary(scene.cameras[name])) for i, name in enumerate(scene.cameras)]
+        lines += _table("cameras", ("", ""), rows)
     rows = [_shape_row(shape, numbers[id(shape.material)]) for shape in scene.shapes]
     lines += _table("shapes", ("", "triangles", "vertices", "with", "material"), rows)
     rows = [

@@ -68,12 +68,12 @@ class Contents:
     Attributes:
         parts: the triangles.
         lights: lights without a mesh.
-        cameras: cameras in file order.
+        cameras: names and cameras in file order; names may be empty or occur twice.
     """
 
     parts: list[Part]
     lights: list[Light] = field(default_factory=list)
-    cameras: list[Camera] = field(default_factory=list)
+    cameras: list[tuple[str, Camera]] = field(default_factory=list)
 
 
 @contextmanager

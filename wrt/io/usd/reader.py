@@ -66,7 +66,7 @@ class _Reader:
 
     def read(self) -> tuple[Contents, Environment | None]:
         lights: list[Light] = []
-        cameras: list[Camera] = []
+        cameras: list[tuple[str, Camera]] = []
         dome: Environment | None = None
         for prim, place in zip(self._content["prims"], self._content["places"].reshape(-1, 4, 4), strict=True):
             kind, name = prim["kind"], f"{self._path}: {prim['path']}"
@@ -77,7 +77,8 @@ class _Reader:
                 elif kind == "PointInstancer":
                     self._add_instances(prim, name, matrix)
                 elif kind == "Camera":
-                    cameras.append(camera_of(Values(prim["values"], name), matrix, self._scale))
+                    camera = camera_of(Values(prim["values"], name), matrix, self._scale)
+                    cameras.append((prim["path"].rpartition("/")[2], camera))
                 elif kind != "DomeLight":
                     lights.append(light_of(Values(prim["values"], name), kind, matrix))
                 elif dome is None:
