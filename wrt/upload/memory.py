@@ -70,7 +70,8 @@ def _geometry(layout: Layout, *, textured: bool, uv2_alpha: bool, tangents: bool
     triangles = sum(len(mesh.faces) for mesh in (*layout.world_meshes, *(s.keys[0] for s in layout.shared)))
     shapes = len(layout.world_shapes) + len(layout.instances)
     of_vertex = 24 + 20 * textured + 12 * uv2_alpha  # points, normals; coordinates, colours; a second set
-    return of_vertex * vertices + (16 + 48 * tangents) * triangles + shapes * _size("wrt.kernels.core.scene_data", "ShapeRecord")
+    of_triangle = 16 + 48 * tangents
+    return of_vertex * vertices + of_triangle * triangles + shapes * _size("wrt.kernels.core.scene_data", "ShapeRecord")
 
 
 class _Builder(NamedTuple):
