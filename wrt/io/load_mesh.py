@@ -12,6 +12,7 @@ from typing import Any
 
 from wrt.errors import OF_TRIMESH, InputError
 from wrt.io import memory_limits
+from wrt.io.cameras import unique
 from wrt.io.file_type import hint, hinting
 from wrt.io.mesh.parts import NO_ANIMATION, Contents
 from wrt.io.mesh.repair import bare_shape, near_origin, to_shapes
@@ -186,4 +187,6 @@ def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) 
 def _scene(path: str, contents: Contents, smooth_degrees: float | None, *, standalone: bool = False) -> Scene:
     movable = standalone and not (contents.lights or contents.cameras)
     shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees)
-    return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)
+    names = unique(name for name, _ in contents.cameras)
+    cameras = dict(zip(names, (camera for _, camera in contents.cameras), strict=True))
+    return Scene(shapes, contents.lights, camera=next(iter(cameras.values()), None), cameras=cameras)

@@ -157,6 +157,9 @@ class Stage:
             neutral=neutral,
         )
         made.settings.transparent = self.transparent
+        made.cameras = (
+            scene.cameras if camera is not None else {}
+        )  # otherwise the shapes may have been turned and scaled
         return made
 
     def _worth_keeping(self, source: object, shapes: list[Shape], camera: Camera) -> Camera | None:

@@ -126,7 +126,7 @@ class _Reader:
         self._parts: dict[str, list[Part]] = {}
         self._places: dict[str, list[Matrix]] = {}
         self._lights: list[Light] = []
-        self._cameras: list[Camera] = []
+        self._cameras: list[tuple[str, Camera]] = []
         self._dome: Environment | None = None
 
     def read(self) -> tuple[Contents, Environment | None]:
@@ -149,7 +149,8 @@ class _Reader:
                 elif kind == "PointInstancer":
                     self._add_instances(prim, name, matrix, prototypes)
                 elif kind == "Camera":
-                    self._cameras.append(camera_of(Values(prim["values"], name), matrix, self._scale))
+                    camera = camera_of(Values(prim["values"], name), matrix, self._scale)
+                    self._cameras.append((prim["path"].rpartition("/")[2], camera))
                 elif kind != "DomeLight":
                     self._lights.append(light_of(Values(prim["values"], name), kind, matrix))
                 elif self._dome is None:
