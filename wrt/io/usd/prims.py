@@ -45,8 +45,7 @@ _ATTRIBUTES: dict[str, tuple[str, ...]] = {
 """The attributes of each type that are read."""
 
 _OF_INSTANCES = (
-    *("positions", "orientations", "orientationsf", "scales", "velocities", "angularVelocities", "accelerations"),
-    *("ids", "invisibleIds", "prototypes"),
+    *("positions", "orientations", "orientationsf", "scales", "ids", "invisibleIds", "prototypes"),
 )
 """The properties of a point instancer that the library reads to compute places and masks."""
 
