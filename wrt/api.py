@@ -40,7 +40,7 @@ def load(
     triangles: int | None = None,
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
-    sensor: int | None = None,
+    camera: int | str | None = None,
     strict: bool = False,
     confined: bool = False,
     view: ViewLike | None = None,
@@ -66,7 +66,8 @@ def load(
             as most programs write them, and y for the others. A trimesh object follows the type of the file it was
             loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        sensor: which sensor of a Mitsuba scene is the camera, counted from 0; by default the first.
+        camera: the name of one of the source's cameras, or its number, counted from 0; by default the first, with a
+            warning if there are several. `Scene.cameras` has them by name.
         strict: whether unsupported content raises an error instead of a warning.
         confined: whether to refuse references to files outside the source's folder, as is wise for uploads (see
             docs/security.md).
@@ -82,13 +83,17 @@ def load(
             "sky" for a clear sky with the sun, at the radiance of an exposed picture.
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
         aspect: width of the picture over its height, for framing; by default from the scene's settings.
-        time: the time, seconds, at which the first animation of a glTF file is; by default the file is at rest. Studio
+        time: the time, seconds, at which the first animation of a glTF file is, or after the first time code of a USD
+            file; by default the file is at rest, or at that first time. Studio
             and camera are the same for all times.
 
     Raises:
         InputError: if the source cannot be used; the message names it and the cause.
     """
-    reading = {"triangles": triangles, "up": up, "parameters": parameters or None, "sensor": sensor}
+    if camera is not None and view is not None:
+        raise InputError("a view replaces the source's camera; choose a view or a camera")
+    reading = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
     stage = Stage(view, frame, material, environment, transparent, aspect, time)
     with _confined(source if confined else None), _strictly() if strict else contextlib.nullcontext():
         scene = _load(source, reading, stage)
@@ -157,7 +162,7 @@ _ONLY_FOR = {
     "triangles": "a number of triangles is for scenes with a procedural mesh",
     "up": "an up axis is for meshes, not for scenes",
     "parameters": "parameters are only for Mitsuba scenes (.xml)",
-    "sensor": "the number of a sensor is only for Mitsuba scenes (.xml)",
+    "camera": "a camera is chosen in files that may have several; this has one at most",
 }
 
 
@@ -205,13 +210,13 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         raise InputError(_missing_file(source))
     suffix = path.suffix.lower()
     if suffix == ".xml":
-        _require_only(source, reading, "parameters", "sensor")
+        _require_only(source, reading, "parameters", "camera")
         from wrt.io.file_type import hinting
         from wrt.io.mitsuba.scene import load_mitsuba
 
         # Overflow is not reported here: values are checked where they are used.
         with naming_file(path), hinting(path), np.errstate(all="ignore"):
-            return stage.shown(load_mitsuba(path, parameters=reading["parameters"], sensor=reading["sensor"]))
+            return stage.shown(load_mitsuba(path, parameters=reading["parameters"], camera=reading["camera"]))
     if suffix == ".toml":
         _require_only(source, reading, "triangles")
         from wrt.io.toml.reader import load_scene
@@ -219,14 +224,19 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         loaded = load_scene(path, triangles=reading["triangles"])
         with naming_file(path):
             return stage.shown(loaded)
-    _require_only(source, reading, "up")
+    _require_only(source, reading, "up", "camera")
+    from wrt.io.cameras import note_several, with_camera
     from wrt.io.load_mesh import load_file
 
+    camera = reading["camera"]
     if stage.time is not None:
         from wrt.animation.timeline import reach_of_file
 
-        stage = dataclasses.replace(stage, reach=reach_of_file(path))
+        stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
     scene, up = load_file(path, time=stage.time, standalone=stage.time is None), reading["up"]
+    scene = with_camera(path, scene, camera)
+    if camera is None and stage.view is None:
+        note_several(path, list(scene.cameras))
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up
 

@@ -134,7 +134,9 @@ def develop(
     return 0
 
 
-def convert(interrupts: Interrupts, *, source: str, output: str, up: str | None, force: bool, confined: bool) -> int:
+def convert(
+    interrupts: Interrupts, *, source: str, output: str, force: bool, camera: str | None, up: str | None, confined: bool
+) -> int:
     """Convert a scene or mesh to a scene file."""
     interrupts.unfinished = f"{output} was not written"
     from wrt.api import load
@@ -142,7 +144,7 @@ def convert(interrupts: Interrupts, *, source: str, output: str, up: str | None,
     from wrt.progress.bar import short_warnings
 
     with short_warnings(warn):
-        save_scene(output, load(source, up=up, confined=confined), force=force)
+        save_scene(output, load(source, camera=camera, up=up, confined=confined), force=force)
     return 0
 
 

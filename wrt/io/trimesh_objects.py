@@ -296,7 +296,7 @@ def _given_normals(mesh: Any) -> NDArray[np.float64] | None:
     return None if near.mean() >= _MOSTLY else normals
 
 
-def _cameras(scene: Any) -> list[Camera]:
+def _cameras(scene: Any) -> list[tuple[str, Camera]]:
     """Return a scene's camera, if it has one; `scene.camera` would create one."""
     if not scene.has_camera:
         return []
@@ -310,7 +310,8 @@ def _cameras(scene: Any) -> list[Camera]:
             if (frame in parents or not ends) and not np.array_equal(edge.get("matrix", np.eye(4)), np.eye(4)):
                 warn("trimesh: its camera is left out: trimesh drops the transforms of its parent nodes in a glTF file")
                 return []
-    return [PerspectiveCamera(**viewpoint(np.asarray(scene.camera_transform)), fov_degrees=float(scene.camera.fov[1]))]
+    place = viewpoint(np.asarray(scene.camera_transform))
+    return [(str(scene.camera.name), PerspectiveCamera(**place, fov_degrees=float(scene.camera.fov[1])))]
 
 
 def _lights(scene: Any, name: str) -> list[Light]:

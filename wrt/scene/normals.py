@@ -74,14 +74,7 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
     source = faces.reshape(-1)[first]
     chosen = corner_normals[first]
     chosen[~_any(chosen)] = (0.0, 1.0, 0.0)  # all faces around it are degenerate
-    return Mesh.taking(
-        mesh.vertices[source],
-        inverse.reshape(-1, 3).astype(np.int32),
-        chosen.astype(np.float32),
-        None if mesh.uvs is None else mesh.uvs[source],
-        None if mesh.colors is None else mesh.colors[source],
-        mesh.name,
-    )
+    return mesh.reindexed(source, inverse.reshape(-1, 3).astype(np.int32), normals=chosen.astype(np.float32))
 
 
 def _made_unit(mesh: Mesh) -> NDArray[np.float32]:

@@ -77,9 +77,10 @@ class Primitive:
         positions, normals = self._rows("POSITION"), self._rows("NORMAL", scaled=deformation is not None)
         assert positions is not None  # the reader leaves out others
         count = len(positions)
+        tangents = None if normals is None else matching(self._rows("TANGENT"), count)  # section 3.7.2.1
         if deformation is not None:
-            positions, normals = self._deformed(deformation, positions, normals)
-        part = Part(name, positions, self._faces(count), matching(normals, count))
+            positions, normals, tangents = self._deformed(deformation, positions, normals, tangents)
+        part = Part(name, positions, self._faces(count), matching(normals, count), tangents=tangents)
         uvs = [self._rows(f"TEXCOORD_{number}") for number in uv_sets]
         first, second = (None if rows is None else rows.astype(np.float32) for rows in (*uvs, None, None)[:2])
         if (first := matching(first, count)) is not None:
@@ -141,12 +142,18 @@ class Primitive:
     # --- Morph targets and skins -------------------------------------------------------------------
 
     def _deformed(
-        self, deformation: Deformation, positions: NDArray[Any], normals: NDArray[Any] | None
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Return moved positions and normals."""
+        self,
+        deformation: Deformation,
+        positions: NDArray[Any],
+        normals: NDArray[Any] | None,
+        tangents: NDArray[Any] | None,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, NDArray[np.float32] | None]:
+        """Return moved positions, normals and tangents, whose signs stay."""
         values = {"POSITION": positions.astype(np.float64)}
         if normals is not None:
             values["NORMAL"] = normals.astype(np.float64)
+        if tangents is not None:
+            values["TANGENT"] = tangents[:, :3].astype(np.float64)
         for weight, target in zip(deformation.weights, self._described.get("targets", []), strict=False):
             for name in values:
                 if weight and name in target:
@@ -158,8 +165,12 @@ class Primitive:
                 a, b, c = (blend[:, k, :3] for k in range(3))
                 cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
                 values["NORMAL"] = np.einsum("nij,nj->ni", cofactors, values["NORMAL"])
+            if tangents is not None:
+                values["TANGENT"] = np.einsum("nij,nj->ni", blend[:, :, :3], values["TANGENT"])
+        if tangents is not None:
+            values["TANGENT"] = np.column_stack([values["TANGENT"], tangents[:, 3]])
         single = {name: rows.astype(np.float32) for name, rows in values.items()}
-        return single["POSITION"], single.get("NORMAL")
+        return single["POSITION"], single.get("NORMAL"), single.get("TANGENT")
 
     def _blend(self, joints: Array, count: int) -> Array:
         """Return (N, 3, 4) the weighted sum of joints for each vertex."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from wrt.errors import InputError, warn
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, rows_of
 from wrt.linalg import norm, product
-from wrt.scene.materials import Diffuse
-from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, Mesh, box_around, far_away, merge
+from wrt.scene.materials import Diffuse, Material
+from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, VERTEX_ATTRIBUTES, Mesh, box_around, far_away, merge
 from wrt.scene.normals import CHUNK, with_normals
 from wrt.scene.scene import Shape
 from wrt.scene.textures import ColorSource, VertexColor
@@ -133,7 +133,15 @@ def _repaired(path: str, part: Part) -> Part:
         colors=None if colors is None else np.clip(colors, 0.0, 1.0),
         face_colors=rows("face_colors", solid, "face colours"),
         uvs=rows("uvs", used, "texture coordinates"),
+        tangents=rows("tangents", used, "tangents") if _reads_tangents(part.material) else None,
     )
+
+
+def _reads_tangents(material: Material | None) -> bool:
+    """Return whether a material has a use for the tangents of a mesh."""
+    if material is None:
+        return False
+    return material.needs_tangents or material.normal_map is not None or any(map(_reads_tangents, material.parts))
 
 
 def _positions(path: str, part: Part, faces: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -177,7 +185,8 @@ def _mesh(path: str, part: Part) -> Mesh:
         # Zero stands for "none": with_normals computes those.
         if not np.isfinite(normals).all():
             normals = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, np.float32(0.0))
-    return Mesh.taking(part.vertices, part.faces, normals, part.uvs, part.colors, f"{Path(path).name}: {part.name}")
+    name = f"{Path(path).name}: {part.name}"
+    return Mesh.taking(part.vertices, part.faces, normals, part.uvs, part.colors, name, part.tangents)
 
 
 def _smooth(meshes: list[Mesh], crease_degrees: float, separate: set[int]) -> list[Mesh]:
@@ -195,9 +204,8 @@ def _smooth(meshes: list[Mesh], crease_degrees: float, separate: set[int]) -> li
     for i in together:
         start, stop = stop, stop + len(meshes[i].faces)
         used, faces = _used(merged.faces[start:stop], len(merged.vertices))
-        uvs = None if meshes[i].uvs is None or merged.uvs is None else merged.uvs[used]
-        colors = None if meshes[i].colors is None or merged.colors is None else merged.colors[used]
-        result[i] = Mesh.taking(merged.vertices[used], faces, merged.normals[used], uvs, colors, meshes[i].name)
+        missing = {name: None for name in VERTEX_ATTRIBUTES if name != "normals" and getattr(meshes[i], name) is None}
+        result[i] = merged.reindexed(used, faces, name=meshes[i].name, **missing)
     return result
 
 
@@ -220,10 +228,9 @@ def _shape(part: Part, mesh: Mesh) -> Shape:
 def _with_face_colors(mesh: Mesh, face_colors: FloatArray) -> Mesh:
     """Return a mesh whose faces share no vertices, so that each has a colour."""
     corners = mesh.faces.reshape(-1)
-    normals, uvs = (None if rows is None else rows[corners] for rows in (mesh.normals, mesh.uvs))
     colors = np.repeat(np.clip(face_colors, 0.0, 1.0), 3, axis=0).astype(np.float32)
     faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
-    return Mesh.taking(mesh.vertices[corners], faces, normals, uvs, colors, mesh.name)
+    return mesh.reindexed(corners, faces, colors=colors)
 
 
 def bare_shape(mesh: Mesh) -> Shape:
