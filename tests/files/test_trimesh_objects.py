@@ -224,7 +224,8 @@ def test_what_a_mesh_carries_beside_is_accounted_for():
         from_trimesh(mesh)
     kinds = "vertex attribute 'heat'", "face attribute 'region'", "vertex attribute 'uv1' of its texture"
     kinds += "extension X_more", "sheenFactor of a material"
-    assert {str(each.message) for each in warned} == {f"trimesh: {kind} is unknown to wrt and left out" for kind in kinds}
+    messages = {f"trimesh: {kind} is unknown to wrt and left out" for kind in kinds}
+    assert {str(each.message) for each in warned} == messages
     mesh = box()
     mesh.visual = trimesh.visual.ColorVisuals(vertex_colors=np.zeros((13, 4), np.uint8))
     with pytest.warns(InputWarning, match="the 13 colours of 'trimesh' are left out: it has 8 vertices and 12 faces"):

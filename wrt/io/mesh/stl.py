@@ -10,7 +10,6 @@ import contextlib
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +21,14 @@ from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.safe_read import as_text, as_utf8
 from wrt.scene.normals import same_positions
 
-_FACET = np.dtype([("places", "<f4", 12), ("word", "<u2")])
-
 _OF_PART = re.compile(rb"COLOR=(.{3})(?: (?=MATERIAL=)|(.))(?:.?MATERIAL=(.{4}))?", re.DOTALL)
-"""Colour, alpha and material of the part in a header of Magics; MeshLab writes no alpha. Of a material the diffuse colour
-is read, not those of ambient light, of which wrt has none, and of highlights, which without an exponent have no size."""
+"""Colour, alpha and material of the part in a header of Magics; MeshLab writes no alpha.
 
-_STATEMENT = re.compile(rb"^[ \t]*(?!(?:end)?(?:solid|facet|loop)|outer|vertex)([a-z_]\w*)", re.IGNORECASE | re.MULTILINE)
+Of a material the diffuse colour is read. Those of ambient light and of highlights have no effect: there is no ambient
+light, and without an exponent a highlight has no size.
+"""
+
+_UNKNOWN = re.compile(rb"^[ \t]*(?!(?:end)?(?:solid|facet|loop)|outer|vertex)([a-z_]\w*)", re.IGNORECASE | re.MULTILINE)
 """The first word of a line of a text file that is not of the format."""
 
 
@@ -50,7 +50,7 @@ def read_stl(path: Path, data: bytes) -> list[Part]:
     if not text and count:
         data = data[:size]
     if text:
-        unknown = (word.decode("latin-1").lower() for word in _STATEMENT.findall(data))
+        unknown = (word.decode("latin-1").lower() for word in _UNKNOWN.findall(data))
         warn_of_unused(path, (f"statement {word!r}" for word in unknown), {})
         data = as_text(data).replace("\r\n", "\n").replace("\r", "\n").encode("utf-8", "replace")
     loaded = load(path, data, "stl")

@@ -44,9 +44,7 @@ _ATTRIBUTES: dict[str, tuple[str, ...]] = {
 }
 """The attributes of each type that are read."""
 
-_OF_INSTANCES = (
-    *("positions", "orientations", "orientationsf", "scales", "ids", "invisibleIds", "prototypes"),
-)
+_OF_INSTANCES = (*("positions", "orientations", "orientationsf", "scales", "ids", "invisibleIds", "prototypes"),)
 """The properties of a point instancer that the library reads to compute places and masks."""
 
 _READ_BY_LIBRARY = ("xformOp:", "!invert!xformOp:", "material:binding")
