@@ -29,7 +29,7 @@ from wrt.scene.camera import Camera, PerspectiveCamera
 from wrt.scene.lights import Light
 from wrt.scene.normals import corner_weighted_normals
 
-_LINEAR_FILES = ("glb", "gltf")  # file types whose vertex colours are linear
+_GLTF_FILES = ("glb", "gltf")  # file types whose vertex colours are linear, and flat without normals
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
 """Normals count as computed by trimesh if a share of at least _MOSTLY is within _COMPUTED of the normals of faces.
@@ -108,7 +108,7 @@ class _Reader:
     def __init__(self, source: Any, name: str) -> None:
         """Take the object, and what messages call it."""
         self._name = name
-        self._linear = file_type(source) in _LINEAR_FILES
+        self._is_gltf = file_type(source) in _GLTF_FILES
         self._path = Path(source.source.file_path or OF_TRIMESH)
         self._resolver = source.source.resolver
         self._sidecars = Sidecars(self._path) if source.source.file_path else None
@@ -128,7 +128,9 @@ class _Reader:
             instead = "; wrt.spheres shows points" if isinstance(mesh, trimesh.PointCloud) else ""
             warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
             return []
-        part, visual = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh)), mesh.visual
+        smoothing = 0 if self._is_gltf else None
+        part = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh), smoothing=smoothing)
+        visual = mesh.visual
         if visual.kind == "vertex":
             part.colors = self._colors(visual.vertex_colors)
         elif visual.kind == "face":
@@ -139,7 +141,7 @@ class _Reader:
         material = visual.material
         colors = matching(visual.vertex_attributes.get("color"), len(mesh.vertices))
         if colors is not None:
-            part.colors = decoded(np.array(colors), linear=self._linear or isinstance(material, PBRMaterial))
+            part.colors = decoded(np.array(colors), linear=self._is_gltf or isinstance(material, PBRMaterial))
         if not isinstance(material, MultiMaterial):
             return [self._with_material(part, material)]
         numbers = np.asarray(() if visual.face_materials is None else visual.face_materials)
@@ -153,8 +155,8 @@ class _Reader:
 
     def _colors(self, colors: Any) -> NDArray[Any]:
         """Return decoded colours; without alpha if they come from glTF, where only a material can enable it."""
-        values = decoded(np.asarray(colors), linear=self._linear)
-        return values[:, :3] if self._linear else values
+        values = decoded(np.asarray(colors), linear=self._is_gltf)
+        return values[:, :3] if self._is_gltf else values
 
     def _with_material(self, part: Part, material: Any) -> Part:
         """Return a part with its material, and with the texture coordinates and colours that the material needs."""
@@ -267,7 +269,7 @@ def _cameras(scene: Any) -> list[tuple[str, Camera]]:
     """Return a scene's camera, if it has one; `scene.camera` would create one."""
     if not scene.has_camera:
         return []
-    if file_type(scene) in _LINEAR_FILES:
+    if file_type(scene) in _GLTF_FILES:
         # trimesh keeps only the innermost transform of a camera: the camera is misplaced if a parent node has one too.
         edges = scene.graph.transforms.edge_data
         parents = {above for above, _ in edges}

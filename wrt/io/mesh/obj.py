@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+
 from wrt.errors import InputError, warn
 from wrt.io.mesh.mtl import MtlMaterials, Statements, statements_of
 from wrt.io.mesh.parts import Part, only_points
@@ -54,6 +56,8 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
     materials = MtlMaterials(path, sidecars.find)
     parts, names = [], list(text.materials)
     for group, fields in reversed(list(loaded.get("geometry", {}).items())):  # trimesh takes the last one first
+        if text.smoothing_groups:
+            fields["face_smoothing"] = np.concatenate([np.full(n, of) for n, of in text.smoothing[group]])
         name = names[int(group.partition(" ")[0])]
         statements = described.get(name, {})
         part = part_of(path, name if name in described else path.stem, fields)
@@ -116,6 +120,8 @@ class _PlainText:
         materials: the numbers of materials by name; 0 is "", of faces without one.
         libraries: statements for material files, each one or several names.
         counts: vertices, texture coordinates and normals.
+        smoothing_groups: the numbers of smoothing groups (s) by name; 0 is none. Empty if the file has none.
+        smoothing: for the name of each group of lines, how many faces come next and their smoothing group.
     """
 
     def __init__(self, path: Path, text: str) -> None:
@@ -124,6 +130,9 @@ class _PlainText:
         self.materials = {"": 0}
         self.libraries: list[str] = []
         self.counts = {"v": 0, "vt": 0, "vn": 0}
+        self.smoothing_groups: dict[str, int] = {}
+        self.smoothing: dict[str, list[tuple[int, int]]] = {}
+        self._smoothing = 0
         self._material = 0
         self._group: tuple[int, int, int, bool] | None = None
         text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\\\n", " ").replace("\t", " ")
@@ -155,6 +164,9 @@ class _PlainText:
                 if len(corners) < 3:
                     return 1
                 self._add_face(number, corners)
+            case ["s", name, *_]:
+                number_of = 0 if name in ("off", "0", "null") else len(self.smoothing_groups) + 1
+                self._smoothing = self.smoothing_groups.setdefault(name, number_of)
             case ["usemtl", name, *more]:
                 self._material = self.materials.setdefault(" ".join([name, *more]), len(self.materials))
             case ["mtllib", name, *more]:
@@ -173,9 +185,11 @@ class _PlainText:
 
     def _add_faces(self, lines: str, corners: int, slashes: int, skips_uvs: bool) -> None:
         group = self._material, corners, slashes, skips_uvs
+        name = "{} {} {} {}".format(*group)
         if group != self._group:
-            self.lines.append("g {} {} {} {}".format(*group))
+            self.lines.append(f"g {name}")
             self._group = group
+        self.smoothing.setdefault(name, []).append((lines.count("\n") + 1, self._smoothing))
         self.lines.append(lines)
 
     def _absolute(self, number: int, corner: str) -> str:
