@@ -219,7 +219,8 @@ STATEMENTS = """
     map_Ns rgb.png | map_d rgb.png | map_aat on | decal rgb.png | disp rgb.png | bump rgb.png | map_bump rgb.png
     refl -type sphere rgb.png | Pr .5 | Pm .5 | Ps .5 | Pc .5 | Pcr .5 & Pc .5 | aniso .5 & Pr .5 | anisor .5
     norm rgb.png | Ke 1 1 1 | map_Ke rgb.png | map_Pr rgb.png | map_Pm rgb.png | map_Ps rgb.png | map_Pc rgb.png
-    map_Pcr rgb.png & Pc .5 | map_aniso rgb.png | map_Kd -blendu off rgb.png | map_Kd -blendv on rgb.png & map_Kd rgb.png
+    map_Pcr rgb.png & Pc .5 | map_aniso rgb.png | map_Kd -blendu off rgb.png
+    map_Kd -blendv on rgb.png
     map_Kd -boost 2 rgb.png | map_Kd -cc on rgb.png | map_Kd -clamp on rgb.png & map_Kd rgb.png
     map_d -imfchan l rgb.png & map_d rgb.png | map_d -imfchan z rgb.png | map_Kd -mm .1 .5 rgb.png & map_Kd rgb.png
     map_Kd -o .1 .1 0 rgb.png & map_Kd rgb.png | map_Kd -s 2 2 1 rgb.png & map_Kd rgb.png | map_Kd -t .1 .1 0 rgb.png
