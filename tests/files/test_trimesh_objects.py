@@ -198,6 +198,40 @@ def test_colors_are_decoded_and_mirrored_meshes_keep_their_fronts():
         assert from_trimesh(plain)[0].material.reflectance == DEFAULT_REFLECTANCE
 
 
+@pytest.mark.parametrize("count", [12, 8, 1])
+@pytest.mark.parametrize("scale", [1, 255])
+def test_colors_are_of_faces_or_vertices_as_their_number_says(count, scale):
+    codes = np.random.default_rng(count).integers(0, 256, (count, 3))
+    colors = codes.astype(np.uint8) if scale == 255 else codes / 255.0
+    mesh = box()
+    mesh.visual = trimesh.visual.ColorVisuals(vertex_colors=colors)  # without a mesh, trimesh checks nothing
+    (shape,) = from_trimesh(mesh)
+    found = shape.mesh.colors[shape.mesh.faces]
+    rows = np.broadcast_to(linear_from_srgb(codes / 255.0), (max(count, 8), 3))
+    expected = np.repeat(rows[:, None], 3, axis=1) if count == 12 else rows[mesh.faces]
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_what_a_mesh_carries_beside_is_accounted_for():
+    mesh = laid(PBRMaterial())
+    mesh.vertex_attributes["heat"] = np.zeros(8)
+    mesh.face_attributes["region"] = np.zeros(12)
+    mesh.face_attributes["normal"] = np.zeros((12, 3))
+    mesh.visual.vertex_attributes["uv1"] = np.zeros((8, 2))
+    mesh.metadata["gltf_extensions"] = {"X_more": {}}
+    mesh.visual.material._data["sheenFactor"] = 1.0
+    with pytest.warns(InputWarning) as warned:
+        from_trimesh(mesh)
+    kinds = "vertex attribute 'heat'", "face attribute 'region'", "vertex attribute 'uv1' of its texture"
+    kinds += "extension X_more", "sheenFactor of a material"
+    messages = {f"trimesh: {kind} is unknown to wrt and left out" for kind in kinds}
+    assert {str(each.message) for each in warned} == messages
+    mesh = box()
+    mesh.visual = trimesh.visual.ColorVisuals(vertex_colors=np.zeros((13, 4), np.uint8))
+    with pytest.warns(InputWarning, match="the 13 colours of 'trimesh' are left out: it has 8 vertices and 12 faces"):
+        from_trimesh(mesh)
+
+
 def test_cameras_and_lights_of_a_scene():
     scene = trimesh.Scene(box())
     assert wrt.load(scene).camera.fov_degrees == 24.0  # framed by wrt: trimesh creates a camera only on request

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import OF_TRIMESH, InputError, warn
+from wrt.io.account import warn_of_unused
 from wrt.io.gltf.buffers import Buffers, Tree
 from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import GltfMaterials
@@ -23,6 +24,7 @@ from wrt.io.gltf.scene import light_of
 from wrt.io.mesh.mtl import MtlMaterials
 from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed, viewpoint
 from wrt.io.mesh.sidecars import Sidecars
+from wrt.io.mesh.stl import colors_of
 from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
 from wrt.scene.camera import Camera, PerspectiveCamera
@@ -37,6 +39,13 @@ Normals from files differ by 1e-8 or more, as they are rounded to single precisi
 
 _IN_PBR = ("baseColorTexture", "metallicRoughnessTexture", "metallicFactor", "roughnessFactor")
 _BESIDE_PBR = ("normalTexture", "occlusionTexture", "emissiveTexture", "alphaMode", "alphaCutoff", "doubleSided")
+
+
+WITHOUT_EFFECT = {
+    "*attribute '*normal*'": "trimesh hands over normals of vertices, and those of faces follow from the corners",
+    "face attribute 'stl'": "the words of an STL file, whose colours are read",
+}
+"""What of a mesh does not change a picture: patterns of kinds, and the reason."""
 
 
 def file_type(source: Any) -> str:
@@ -137,10 +146,12 @@ class _Reader:
             warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
             return []
         part, visual = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh)), mesh.visual
-        if visual.kind == "vertex":
-            part.colors = self._colors(visual.vertex_colors)
-        elif visual.kind == "face":
-            part.face_colors = self._colors(visual.face_colors)
+        if visual.kind in ("vertex", "face"):
+            self._take_colors(part, visual.vertex_colors if visual.kind == "vertex" else visual.face_colors)
+        elif visual.kind is None and "stl" in mesh.face_attributes:
+            words, header = np.asarray(mesh.face_attributes["stl"]), str(mesh.metadata.get("header", ""))
+            part.face_colors = colors_of(self._name, words, header.encode("latin-1", "replace"))
+        self._account(mesh)
         if visual.kind != "texture":
             return [part]
         part.uvs = matching(visual.uv, len(mesh.vertices))
@@ -159,10 +170,30 @@ class _Reader:
             for number in np.unique(numbers).tolist()
         ]
 
-    def _colors(self, colors: Any) -> NDArray[Any]:
-        """Return decoded colours; without alpha if they come from glTF, where only a material can enable it."""
-        values = decoded(np.asarray(colors), linear=self._linear)
-        return values[:, :3] if self._linear else values
+    def _take_colors(self, part: Part, colors: Any) -> None:
+        """Give a part colours of its vertices or its faces, which trimesh does not check to be as many as these.
+
+        They have no alpha if they come from glTF, where only a material can enable it.
+        """
+        values = decoded(np.asarray(colors).reshape(-1, 4), linear=self._linear)
+        values = values[:, :3] if self._linear else values
+        if len(values) in (1, len(part.vertices)):
+            part.colors = np.broadcast_to(values, (len(part.vertices), values.shape[1]))
+        elif len(values) == len(part.faces):
+            part.face_colors = values
+        else:
+            counts = f"{len(part.vertices)} vertices and {len(part.faces)} faces"
+            warn(f"{self._name}: the {len(values)} colours of {part.name!r} are left out: it has {counts}")
+
+    def _account(self, mesh: Any) -> None:
+        """Warn of what a mesh carries and the reader does not use."""
+        kinds = [f"vertex attribute {name!r}" for name in mesh.vertex_attributes]
+        kinds += [f"face attribute {name!r}" for name in mesh.face_attributes]
+        if mesh.visual.kind == "texture":
+            names = set(mesh.visual.vertex_attributes.keys()) - {"uv", "color"}
+            kinds += [f"vertex attribute {name!r} of its texture" for name in sorted(names)]
+        kinds += [f"extension {name}" for name in mesh.metadata.get("gltf_extensions") or {}]
+        warn_of_unused(self._name, kinds, WITHOUT_EFFECT)
 
     def _with_material(self, part: Part, material: Any) -> Part:
         """Return a part with its material, and with the texture coordinates and colours that the material needs."""
@@ -192,6 +223,8 @@ class _Reader:
                 if value is not None
             }
 
+        known = {*_IN_PBR, *_BESIDE_PBR, "baseColorFactor", "emissiveFactor", "name"}
+        warn_of_unused(self._name, [f"{key} of a material" for key in sorted(set(material._data) - known)], {})
         described = {"pbrMetallicRoughness": values_of(_IN_PBR), **values_of(_BESIDE_PBR)}
         if material.baseColorFactor is not None:
             described["pbrMetallicRoughness"]["baseColorFactor"] = (np.asarray(material.baseColorFactor) / 255).tolist()
