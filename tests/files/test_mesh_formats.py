@@ -94,8 +94,8 @@ def obj_roof(*groups: str) -> str:
 
 
 SMOOTH = {
-    **dict.fromkeys(["a.ply", "a.stl", "a.off", "a.3mf"], True),
-    **dict.fromkeys(["a.glb", "a.gltf"], False),
+    **dict.fromkeys(["a.ply", "a.stl", "a.off", "a.3mf", "a.usda"], True),
+    **dict.fromkeys(["a.glb", "a.gltf", "none.usda"], False),
 }
 OBJ_ROOFS = {("", ""): True, ("s 1", ""): True, ("s off", ""): False, ("s 1", "s 2"): False, ("", "s 3"): False}
 """Whether the edge is smooth by smoothing groups."""
@@ -106,6 +106,8 @@ def test_what_formats_say_of_meshes_without_normals(tmp_path):
     roof = trimesh.Trimesh(ROOF, SLOPES, process=False)
     files = {name: roof.export(file_type=name[2:]) for name in ("a.ply", "a.stl", "a.off", "a.glb")}
     files |= {"a.3mf": three_mf(ROOF, SLOPES), "a.gltf": json.dumps(gltf_box(ROOF, SLOPES))}
+    schemes = {"a.usda": "", "none.usda": 'uniform token subdivisionScheme = "none"\n'}
+    files |= {name: usd(ROOF, SLOPES.tolist(), scheme) for name, scheme in schemes.items()}
     expected = SMOOTH | {f"{number}.obj": smooth for number, smooth in enumerate(OBJ_ROOFS.values())}
     files |= {f"{number}.obj": obj_roof(*groups) for number, groups in enumerate(OBJ_ROOFS)}
     for path in written(tmp_path, files):

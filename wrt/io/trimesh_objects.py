@@ -61,7 +61,10 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     import trimesh
 
     if isinstance(source, trimesh.parent.Geometry) and not isinstance(source, trimesh.Scene):
-        return Contents(_Reader(source, name).parts(name, source))
+        alone = _Reader(source, name)
+        parts = alone.parts(name, source)
+        alone.warn_of_unused()
+        return Contents(parts)
     if not isinstance(source, trimesh.Scene):
         kinds = "a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene"
         raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes arrays")
@@ -76,6 +79,7 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
         for geometry, found in places.items()
         for part in reader.parts(str(geometry), source.geometry[geometry])
     ]
+    reader.warn_of_unused()
     return Contents(parts, _lights(source, name), _cameras(source))
 
 
@@ -127,6 +131,10 @@ class _Reader:
         self._numbers: dict[int, int] = {}
         self._simple = MtlMaterials(Path(name), self._find)
         self._maps: dict[str, Any] = {}
+
+    def warn_of_unused(self) -> None:
+        """Warn of what the materials so far have and wrt does not use."""
+        self._simple.warn_of_unused()
 
     def parts(self, name: str, mesh: Any) -> list[Part]:
         """Return the parts of a `trimesh.Trimesh`, one for each of its materials; none if it has no triangles."""
@@ -200,10 +208,8 @@ class _Reader:
             return self._physical.dressed(part, number)
         if isinstance(material, SimpleMaterial):
             if statements := self._statements(material):
-                has_uvs, has_colors = part.uvs is not None, part.colors is not None
                 # Several materials may have the same name.
-                key = f"{material.name} {id(material)}"
-                part.material = self._simple.material(key, statements, has_uvs=has_uvs, has_colors=has_colors)
+                return self._simple.dressed(part, f"{material.name} {id(material)}", statements)
         elif material is not None:
             warn(f"{self._name}: a {type(material).__name__} of {part.name!r} is left out: unknown type of material")
         return part

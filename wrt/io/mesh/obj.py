@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.mtl import MtlMaterials, Statements, statements_of
+from wrt.io.account import warn_of_unused
+from wrt.io.mesh.mtl import MtlMaterials, Statements, plain_name, statements_of
 from wrt.io.mesh.parts import Part, only_points
 from wrt.io.mesh.sidecars import Sidecars, in_any_case
 from wrt.io.mesh.trimesh_loaders import load, part_of
@@ -60,25 +61,19 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
             fields["face_smoothing"] = np.concatenate([np.full(n, of) for n, of in text.smoothing[group]])
         name = names[int(group.partition(" ")[0])]
         statements = described.get(name, {})
-        part = part_of(path, name if name in described else path.stem, fields)
+        part = part_of(path, name if statements else path.stem, fields)
         if part is None:
             continue
         part.vertex_format = "a vertex"  # trimesh has renumbered them
-        if "map_kd" in statements and part.uvs is None and text.counts["vt"]:
-            # trimesh drops all coordinates where one is missing.
-            label = " ".join(statements["map_kd"])
-            warn(f"{path}: texture {label} cannot be laid: its faces name texture coordinates that are not there")
-        if statements:
-            has_uvs, has_colors = part.uvs is not None, part.colors is not None
-            part.material = materials.material(name, statements, has_uvs=has_uvs, has_colors=has_colors)
-        parts.append(part)
+        parts.append(materials.dressed(part, name, statements) if statements else part)
+    materials.warn_of_unused()
     if not parts and (count := text.counts["v"]):
         raise only_points(path, count)
     return parts
 
 
 def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, Statements]:
-    """Return the statements of each material of the files that an OBJ file names, or of the one of its own name."""
+    """Return the statements of each material that an OBJ file uses, from the files that it names or the one like it."""
     own_name = f"{path.stem}.mtl"  # people rename a mesh file and forget the name in it
     names: list[str] = []
     for line in dict.fromkeys(text.libraries):
@@ -88,10 +83,10 @@ def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, St
     if used and not names:
         guess = in_any_case(path.parent, [own_name])
         names = [] if guess is None else [guess.name]
-        first = f"{used[0]!r} and {len(used) - 1} more" if len(used) > 1 else repr(used[0])
         instead = "they are left out" if guess is None else f"{str(guess)!r} is taken"
-        warn(f"{path}: it names no file (mtllib) that describes its materials, {first}; {instead}")
+        warn(f"{path}: it names no file (mtllib) that describes its materials, {_and_more(used)}; {instead}")
     found: dict[str, Statements] = {}
+    files = 0
     for name in names:
         try:
             is_alone = len(names) == 1 and name.lower().rstrip('" ').endswith(".mtl")
@@ -101,9 +96,23 @@ def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, St
         except InputError as error:
             warn(f"{error}; it is left out")
             continue
+        files += 1
         sidecars.folders.append(file.parent)  # images of materials lie beside the mesh or beside their own file
-        found |= statements_of(content)
-    return found
+        described = statements_of(content)
+        warn_of_unused(file, (f"{key} before the first material" for key in described.pop("")), {})
+        found |= described
+    in_lower_case = {name.lower(): name for name in reversed(found)}
+    others = {name: in_lower_case[name.lower()] for name in used if name not in found and name.lower() in in_lower_case}
+    for name, other in others.items():
+        warn(f"{path}: material {name!r} is not described; {other!r} is taken")
+    missing = [name for name in used if name not in found and name not in others]
+    if files and missing:
+        warn(f"{path}: no material file describes {_and_more(missing)}; the default material is taken")
+    return {name: found[others.get(name, name)] for name in used if name not in missing}
+
+
+def _and_more(names: list[str]) -> str:
+    return f"{names[0]!r} and {len(names) - 1} more" if len(names) > 1 else repr(names[0])
 
 
 class _PlainText:
@@ -167,8 +176,8 @@ class _PlainText:
             case ["s", name, *_]:
                 number_of = 0 if name in ("off", "0", "null") else len(self.smoothing_groups) + 1
                 self._smoothing = self.smoothing_groups.setdefault(name, number_of)
-            case ["usemtl", name, *more]:
-                self._material = self.materials.setdefault(" ".join([name, *more]), len(self.materials))
+            case ["usemtl", *name]:
+                self._material = self.materials.setdefault(plain_name(name), len(self.materials))
             case ["mtllib", name, *more]:
                 self.libraries.append(" ".join([name, *more]))
         return 0
