@@ -32,7 +32,7 @@ from wrt.scene.camera import Camera, PerspectiveCamera
 from wrt.scene.lights import Light
 from wrt.scene.normals import corner_weighted_normals
 
-_LINEAR_FILES = ("glb", "gltf")  # file types whose vertex colours are linear
+_GLTF_FILES = ("glb", "gltf")  # file types whose vertex colours are linear, and flat without normals
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
 """Normals count as computed by trimesh if a share of at least _MOSTLY is within _COMPUTED of the normals of faces.
@@ -66,8 +66,10 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     import trimesh
 
     if isinstance(source, trimesh.parent.Geometry) and not isinstance(source, trimesh.Scene):
-        parts, world = _Reader(source, name).parts(name, source), _to_metres(source, name)
-        return Contents([placed(part, [world]) for part in parts] if world[0, 0] != 1.0 else list(parts))
+        alone, world = _Reader(source, name), _to_metres(source, name)
+        parts = alone.parts(name, source)
+        alone.warn_of_unused()
+        return Contents([placed(part, [world]) for part in parts] if world[0, 0] != 1.0 else parts)
     if not isinstance(source, trimesh.Scene):
         kinds = "a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene"
         raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes arrays")
@@ -83,6 +85,7 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
         for geometry, found in places.items()
         for part in reader.parts(str(geometry), source.geometry[geometry])
     ]
+    reader.warn_of_unused()
     return Contents(parts, _lights(source, name), _cameras(source))
 
 
@@ -137,7 +140,7 @@ class _Reader:
     def __init__(self, source: Any, name: str) -> None:
         """Take the object, and what messages call it."""
         self._name = name
-        self._linear = file_type(source) in _LINEAR_FILES
+        self._is_gltf = file_type(source) in _GLTF_FILES
         self._path = Path(source.source.file_path or OF_TRIMESH)
         self._resolver = source.source.resolver
         self._sidecars = Sidecars(self._path) if source.source.file_path else None
@@ -148,6 +151,10 @@ class _Reader:
         self._simple = MtlMaterials(Path(name), self._find)
         self._maps: dict[str, Any] = {}
 
+    def warn_of_unused(self) -> None:
+        """Warn of what the materials so far have and wrt does not use."""
+        self._simple.warn_of_unused()
+
     def parts(self, name: str, mesh: Any) -> list[Part]:
         """Return the parts of a `trimesh.Trimesh`, one for each of its materials; none if it has no triangles."""
         import trimesh
@@ -157,7 +164,9 @@ class _Reader:
             instead = "; wrt.spheres shows points" if isinstance(mesh, trimesh.PointCloud) else ""
             warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
             return []
-        part, visual = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh)), mesh.visual
+        smoothing = 0 if self._is_gltf else None
+        part = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh), smoothing=smoothing)
+        visual = mesh.visual
         if visual.kind in ("vertex", "face"):
             self._take_colors(part, visual.vertex_colors if visual.kind == "vertex" else visual.face_colors)
         elif visual.kind is None and "stl" in mesh.face_attributes:
@@ -170,7 +179,7 @@ class _Reader:
         material = visual.material
         colors = matching(visual.vertex_attributes.get("color"), len(mesh.vertices))
         if colors is not None:
-            part.colors = decoded(np.array(colors), linear=self._linear or isinstance(material, PBRMaterial))
+            part.colors = decoded(np.array(colors), linear=self._is_gltf or isinstance(material, PBRMaterial))
         if not isinstance(material, MultiMaterial):
             return [self._with_material(part, material)]
         numbers = np.asarray(() if visual.face_materials is None else visual.face_materials)
@@ -187,8 +196,8 @@ class _Reader:
 
         They have no alpha if they come from glTF, where only a material can enable it.
         """
-        values = decoded(np.asarray(colors).reshape(-1, 4), linear=self._linear)
-        values = values[:, :3] if self._linear else values
+        values = decoded(np.asarray(colors).reshape(-1, 4), linear=self._is_gltf)
+        values = values[:, :3] if self._is_gltf else values
         if len(values) in (1, len(part.vertices)):
             part.colors = np.broadcast_to(values, (len(part.vertices), values.shape[1]))
         elif len(values) == len(part.faces):
@@ -218,10 +227,8 @@ class _Reader:
             return self._physical.dressed(part, number)
         if isinstance(material, SimpleMaterial):
             if statements := self._statements(material):
-                has_uvs, has_colors = part.uvs is not None, part.colors is not None
                 # Several materials may have the same name.
-                key = f"{material.name} {id(material)}"
-                part.material = self._simple.material(key, statements, has_uvs=has_uvs, has_colors=has_colors)
+                return self._simple.dressed(part, f"{material.name} {id(material)}", statements)
         elif material is not None:
             warn(f"{self._name}: a {type(material).__name__} of {part.name!r} is left out: unknown type of material")
         return part
@@ -320,7 +327,7 @@ def _cameras(scene: Any) -> list[tuple[str, Camera]]:
     """Return a scene's camera, if it has one; `scene.camera` would create one."""
     if not scene.has_camera:
         return []
-    if file_type(scene) in _LINEAR_FILES:
+    if file_type(scene) in _GLTF_FILES:
         # trimesh keeps only the innermost transform of a camera: the camera is misplaced if a parent node has one too.
         edges = scene.graph.transforms.edge_data
         parents = {above for above, _ in edges}

@@ -245,6 +245,7 @@ class Description:
             self._account(part)
         return {
             "subdivided": scheme.HasAuthoredValue() and str(scheme.Get(self._time)) != "none",
+            "faceted": scheme.HasAuthoredValue() and str(scheme.Get(self._time)) == "none",
             # The first that is valid counts.
             "normals": [self._primvar(primvars.GetPrimvar("normals")), [normals, interpolation]],
             "uvs": [[name, self._primvar(primvar)] for name, primvar in _coordinates(primvars).items()],
