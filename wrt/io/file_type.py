@@ -84,6 +84,22 @@ def hint(path: Path) -> str | None:
     return "it is an image, which a scene file can name as a texture or an environment" if " image" in what else None
 
 
+def renderable(folder: Path) -> list[str]:
+    """Return the files below a folder that can be rendered: its scenes, or if there are none its meshes."""
+    from wrt.io.load_mesh import MESH_SUFFIXES
+
+    scenes, meshes = [], []
+    for file in sorted(each for each in folder.rglob("*") if each.is_file()):
+        name, suffix = str(file.relative_to(folder)), file.suffix.lower()
+        if name.startswith("__MACOSX/") or file.name.startswith("."):  # what macOS adds to archives
+            continue
+        if suffix in MESH_SUFFIXES:
+            meshes.append(name)
+        elif suffix in (".xml", ".toml") and (found := looks_like(read_file(file, HEAD))) and "scene file" in found[0]:
+            scenes.append(name)
+    return scenes or meshes
+
+
 @contextmanager
 def hinting(path: Path) -> Iterator[None]:
     """Within the context, replace an InputError about a file with a wrong suffix by a hint at its type."""
