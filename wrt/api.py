@@ -86,7 +86,8 @@ def load(
             "sky" for a clear sky with the sun, at the radiance of an exposed picture.
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
         aspect: width of the picture over its height, for framing; by default from the scene's settings.
-        time: the time, seconds, at which the first animation of a glTF file is; by default the file is at rest. Studio
+        time: the time, seconds, at which the first animation of a glTF file is, or after the first time code of a USD
+            file; by default the file is at rest, or at that first time. Studio
             and camera are the same for all times.
         file_type: type of bytes, or of an open file without a name, such as "glb".
 

@@ -206,7 +206,7 @@ def test_frames_of_a_file_are_its_scenes(tmp_path: Path, monkeypatch: pytest.Mon
 def test_sources_without_animations_have_no_times(tmp_path: Path) -> None:
     check_refused("it has no animation", lambda path: wrt.load(path, time=0.0), saved(tmp_path, box()))
     for source in ("cornell-box", wrt.Scene(), wrt.sphere()):
-        with pytest.raises(wrt.InputError, match="a time is for glTF files with an animation"):
+        with pytest.raises(wrt.InputError, match="a time is for glTF and USD files with an animation"):
             wrt.load(source, time=0.0)
     with pytest.raises(wrt.InputError, match="time must be"):
         wrt.load(saved(tmp_path, animated(SLIDE)), time=math.nan)

@@ -1,4 +1,4 @@
-"""Times of frames: the animation of a glTF file, and the keyframes of a scene, whose shutter moves along."""
+"""Times of frames: the animation of a glTF or USD file, and the keyframes of a scene, whose shutter moves along."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from wrt.errors import InputError
 from wrt.io.archives import unpacked
 from wrt.io.cameras import with_camera
-from wrt.io.gltf.reader import NO_ANIMATION
 from wrt.io.load_mesh import animation_of, load_file
+from wrt.io.mesh.parts import NO_ANIMATION
 from wrt.io.safe_read import PathLike
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene

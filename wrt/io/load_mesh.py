@@ -15,15 +15,16 @@ from wrt.io import memory_limits
 from wrt.io.archives import unpacked, unpacking
 from wrt.io.cameras import unique
 from wrt.io.file_type import hint, hinting
-from wrt.io.mesh.parts import Contents
+from wrt.io.mesh.parts import NO_ANIMATION, Contents
 from wrt.io.mesh.repair import bare_shape, near_origin, to_shapes
 from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import Scene, Shape, bake_transforms
 
-GLTF_SUFFIXES = (".gltf", ".glb")  # suffixes of glTF files, which may be animated
+GLTF_SUFFIXES = (".gltf", ".glb")
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+ANIMATED_SUFFIXES = (*GLTF_SUFFIXES, *USD_SUFFIXES)  # suffixes of files that may be animated
 STEP_SUFFIXES = (".step", ".stp")
 
 ARRAYS_SUFFIX = ".npz"  # suffix of NumPy archives, whose meshes are not repaired
@@ -85,7 +86,7 @@ def load_file(
     Args:
         path: the file; see `load_mesh`.
         smooth_degrees: see `load_mesh`.
-        time: the time of the file's first animation, seconds; None for the scene at rest.
+        time: the time of the file's first animation, seconds; None for the scene at rest, of USD at the first time.
         standalone: whether the file is shown by itself. If it lies far from the origin, such as a map in metres, it is
             then moved there unless it has lights or cameras: positions are exact to a part of its size, not of the
             distance.
@@ -94,9 +95,7 @@ def load_file(
     file = Path(path)
     suffix = file.suffix.lower()
     require_file(file)
-    if time is not None and suffix not in GLTF_SUFFIXES:
-        from wrt.io.gltf.reader import NO_ANIMATION
-
+    if time is not None and suffix not in ANIMATED_SUFFIXES:
         raise InputError(f"{file}: {NO_ANIMATION}")
     if suffix == ARRAYS_SUFFIX:
         from wrt.io.npy import read_mesh_arrays
@@ -108,7 +107,7 @@ def load_file(
         from wrt.io.usd.reader import read_usd
 
         with naming_file(file):
-            contents, environment = read_usd(file)
+            contents, environment = read_usd(file, time)
             scene = _scene(str(file), contents, smooth_degrees)
             scene.environment = environment
             return scene
@@ -159,11 +158,17 @@ def animation_of(path: PathLike) -> tuple[float, float] | None:
         InputError: when the file cannot be read or is damaged.
     """
     file = Path(path)
-    if file.suffix.lower() not in GLTF_SUFFIXES:
+    suffix = file.suffix.lower()
+    if suffix not in ANIMATED_SUFFIXES:
         return None
+    require_file(file)
+    if suffix in USD_SUFFIXES:
+        from wrt.io.usd import reader as usd
+
+        with naming_file(file):
+            return usd.animation_ends(file)
     from wrt.io.gltf.reader import animation_ends
 
-    require_file(file)
     with naming_file(file), hinting(file):
         return animation_ends(file, read_file(file))
 

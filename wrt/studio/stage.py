@@ -22,7 +22,7 @@ from wrt.values import number, vec3
 SKY = "sky"
 """The word for a clear sky with the sun instead of the name of an image."""
 
-FOR_ANIMATIONS = "a time is for glTF files with an animation"
+FOR_ANIMATIONS = "a time is for glTF and USD files with an animation"
 
 SMALL = 0.5
 """Part of the picture's width or height that a file's camera must fill with the mesh to be kept."""

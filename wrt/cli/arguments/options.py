@@ -74,7 +74,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--turntable": _value("N", whole(2),
         "render N frames once around the scene, to a video (.mp4, .webp or .gif) or to frames (cow_%%04d.png)"),
     "--frames": _value("A-B", types.frames,
-        "render frames A to B of a scene with keyframes or a glTF animation; frame f is at f / FPS seconds"),
+        "render frames A to B of a scene with keyframes or a glTF or USD animation; frame f is at f / FPS seconds"),
     "--fps": _value("FPS", positive, "frames per second (default: 24)", default=24.0),
     "--part": _value("I/N", types.part,
         "render only part I of N, from 1/N to N/N, to a file for wrt merge (default: INPUT-I-of-N.wrt)"),

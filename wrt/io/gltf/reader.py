@@ -22,7 +22,7 @@ from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import EXTENSIONS, GltfMaterials
 from wrt.io.gltf.primitives import FAN, STRIP, TRIANGLES, Deformation, Primitive, joint_matrices
 from wrt.io.gltf.scene import Matrix, cameras_of, lights_of, local_matrix, nodes_of
-from wrt.io.mesh.parts import Contents, Part, as_specified, placed
+from wrt.io.mesh.parts import NO_ANIMATION, Contents, Part, as_specified, placed
 from wrt.linalg import product
 
 _KNOWN_EXTENSIONS = {
@@ -38,9 +38,6 @@ _KNOWN_EXTENSIONS = {
     *("KHR_node_visibility", "KHR_xmp_json_ld", "KHR_animation_pointer"),
 }
 """Extensions that a file may require: supported, without effect on what is read, or left out with a warning."""
-
-NO_ANIMATION = "it has no animation, so there is no time to choose"
-"""Reason to refuse a file without animations if a time is given."""
 
 _VERSION = re.compile(r"([0-9]+)\.([0-9]+)")
 _OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}

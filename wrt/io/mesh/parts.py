@@ -25,6 +25,9 @@ from wrt.values import array, vec3
 DEFAULT_REFLECTANCE = (0.62, 0.60, 0.57)
 """Reflectance of a mesh that brings no colour: unglazed clay, light enough to show its shading."""
 
+NO_ANIMATION = "it has no animation, so there is no time to choose"
+"""Reason to refuse a file without animations if a time is given."""
+
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
 
