@@ -78,7 +78,8 @@ def info(
     from wrt.api import load
     from wrt.describe.scene import scene_text
     from wrt.io.archives import unpacked
-    from wrt.io.load_mesh import ARRAYS_SUFFIX, MESH_SUFFIXES, load_file
+    from wrt.io.file_type import ARRAYS_SUFFIX, MESH_SUFFIXES
+    from wrt.io.load_mesh import load_file
     from wrt.io.safe_read import confined_to
     from wrt.progress.bar import short_warnings
 

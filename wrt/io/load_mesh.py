@@ -14,26 +14,22 @@ from wrt.errors import OF_TRIMESH, InputError
 from wrt.io import memory_limits
 from wrt.io.archives import unpacked, unpacking
 from wrt.io.cameras import unique
-from wrt.io.file_type import hint, hinting
+from wrt.io.file_type import (
+    ANIMATED_SUFFIXES,
+    ARRAYS_SUFFIX,
+    GLTF_SUFFIXES,
+    MESH_SUFFIXES,
+    STEP_SUFFIXES,
+    USD_SUFFIXES,
+    hint,
+    hinting,
+)
 from wrt.io.mesh.parts import NO_ANIMATION, Contents
 from wrt.io.mesh.repair import bare_shape, near_origin, to_shapes
 from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import Scene, Shape, bake_transforms
-
-GLTF_SUFFIXES = (".gltf", ".glb")
-USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-ANIMATED_SUFFIXES = (*GLTF_SUFFIXES, *USD_SUFFIXES)  # suffixes of files that may be animated
-STEP_SUFFIXES = (".step", ".stp")
-
-ARRAYS_SUFFIX = ".npz"  # suffix of NumPy archives, whose meshes are not repaired
-
-MESH_SUFFIXES = (
-    *(".obj", ".ply", ".stl", ".off", *GLTF_SUFFIXES, ".3mf", ".dae"),
-    *(*STEP_SUFFIXES, ARRAYS_SUFFIX, *USD_SUFFIXES),
-)
-"""Suffixes of mesh files, in lower or upper case."""
 
 
 def load_mesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, file_type: str | None = None) -> Mesh:
