@@ -136,16 +136,16 @@ def hostile(folder: Path) -> Iterator[tuple[str, Path]]:
     yield "the ZIP file is damaged", write(folder, "twice.zip", twice.replace(b"b.obj", b"a.obj"))
     yield "the ZIP file is damaged", write(folder, "cut.zip", (folder / "0.zip").read_bytes()[:40])
     yield "the compressed file is damaged", write(folder, "cut.obj.gz", gzip.compress(TRIANGLE)[:-9])
-    # Bombs: 600 MB of zeros each, in a header that promises less, too.
+    # Bombs: 320 MB of zeros each.
     zeros = bytes(2**20)
     with zipfile.ZipFile(folder / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.obj", "w") as file:
-        for _ in range(600):
+        for _ in range(320):
             file.write(zeros)
     yield "its unpacked files would take", folder / "bomb.zip"
     packer = bz2.BZ2Compressor()
     yield (
         "its unpacked files would take",
-        write(folder, "bomb.obj.bz2", b"".join(packer.compress(zeros) for _ in range(600)) + packer.flush()),
+        write(folder, "bomb.obj.bz2", b"".join(packer.compress(zeros) for _ in range(320)) + packer.flush()),
     )
 
 
