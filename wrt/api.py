@@ -24,6 +24,7 @@ from wrt.scene.mesh import Mesh
 from wrt.scene.scene import RenderSettings, Scene, Shape
 from wrt.studio.stage import FOR_ANIMATIONS, Stage
 from wrt.studio.views import ViewLike
+from wrt.values import number
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
@@ -42,6 +43,7 @@ def load(
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     camera: int | str | None = None,
+    smooth_degrees: float | None = None,
     strict: bool = False,
     confined: bool = False,
     view: ViewLike | None = None,
@@ -71,6 +73,8 @@ def load(
         parameters: values of the parameters `$name` of a Mitsuba scene.
         camera: the name of one of the source's cameras, or its number, counted from 0; by default the first, with a
             warning if there are several. `Scene.cameras` has them by name.
+        smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
+            The default is what the format says, or else 60 (docs/foreign-files.md).
         strict: whether unsupported content raises an error instead of a warning.
         confined: whether to refuse references to files outside the source's folder, as is wise for uploads (see
             docs/security.md).
@@ -96,7 +100,9 @@ def load(
     """
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
-    reading = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
+    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    reading["smooth_degrees"] = smooth
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
     stage = Stage(view, frame, material, environment, transparent, aspect, time)
     with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
@@ -168,6 +174,7 @@ _ONLY_FOR = {
     "up": "an up axis is for meshes, not for scenes",
     "parameters": "parameters are only for Mitsuba scenes (.xml)",
     "camera": "a camera is chosen in files that may have several; this has one at most",
+    "smooth_degrees": "an angle up to which edges are smooth is for mesh files, not for scenes",
 }
 
 
@@ -188,7 +195,7 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
         _require_only(kind, reading)
         source.check()
         return stage.shown(source)
-    _require_only(kind, reading, "up")
+    _require_only(kind, reading, "up", *(() if isinstance(source, Mesh) else ("smooth_degrees",)))
     if isinstance(source, Mesh):
         from wrt.io.mesh.repair import bare_shape
 
@@ -196,7 +203,7 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
         return stage.present(source, Scene(shapes), reading["up"] or "y")
     from wrt.io.load_mesh import load_object
 
-    scene = load_object(source, standalone=True)
+    scene = load_object(source, smooth_degrees=reading["smooth_degrees"], standalone=True)
     from wrt.io.trimesh_objects import file_type
 
     return _present(source, scene, reading["up"], file_type(source), stage)
@@ -229,7 +236,7 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         loaded = load_scene(path, triangles=reading["triangles"])
         with naming_file(path):
             return stage.shown(loaded)
-    _require_only(source, reading, "up", "camera")
+    _require_only(source, reading, "up", "camera", "smooth_degrees")
     from wrt.io.cameras import note_several, with_camera
     from wrt.io.load_mesh import load_file
 
@@ -238,7 +245,8 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         from wrt.animation.timeline import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
-    scene, up = load_file(path, time=stage.time, standalone=stage.time is None), reading["up"]
+    smooth, up = reading["smooth_degrees"], reading["up"]
+    scene = load_file(path, smooth_degrees=smooth, time=stage.time, standalone=stage.time is None)
     scene = with_camera(path, scene, camera)
     if camera is None and stage.view is None:
         note_several(path, list(scene.cameras))

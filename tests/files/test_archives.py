@@ -136,20 +136,21 @@ def hostile(folder: Path) -> Iterator[tuple[str, Path]]:
     yield "the ZIP file is damaged", write(folder, "twice.zip", twice.replace(b"b.obj", b"a.obj"))
     yield "the ZIP file is damaged", write(folder, "cut.zip", (folder / "0.zip").read_bytes()[:40])
     yield "the compressed file is damaged", write(folder, "cut.obj.gz", gzip.compress(TRIANGLE)[:-9])
-    # Bombs: 320 MB of zeros each.
+    # Bombs: 32 MB of zeros each.
     zeros = bytes(2**20)
     with zipfile.ZipFile(folder / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.obj", "w") as file:
-        for _ in range(320):
+        for _ in range(32):
             file.write(zeros)
     yield "its unpacked files would take", folder / "bomb.zip"
     packer = bz2.BZ2Compressor()
     yield (
         "its unpacked files would take",
-        write(folder, "bomb.obj.bz2", b"".join(packer.compress(zeros) for _ in range(320)) + packer.flush()),
+        write(folder, "bomb.obj.bz2", b"".join(packer.compress(zeros) for _ in range(32)) + packer.flush()),
     )
 
 
-def test_hostile_archives_end_in_one_line(tmp_path: Path, temporary: Path) -> None:
+def test_hostile_archives_end_in_one_line(tmp_path: Path, temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory_limits, "UNPACKED", memory_limits.Limit("unpacked files", 2**20, 64))
     for message, path in hostile(tmp_path):
         with pytest.raises(wrt.InputError, match=message) as caught:
             wrt.load(path)

@@ -47,7 +47,7 @@ def animated(*channels: Channel, tree: dict | None = None) -> dict:
 
 def corners(path: Path, time: float | None) -> np.ndarray:
     """Return (8, 3) the corners of the box at a time, in the file's order."""
-    (shape,) = load_file(path, time=time, smooth_degrees=None).shapes
+    (shape,) = load_file(path, time=time, smooth_degrees=0.0).shapes
     found = np.full((8, 3), np.nan)
     found[FACES] = shape.mesh.vertices[shape.mesh.faces].astype(float)
     return found

@@ -28,18 +28,17 @@ from wrt.io.mesh.parts import NO_ANIMATION, Contents
 from wrt.io.mesh.repair import bare_shape, near_origin, to_shapes
 from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
 from wrt.scene.mesh import Mesh, merge
-from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import Scene, Shape, bake_transforms
 
 
-def load_mesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, file_type: str | None = None) -> Mesh:
+def load_mesh(source: Any, *, smooth_degrees: float | None = None, file_type: str | None = None) -> Mesh:
     """Read all triangles of a file or a trimesh object as one mesh in world space, without its materials.
 
     Args:
         source: the path of a file, whose suffix is one of MESH_SUFFIXES; an archive with one such file, bytes or an
             open file; or a `trimesh.Trimesh` or `trimesh.Scene`.
         smooth_degrees: if the source has no normals, edges folded by up to this angle are smoothed (see
-            `wrt.scene.normals.with_normals`); None leaves the mesh flat.
+            `wrt.scene.normals.with_normals`); 0 leaves the mesh flat, and None is what its format says, or else 60.
         file_type: type of bytes, or of an open file without a name, such as "stl".
 
     Raises:
@@ -58,7 +57,7 @@ def load_mesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, fil
     return merge([shape.mesh for shape in shapes], name)
 
 
-def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
+def load_shapes(path: PathLike, *, smooth_degrees: float | None = None) -> list[Shape]:
     """Read a file as one shape for each of its parts, in world space; see `load_file`."""
     return bake_transforms(load_file(path, smooth_degrees=smooth_degrees).shapes)
 
@@ -68,7 +67,7 @@ def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES
 def load_file(
     path: PathLike,
     *,
-    smooth_degrees: float | None = CREASE_DEGREES,
+    smooth_degrees: float | None = None,
     time: float | None = None,
     standalone: bool = False,
 ) -> Scene:
@@ -169,7 +168,7 @@ def animation_of(path: PathLike) -> tuple[float, float] | None:
         return animation_ends(file, read_file(file))
 
 
-def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, standalone: bool = False) -> Scene:
+def load_object(source: Any, *, smooth_degrees: float | None = None, standalone: bool = False) -> Scene:
     """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file; see `wrt.io.trimesh_objects`.
 
     Instances become shapes that share a mesh, each with a transform; all others are in world space. Vertex and face
@@ -181,7 +180,7 @@ def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, s
     return _scene(OF_TRIMESH, read_object(source), smooth_degrees, standalone=standalone)
 
 
-def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
+def from_trimesh(source: Any, *, smooth_degrees: float | None = None) -> list[Shape]:
     """Return the shapes of a `trimesh.Trimesh` or `trimesh.Scene`; see `load_object`."""
     return load_object(source, smooth_degrees=smooth_degrees).shapes
 

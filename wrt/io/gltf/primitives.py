@@ -80,7 +80,7 @@ class Primitive:
         tangents = None if normals is None else matching(self._rows("TANGENT"), count)  # section 3.7.2.1
         if deformation is not None:
             positions, normals, tangents = self._deformed(deformation, positions, normals, tangents)
-        part = Part(name, positions, self._faces(count), matching(normals, count), tangents=tangents)
+        part = Part(name, positions, self._faces(count), matching(normals, count), tangents=tangents, smoothing=0)
         uvs = [self._rows(f"TEXCOORD_{number}") for number in uv_sets]
         first, second = (None if rows is None else rows.astype(np.float32) for rows in (*uvs, None, None)[:2])
         if (first := matching(first, count)) is not None:

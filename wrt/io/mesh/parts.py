@@ -48,6 +48,8 @@ class Part:
         reflectance: an image mapped by `uvs`, if the file names one.
         material: the material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
         two_sided: whether emission is two-sided.
+        smoothing: what the file says of a surface without normals (docs/foreign-files.md): 0 for flat triangles, or
+            (M,) smoothing groups of faces as in OBJ, 0 for none; None if it does not say.
         vertex_format: names a vertex by its number in messages; loaders of some formats renumber vertices.
         places: (4, 4) transforms of its instances, if there are several; otherwise it is in world space.
     """
@@ -64,6 +66,7 @@ class Part:
     material: Material | None = None
     places: list[NDArray[np.float64]] = field(default_factory=list)
     two_sided: bool = False
+    smoothing: IntArray | int | None = None
     vertex_format: str = "vertex {} (counted from 0)"
 
 

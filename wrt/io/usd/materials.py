@@ -41,7 +41,12 @@ _SPACES = {"raw": "data", "sRGB": "color", "auto": ""}
 _LEAST_FOR_COPY = 16
 """Texels from which on the border begins one texel beyond the image, so that its edge is not blended with black."""
 
-_NEUTRAL = {"displacement": (0.0,), "normal": (0.0, 0.0, 1.0), "opacityMode": ("presence",)}
+_NEUTRAL = {
+    "displacement": (0.0,),
+    "normal": (0.0, 0.0, 1.0),
+    "opacityMode": ("presence",),
+    "fallback": (0.0, 0.0),  # of coordinates: a mesh without them has the colour of the first texel
+}
 """Inputs without effect at a value."""
 
 _MOST_UV_SETS = 2
@@ -104,7 +109,6 @@ class UsdMaterials:
             move = tuple(scale.tolist()), _number(place, "rotation", 0.0), tuple(offset.tolist())
             place = self.node(place["sources"].get("in"))
         if place["id"] in ("UsdPrimvarReader_float2", ""):
-            place["inputs"].get("fallback")  # of meshes without coordinates, which have the colour of one texel
             return str(place["inputs"].get("varname") or ""), move
         self.unsupported.add(f"a {place['id']} of texture coordinates")
         return "", move
@@ -116,7 +120,7 @@ class UsdMaterials:
             if "inputs" not in node.asked:  # not reached
                 continue
             inputs, sources = node["inputs"], node["sources"]
-            for name in (inputs.keys() | sources.keys()) - inputs.asked - sources.asked:
+            for name in (inputs.keys() | sources.keys()) - inputs.asked - (sources.asked & sources.keys()):
                 value = inputs.get(name)
                 values = tuple(value.tolist()) if isinstance(value, np.ndarray) else (value,)
                 if name in sources or values != _NEUTRAL.get(name):

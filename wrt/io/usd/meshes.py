@@ -60,6 +60,7 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
             part = Part(name, points[corners[used]], chosen.reshape(-1, 3))
             for field, rows in at_corners.items():
                 setattr(part, field, None if rows is None else rows[used])
+        part.smoothing = 0 if shape["faceted"] else None  # "A Note About Normals" of UsdGeomMesh
         parts.append(_with_material(part, material, materials, uv_sets))
     return parts
 

@@ -44,10 +44,7 @@ _ATTRIBUTES: dict[str, tuple[str, ...]] = {
 }
 """The attributes of each type that are read."""
 
-_OF_INSTANCES = (
-    *("positions", "orientations", "orientationsf", "scales", "velocities", "angularVelocities", "accelerations"),
-    *("ids", "invisibleIds", "prototypes"),
-)
+_OF_INSTANCES = (*("positions", "orientations", "orientationsf", "scales", "ids", "invisibleIds", "prototypes"),)
 """The properties of a point instancer that the library reads to compute places and masks."""
 
 _READ_BY_LIBRARY = ("xformOp:", "!invert!xformOp:", "material:binding")
@@ -248,6 +245,7 @@ class Description:
             self._account(part)
         return {
             "subdivided": scheme.HasAuthoredValue() and str(scheme.Get(self._time)) != "none",
+            "faceted": scheme.HasAuthoredValue() and str(scheme.Get(self._time)) == "none",
             # The first that is valid counts.
             "normals": [self._primvar(primvars.GetPrimvar("normals")), [normals, interpolation]],
             "uvs": [[name, self._primvar(primvar)] for name, primvar in _coordinates(primvars).items()],

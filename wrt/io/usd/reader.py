@@ -53,6 +53,7 @@ WITHOUT_EFFECT = {
     "*.skel:joint*": "a part of skins, which are named",
     "*.collection:*Link": "the collection itself; its members are named",
     "*.collection:*Link:expansionRule": "how members of a collection are listed",
+    "DomeLight.inputs:normalize": "a dome has no size",
     "Camera.clippingRange": "bounds of a depth buffer",
     "Camera.horizontalAperture": "the picture's size decides about its width",
     "Camera.stereoRole": "one of the two eyes is rendered alone",
