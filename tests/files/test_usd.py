@@ -240,6 +240,8 @@ def test_colors_are_those_that_a_material_reads_and_fallbacks_stand_for_what_is_
     np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
     missing = USD.replace("asset inputs:file = @red.png@", "float3 inputs:fallback = (0, 0, 1)")
     assert square_of(load_file(write(folder, "b.usda", missing))).material.base_color == (0, 0, 1)
+    opaque = USD.replace("float inputs:metallic = 1", "float inputs:opacity.connect = </World/Red/Image.outputs:a>")
+    assert square_of(load_file(write(folder, "d.usda", opaque))).material.opacity == 1.0  # of an image without alpha
     shown = USD.replace(ST, f"        float[] primvars:displayOpacity = [0.25]\n{ST}")
     shown = shown.replace("rel material:binding = </World/Red>", "")
     assert square_of(load_file(write(folder, "c.usda", shown))).mesh.colors[0, 3] == 0.25
