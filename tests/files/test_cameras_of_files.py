@@ -63,6 +63,9 @@ def test_a_chosen_camera_moves_with_its_animation(tmp_path: Path) -> None:
     path = two_cameras(tmp_path)
     assert wrt.load(path, camera="camera", time=1.0).camera.origin == (0.5, 0.5, 4.0)
     assert wrt.load(path, camera="camera", time=0.5).camera.origin == (0.25, 0.25, 6.5)
+    # The studio's lamp stands on the side of that camera, as it does at rest.
+    lamps = [wrt.load(path, camera="camera", time=time).shapes[-1].mesh.vertices for time in (None, 0.0, 1.0)]
+    np.testing.assert_allclose(lamps[1:], [lamps[0]] * 2, atol=0.1)
 
 
 def test_cameras_of_usd_have_the_names_of_their_prims(tmp_path: Path) -> None:
