@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 MOST_NAMES = 10_000
 """Maximum number of file names in a folder to search for one similar to a missing file's."""
 
-_Y_UP = ("glb", "gltf", "npz", "usd", "usda", "usdc", "usdz")
-"""File types whose y axis points up."""
+_UP = {**dict.fromkeys(("glb", "gltf", "npz", "usd", "usda", "usdc", "usdz"), "y"), "3mf": "z"}
+"""The axis that points up in files of a type, by its specification."""
 
 
 def load(
@@ -66,11 +66,12 @@ def load(
             file is kept if it shows the mesh well. A trimesh object is read like its file, as far as trimesh keeps the
             file's content: materials, colours, up axis, camera and lights.
         triangles: number of triangles of a scene's procedural meshes.
-        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF, by its
-            specification, and for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files it is the
-            one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for STL and OFF,
-            as most programs write them, and y for the others. A trimesh object follows the type of the file it was
-            loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ file.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF and z for 3MF, by
+            their specifications, and y for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files
+            it is the one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for
+            STL and OFF, as most programs write them, and y for the others. A trimesh object follows the type of the
+            file it was loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ
+            file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
         camera: the name of one of the source's cameras, or its number, counted from 0; by default the first, with a
             warning if there are several. `Scene.cameras` has them by name.
@@ -298,10 +299,10 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         stage: how to show it.
     """
     name = name_of(source)
-    if up is None and (kind == "npz" or kind not in _Y_UP) and not (scene.lights or scene.camera):
+    if up is None and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
-        up = "y" if kind in _Y_UP else guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
+        up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
     if up not in (None, "y") and (scene.lights or scene.camera):
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))

@@ -1,7 +1,7 @@
 """Load mesh files and trimesh objects as scenes.
 
-Axes and units of files are kept, because formats disagree about them and most do not state them; only the axes and
-units of USD and the units of STEP are converted.
+Units become metres where a file states them: in 3MF, COLLADA, STEP and USD; glTF has metres. Axes are kept, because
+formats disagree about them and most do not state them; only those of USD are converted.
 """
 
 from __future__ import annotations
