@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from wrt.develop.settings import names_file
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
-from wrt.io.safe_read import PathLike, confined_to
+from wrt.io.archives import unpacked
+from wrt.io.safe_read import PathLike, confined_to, confinement_folder
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
 MOST_NAMES = 10_000
 """Maximum number of file names in a folder to search for one similar to a missing file's."""
 
-_Y_UP = ("glb", "gltf", "npz", "usd", "usda", "usdc", "usdz")
-"""File types whose y axis points up."""
+_UP = {**dict.fromkeys(("glb", "gltf", "npz", "usd", "usda", "usdc", "usdz"), "y"), "3mf": "z"}
+"""The axis that points up in files of a type, by its specification."""
 
 
 def load(
@@ -52,21 +53,24 @@ def load(
     transparent: bool = False,
     aspect: float | None = None,
     time: float | None = None,
+    file_type: str | None = None,
 ) -> Scene:
     """Load a scene.
 
     Args:
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
-            PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned unchanged).
+            PLY, STL, OFF, GLB, glTF); an archive (.zip, .gz, .bz2) with one of these, or `archive.zip/scene.xml`; bytes
+            or an open file; a trimesh object, a Mesh, or a Scene (returned unchanged).
             Meshes are put into a studio (see `wrt.studio.presentation`) unless their file has lights; a camera in the
             file is kept if it shows the mesh well. A trimesh object is read like its file, as far as trimesh keeps the
             file's content: materials, colours, up axis, camera and lights.
         triangles: number of triangles of a scene's procedural meshes.
-        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF, by its
-            specification, and for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files it is the
-            one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for STL and OFF,
-            as most programs write them, and y for the others. A trimesh object follows the type of the file it was
-            loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ file.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF and z for 3MF, by
+            their specifications, and y for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files
+            it is the one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for
+            STL and OFF, as most programs write them, and y for the others. A trimesh object follows the type of the
+            file it was loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ
+            file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
         camera: the name of one of the source's cameras, or its number, counted from 0; by default the first, with a
             warning if there are several. `Scene.cameras` has them by name.
@@ -90,6 +94,7 @@ def load(
         time: the time, seconds, at which the first animation of a glTF file is, or after the first time code of a USD
             file; by default the file is at rest, or at that first time. Studio
             and camera are the same for all times.
+        file_type: type of bytes, or of an open file without a name, such as "glb".
 
     Raises:
         InputError: if the source cannot be used; the message names it and the cause.
@@ -101,8 +106,10 @@ def load(
     reading["smooth_degrees"] = smooth
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
     stage = Stage(view, frame, material, environment, transparent, aspect, time)
-    with _confined(source if confined else None), _strictly() if strict else contextlib.nullcontext():
-        scene = _load(source, reading, stage)
+    with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
+        folder = confinement_folder() if file is not source else _folder_of(source)
+        with confined_to(folder) if confined else contextlib.nullcontext():
+            scene = _load(file, reading, stage)
     if confined and scene is not source and names_file(scene.settings.tone):
         # Such a configuration names further files, which OpenColorIO opens when a picture is developed.
         raise InputError(f"{source}: tone {scene.settings.tone!r} names a file, which is not read in confinement")
@@ -148,10 +155,9 @@ def _strictly() -> Iterator[None]:
             raise InputError(str(warning)) from None
 
 
-def _confined(source: Any) -> contextlib.AbstractContextManager[None]:
-    """Return a context that confines reading to the folder of `source` if it is a path."""
-    is_path = isinstance(source, (str, os.PathLike)) and not is_builtin(source)
-    return confined_to(Path(source).parent if is_path else None)
+def _folder_of(source: Any) -> Path | None:
+    """Return the folder of `source` if it is a path."""
+    return Path(source).parent if isinstance(source, (str, os.PathLike)) and not is_builtin(source) else None
 
 
 def is_builtin(source: Any) -> bool:
@@ -284,10 +290,10 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         stage: how to show it.
     """
     name = name_of(source)
-    if up is None and (kind == "npz" or kind not in _Y_UP) and not (scene.lights or scene.camera):
+    if up is None and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
-        up = "y" if kind in _Y_UP else guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
+        up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
     if up not in (None, "y") and (scene.lights or scene.camera):
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))

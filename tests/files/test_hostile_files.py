@@ -47,7 +47,7 @@ KINDS: dict[str, tuple[bytes, str]] = {
     "xml": (XML + b'<!-- a -->\n<scene version="3.0.0">', f"a scene file of Mitsuba{RENAME}xml"),
     "dae": (XML + b"<COLLADA><scene/></COLLADA>", f"a COLLADA file{RENAME}dae"),
     "toml": (b"# by hand\n[camera]\norigin = [0, 0, 1]\n", f"a scene file{RENAME}toml"),
-    "zip": (b"PK\x03\x04" + bytes(30), "a ZIP archive; unpack it"),
+    "zip": (b"PK\x03\x04" + bytes(30), f"a ZIP archive{RENAME}zip"),
     "lfs": (b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer to a file that has not been fetched"),
 }
 NAMES = ("a.obj", "a.ply", "a.STL", "a.gltf", "a.npz", "a.toml", "a.xml", "a")

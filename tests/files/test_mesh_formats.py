@@ -29,7 +29,7 @@ def three_mf(vertices: np.ndarray, faces: np.ndarray) -> bytes:
     mesh = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in vertices.tolist())
     mesh = f"<vertices>{mesh}</vertices><triangles>"
     mesh += "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces.tolist()) + "</triangles>"
-    model = f'<model><resources><object id="1"><mesh>{mesh}</mesh></object></resources>'
+    model = f'<model unit="meter"><resources><object id="1"><mesh>{mesh}</mesh></object></resources>'
     model += '<build><item objectid="1"/></build></model>'
     with zipfile.ZipFile(buffer, "w") as archive:
         archive.writestr("3D/3dmodel.model", '<?xml version="1.0"?>' + model)

@@ -1,4 +1,4 @@
-"""The type of a file by its first bytes, for messages about files whose suffix is wrong.
+"""The types of files that are rendered, by suffix, and the type of a file by its first bytes, for messages.
 
 The signatures are those of the formats' specifications, as in the command `file`.
 """
@@ -12,6 +12,19 @@ from pathlib import Path
 
 from wrt.errors import InputError
 from wrt.io.safe_read import read_file
+
+GLTF_SUFFIXES = (".gltf", ".glb")
+USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+ANIMATED_SUFFIXES = (*GLTF_SUFFIXES, *USD_SUFFIXES)  # suffixes of files that may be animated
+STEP_SUFFIXES = (".step", ".stp")
+
+ARRAYS_SUFFIX = ".npz"  # suffix of NumPy archives, whose meshes are not repaired
+
+MESH_SUFFIXES = (
+    *(".obj", ".ply", ".stl", ".off", *GLTF_SUFFIXES, ".3mf", ".dae"),
+    *(*STEP_SUFFIXES, ARRAYS_SUFFIX, *USD_SUFFIXES),
+)
+"""Suffixes of mesh files, in lower or upper case."""
 
 HEAD = 4096  # bytes that are examined
 
@@ -31,8 +44,10 @@ _KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
     (rb"#usda 1\.", "a USD file", (".usda", ".usd")),
     (rb"PXR-USDC", "a USD file", (".usdc", ".usd")),
     (rb"ISO-10303-21;", "a STEP file", (".step", ".stp")),
-    (rb"PK\x03\x04", "a ZIP archive; unpack it", ()),
-    (rb"\x1f\x8b|BZh|\xfd7zXZ\0|7z\xbc\xaf|\x28\xb5\x2f\xfd", "a compressed file; unpack it", ()),
+    (rb"PK\x03\x04", "a ZIP archive", (".zip", ".zae")),
+    (rb"\x1f\x8b", "a compressed file; rename it to end in its type and .gz", (".gz",)),
+    (rb"BZh", "a compressed file; rename it to end in its type and .bz2", (".bz2",)),
+    (rb"\xfd7zXZ\0|7z\xbc\xaf|\x28\xb5\x2f\xfd|Rar!", "a compressed file; unpack it", ()),
     (rb"%PDF", "a PDF document", (".pdf",)),
     (rb"Kaydara FBX Binary", "an FBX file; export it as glTF", ()),
     (rb"; FBX ", "an FBX file; export it as glTF", ()),
@@ -54,7 +69,7 @@ _KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
 
 _RENDERED = (
     *(".glb", ".gltf", ".ply", ".off", ".stl", ".obj", ".3mf", ".dae", ".step"),
-    *(".npz", ".xml", ".toml", ".usda", ".usdc", ".usdz"),
+    *(".npz", ".xml", ".toml", ".usda", ".usdc", ".usdz", ".zip"),
 )
 
 
@@ -82,6 +97,20 @@ def hint(path: Path) -> str | None:
         advice = f"; rename it to end in {suffixes[0]}" if suffixes and suffixes[0] in _RENDERED else ""
         return f"it looks to be {what}{advice}"
     return "it is an image, which a scene file can name as a texture or an environment" if " image" in what else None
+
+
+def renderable(folder: Path) -> list[str]:
+    """Return the files below a folder that can be rendered: its scenes, or if there are none its meshes."""
+    scenes, meshes = [], []
+    for file in sorted(each for each in folder.rglob("*") if each.is_file()):
+        name, suffix = str(file.relative_to(folder)), file.suffix.lower()
+        if name.startswith("__MACOSX/") or file.name.startswith("."):  # what macOS adds to archives
+            continue
+        if suffix in MESH_SUFFIXES:
+            meshes.append(name)
+        elif suffix in (".xml", ".toml") and (found := looks_like(read_file(file, HEAD))) and "scene file" in found[0]:
+            scenes.append(name)
+    return scenes or meshes
 
 
 @contextmanager

@@ -27,6 +27,7 @@ from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.stl import colors_of
 from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
+from wrt.linalg import product
 from wrt.scene.camera import Camera, PerspectiveCamera
 from wrt.scene.lights import Light
 from wrt.scene.normals import corner_weighted_normals
@@ -48,6 +49,10 @@ WITHOUT_EFFECT = {
 """What of a mesh does not change a picture: patterns of kinds, and the reason."""
 
 
+_WITH_UNITS = ("3mf", "dae")
+"""Types of files for which trimesh keeps the unit of length."""
+
+
 def file_type(source: Any) -> str:
     """Return the type of the file that an object was loaded from, such as "stl"; empty if unknown, as for copies."""
     return str(source.source.file_type or "").lower()
@@ -61,19 +66,20 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     import trimesh
 
     if isinstance(source, trimesh.parent.Geometry) and not isinstance(source, trimesh.Scene):
-        alone = _Reader(source, name)
+        alone, world = _Reader(source, name), _to_metres(source, name)
         parts = alone.parts(name, source)
         alone.warn_of_unused()
-        return Contents(parts)
+        return Contents([placed(part, [world]) for part in parts] if world[0, 0] != 1.0 else parts)
     if not isinstance(source, trimesh.Scene):
         kinds = "a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene"
         raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes arrays")
     reader = _Reader(source, name)
     places: dict[str, list[NDArray[np.float64]]] = {}
+    world = _to_metres(source, name)
     for node in source.graph.nodes_geometry:
         matrix = _place_of(source, node, name)
         if matrix is not None:
-            places.setdefault(source.graph[node][1], []).append(matrix)
+            places.setdefault(source.graph[node][1], []).append(product(world, matrix))
     parts = [
         placed(part, found)
         for geometry, found in places.items()
@@ -81,6 +87,19 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     ]
     reader.warn_of_unused()
     return Contents(parts, _lights(source, name), _cameras(source))
+
+
+def _to_metres(source: Any, name: str) -> NDArray[np.float64]:
+    """Return the (4, 4) transform to metres of an object from a file whose format has units."""
+    from trimesh.units import unit_conversion
+
+    world = np.eye(4)
+    if file_type(source) in _WITH_UNITS and source.units is not None:
+        try:
+            world[range(3), range(3)] = unit_conversion(source.units, "meters")
+        except (KeyError, ValueError):
+            warn(f"{name}: its unit of length {source.units!r} is unknown; taken as metres")
+    return world
 
 
 def _place_of(scene: Any, node: Any, name: str) -> NDArray[np.float64] | None:
