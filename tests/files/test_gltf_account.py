@@ -51,10 +51,10 @@ KEYS = {
     "materials.normalTexture": "scale",
     "meshes": "primitives weights",
     "meshes.primitives": "attributes extensions indices material mode targets",
-    "meshes.primitives.attributes": "-COLOR_1 COLOR_0 JOINTS_0 NORMAL POSITION -TANGENT TEXCOORD_0 -TEXCOORD_2 "
+    "meshes.primitives.attributes": "-COLOR_1 COLOR_0 JOINTS_0 NORMAL POSITION TANGENT TEXCOORD_0 -TEXCOORD_2 "
     "WEIGHTS_0 -_TEMPERATURE",
     "meshes.primitives.extensions": "!KHR_gaussian_splatting -KHR_materials_variants",
-    "meshes.primitives.targets": "NORMAL POSITION -TANGENT !TEXCOORD_0 !COLOR_0",
+    "meshes.primitives.targets": "NORMAL POSITION TANGENT !TEXCOORD_0 !COLOR_0",
     "nodes": "camera children extensions matrix mesh rotation scale skin translation weights",
     "nodes.extensions": "EXT_mesh_gpu_instancing KHR_lights_punctual -KHR_node_hoverability -KHR_node_selectability "
     "KHR_node_visibility -KHR_xmp_json_ld",
@@ -157,7 +157,12 @@ def complete_file() -> dict[str, Any]:
     tree["buffers"][0]["extensions"] = {"KHR_meshopt_compression": {"fallback": True}}
     four = [[0, 0, 0, 0]] * 3
     attributes = {
-        **{"POSITION": position, "NORMAL": position, "TANGENT": position, "_TEMPERATURE": position},
+        **{
+            "POSITION": position,
+            "NORMAL": position,
+            "TANGENT": add(tree, [[1, 0, 0, 1]] * 3),
+            "_TEMPERATURE": position,
+        },
         **{f"TEXCOORD_{k}": add(tree, points[:, :2], "<u2", normalized=True) for k in (0, 2)},
         **{f"COLOR_{k}": add(tree, points, "<u1") for k in (0, 1)},
     }

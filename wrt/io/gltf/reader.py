@@ -24,7 +24,7 @@ from wrt.io.gltf.materials import EXTENSIONS, GltfMaterials
 from wrt.io.gltf.primitives import FAN, STRIP, TRIANGLES, Deformation, Primitive, joint_matrices
 from wrt.io.gltf.scene import Matrix, cameras_of, lights_of, local_matrix, nodes_of, visible_nodes_of
 from wrt.io.gltf.without_effect import WITHOUT_EFFECT
-from wrt.io.mesh.parts import Contents, Part, as_specified, placed
+from wrt.io.mesh.parts import NO_ANIMATION, Contents, Part, as_specified, placed
 from wrt.linalg import product
 
 _KNOWN_EXTENSIONS = {
@@ -40,9 +40,6 @@ _KNOWN_EXTENSIONS = {
     *("KHR_node_visibility", "KHR_xmp_json_ld", "KHR_animation_pointer"),
 }
 """Extensions that a file may require: supported, without effect on what is read, or left out with a warning."""
-
-NO_ANIMATION = "it has no animation, so there is no time to choose"
-"""Reason to refuse a file without animations if a time is given."""
 
 _VERSION = re.compile(r"([0-9]+)\.([0-9]+)")
 _OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
@@ -100,7 +97,8 @@ def _opened(path: Path, data: bytes) -> tuple[Tree, Buffers]:
     version = "1.0" if isinstance(tree.get("meshes"), dict) else _unsupported_version(tree["asset"])
     if version is not None:
         raise InputError(f"{path}: a file of glTF {version}, which is not supported; convert it to glTF 2.0")
-    children = Counter(child for node in tree.get("nodes", []) for child in node.get("children", []))
+    # By dict.get, since a node outside of the scene does not count as reached.
+    children = Counter(child for node in tree.get("nodes", []) for child in dict.get(node, "children", []))
     if children and max(children.values()) > 1:  # paths to a node may be exponentially many
         raise InputError("nodes share a child; each may have one parent at most")
     if not tree.get("scenes"):

@@ -78,18 +78,19 @@ def local_matrix(node: Tree) -> Matrix:
     return result
 
 
-def cameras_of(tree: Tree) -> list[Camera]:
-    """Return the scene's cameras in node order, without their aspect ratios: the picture has its own."""
-    cameras: list[Camera] = []
+def cameras_of(tree: Tree) -> list[tuple[str, Camera]]:
+    """Return names and cameras of the scene's nodes, without their aspect ratios: the picture has its own."""
+    cameras: list[tuple[str, Camera]] = []
     for _, node, world in nodes_of(tree):
         if "camera" in node:
             described = tree["cameras"][node["camera"]]
+            name = str(node.get("name") or described.get("name", ""))
             if described["type"] == "orthographic":
                 height = 2.0 * abs(described["orthographic"]["ymag"])
-                cameras.append(OrthographicCamera(**viewpoint(world), view_height=height))
+                cameras.append((name, OrthographicCamera(**viewpoint(world), view_height=height)))
             else:
                 fov = math.degrees(described["perspective"]["yfov"])
-                cameras.append(PerspectiveCamera(**viewpoint(world), fov_degrees=fov))
+                cameras.append((name, PerspectiveCamera(**viewpoint(world), fov_degrees=fov)))
     return cameras
 
 

@@ -21,8 +21,8 @@ _REASONS: dict[str, tuple[str, ...]] = {
         *("textures", "meshes.primitives.targets", "animations.channels.sampler"),
         *("meshes.primitives.indices", "meshes.primitives.material"),  # of points and lines, which are warned of
     ),
-    "its node is hidden, or has no mesh": (
-        *("nodes.mesh", "nodes.skin", "nodes.weights", "nodes.extensions.KHR_lights_punctual"),
+    "its node is hidden, is only a joint, or has no mesh": (
+        *("nodes.mesh", "nodes.camera", "nodes.skin", "nodes.weights", "nodes.extensions.KHR_lights_punctual"),
         *("nodes.extensions.EXT_mesh_gpu_instancing",),
     ),
     "it stands for data that are compressed": (
@@ -36,7 +36,9 @@ _REASONS: dict[str, tuple[str, ...]] = {
         *("meshes.primitives.attributes.JOINTS_*", "meshes.primitives.attributes.WEIGHTS_*"),
         *("meshes.primitives.attributes._*", "nodes.extensions.EXT_mesh_gpu_instancing.attributes._*"),
     ),
-    "only normal maps use tangents": (*("meshes.primitives.attributes.TANGENT", "meshes.primitives.targets.TANGENT"),),
+    "tangents are across the normals": (
+        *("meshes.primitives.attributes.TANGENT", "meshes.primitives.targets.TANGENT"),
+    ),
     "normals are made from the moved triangles": ("meshes.primitives.targets.NORMAL",),
     "the picture has its own shape, and shows what is near and far": (
         *("cameras.perspective.aspectRatio", "cameras.orthographic.xmag"),
