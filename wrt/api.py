@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from wrt.develop.settings import names_file
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
-from wrt.io.archives import unpacked
+from wrt.io.archives import first_of, unpacked
+from wrt.io.file_type import renderable
 from wrt.io.safe_read import PathLike, confined_to, confinement_folder
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
@@ -221,6 +222,14 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         path = meshes.scene_path(str(source))
     elif not os.path.lexists(path):  # the reader has a better message for a broken link
         raise InputError(_missing_file(source))
+    elif path.is_dir():
+        found: list[str] = []
+        with contextlib.suppress(OSError):
+            found = renderable(path, itertools.islice(path.iterdir(), MOST_NAMES))
+        advice = (
+            f"name a file in it, such as {path / found[0]}: {first_of(found)}" if found else "nothing in it is rendered"
+        )
+        raise InputError(f"{source}: is a directory; {advice}")
     suffix = path.suffix.lower()
     if suffix == ".xml":
         _require_only(source, reading, "parameters", "camera")
@@ -267,7 +276,7 @@ def _missing_file(source: PathLike) -> str:
     if str(source) == "-":
         return f"{source}: no such file; standard input is not read"
     if "://" in str(source):
-        return f"{source}: no such file; download it first"
+        return f"{source}: no such file; download it first, and name the file"
     names: list[str] = []
     with contextlib.suppress(OSError, ValueError), os.scandir(path.parent) as entries:
         names = [entry.name for entry in itertools.islice(entries, MOST_NAMES)]

@@ -21,7 +21,7 @@ from wrt.io.file_type import (
     MESH_SUFFIXES,
     STEP_SUFFIXES,
     USD_SUFFIXES,
-    hint,
+    advice_on,
     hinting,
 )
 from wrt.io.mesh.parts import NO_ANIMATION, Contents
@@ -107,9 +107,8 @@ def load_file(
             scene.environment = environment
             return scene
     if suffix not in MESH_SUFFIXES:
-        advice = f"; {kind}" if (kind := hint(file)) else ""
-        suffixes = ", ".join(MESH_SUFFIXES)
-        raise InputError(f"{file}: not a known mesh format; the name must end in {suffixes}{advice}")
+        unknown = f"not a known mesh format; the name must end in {', '.join(MESH_SUFFIXES)}"
+        raise InputError(f"{file}: {advice_on(file) or unknown}")
     with naming_file(file), hinting(file):
         return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, standalone=standalone)
 
