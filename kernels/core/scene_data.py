@@ -279,7 +279,8 @@ class SceneData:
     normals: wp.array(dtype=wp.vec3)
     uvs: wp.array(dtype=wp.vec2)
     colors: wp.array(dtype=wp.vec3)
-    aligns_tangents: int  # 1 if any material depends on the direction of texture coordinates; if Features.tangents
+    aligns_tangents: int  # 1 if any material depends on the direction of texture coordinates, 2 if meshes have tangents
+    tangents: wp.array(dtype=wp.vec4)  # three a triangle (`wrt.scene.tangents.tangents_by_edges`)
     uv2_alpha: wp.array(dtype=wp.vec3)  # second texture coordinates, alpha of colours; if Features.uv2_alpha
     triangle_shape: wp.array(dtype=int)
     # Materials

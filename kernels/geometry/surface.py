@@ -28,7 +28,7 @@ from wrt.kernels.geometry.spheres import (
     point_on_sphere,
     sphere_coordinates,
 )
-from wrt.kernels.geometry.triangles import clearance, make_triangle_of, triangle_normal
+from wrt.kernels.geometry.triangles import clearance, make_triangle_of, triangle_normal, twice_area
 
 # Rays leave a surface at most this many times its clearance from where one met it.
 _MOST_CLEARANCES = wp.constant(64.0)
@@ -308,29 +308,48 @@ def uv_edges(scene: SceneData, hit: Hit) -> wp.mat22:
 
 
 @wp.func
+def tangent_of_mesh(scene: SceneData, hit: Hit) -> wp.vec4:
+    """Return the interpolated tangent, relative to the triangle as in `SceneData.tangents`; 0 if there is none."""
+    first = 3 * hit.triangle
+    tangent = scene.tangents[first] * (1.0 - hit.u - hit.v)
+    return tangent + scene.tangents[first + 1] * hit.u + scene.tangents[first + 2] * hit.v
+
+
+@wp.func
 def align_tangents(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
     """Return the surface with its frame turned about the normal: s along increasing u, t as near as possible to v's.
 
     t = ±n × s: if the texture is mirrored as the viewer sees it, the frame is left-handed. If u and v do not span the
-    triangle, the frame stays unchanged.
+    triangle, the frame stays unchanged. Tangents of the mesh replace the directions of u and v.
     """
     if scene.aligns_tangents == 0:
         return surface
     e1 = surface.e1
     e2 = surface.e2
-    uv = uv_edges(scene, hit)
-    a = uv[0]
-    b = uv[1]
-    forth = a[0] * b[1]
-    back = a[1] * b[0]
-    area = forth - back
-    # Smaller values are rounding: the coordinates lie on a line, or in one point.
-    if wp.abs(area) <= 1.0e-6 * (wp.abs(forth) + wp.abs(back)):
-        return surface
-    # ∂p/∂u and ∂p/∂v up to the factor 1 / |area|.
-    sign = wp.sign(area)
-    along_u = (e1 * b[1] - e2 * a[1]) * sign
-    along_v = (e2 * a[0] - e1 * b[0]) * sign
+    along_u = wp.vec3()
+    along_v = wp.vec3()
+    tangent = wp.vec4()
+    if scene.aligns_tangents == 2:
+        tangent = tangent_of_mesh(scene, hit)
+    if tangent[3] != 0.0:
+        normal = triangle_normal(e1, e2)
+        front = wp.where(surface.front, surface.normal, -surface.normal)
+        along_u = e1 * tangent[0] + e2 * tangent[1] + front * (tangent[2] * wp.sqrt(twice_area(e1, e2)))
+        along_v = wp.cross(normal, along_u) * tangent[3]
+    else:
+        uv = uv_edges(scene, hit)
+        a = uv[0]
+        b = uv[1]
+        forth = a[0] * b[1]
+        back = a[1] * b[0]
+        area = forth - back
+        # Smaller values are rounding: the coordinates lie on a line, or in one point.
+        if wp.abs(area) <= 1.0e-6 * (wp.abs(forth) + wp.abs(back)):
+            return surface
+        # ∂p/∂u and ∂p/∂v up to the factor 1 / |area|.
+        sign = wp.sign(area)
+        along_u = (e1 * b[1] - e2 * a[1]) * sign
+        along_v = (e2 * a[0] - e1 * b[0]) * sign
     along_u = wp.normalize(along_u)
     n = surface.frame.n
     s = along_u - n * wp.dot(n, along_u)

@@ -83,9 +83,15 @@ def slopes_of_heights(scene: SceneData, image: ImageRecord, hit: Hit, surface: S
     u_x = wp.dot(along_u, surface.frame.s)
     v_x = wp.dot(along_v, surface.frame.s)
     v_y = wp.dot(along_v, surface.frame.t)
+    change = image_gradient(scene, image, surface.uv)
+    if scene.aligns_tangents == 2:  # the frame's x may be along a tangent of the mesh, and Uy not 0
+        u_y = wp.dot(along_u, surface.frame.t)
+        across = u_x * v_y - u_y * v_x
+        if across == 0.0:
+            return wp.vec2(0.0)
+        return wp.vec2(change[1] * u_y - change[0] * v_y, change[0] * v_x - change[1] * u_x) / across
     if u_x == 0.0 or v_y == 0.0:
         return wp.vec2(0.0)
-    change = image_gradient(scene, image, surface.uv)
     return wp.vec2(-change[0] / u_x, (change[0] * v_x / u_x - change[1]) / v_y)
 
 

@@ -82,18 +82,22 @@ def test_field_of_view(axis: str, divisor: float, tmp_path: Path) -> None:
 
 
 def test_a_sensor_is_chosen_by_its_number(tmp_path: Path) -> None:
+    left_out = '<sensor type="radiancemeter"/>' + sensor(kind="orthographic").replace(
+        "sensor type", 'sensor id="b" type'
+    )
     path = written(tmp_path, sensor() + sensor(size=(8, 8), kind="orthographic") + BALL)
-    assert isinstance(wrt.load(path, sensor=0).camera, wrt.PerspectiveCamera)
-    second = wrt.load(path, sensor=1)
+    assert isinstance(wrt.load(path, camera=0).camera, wrt.PerspectiveCamera)
+    second = wrt.load(path, camera="1")
     assert isinstance(second.camera, wrt.OrthographicCamera)
     assert (second.settings.width, second.settings.height) == (8, 8)
-    with pytest.raises(wrt.InputError, match="there is no sensor 2; its sensors are numbered from 0 to 1"):
-        wrt.load(path, sensor=2)
-    with pytest.warns(InputWarning, match="the first of 2 sensors is the camera"):
-        wrt.load(path)
-    for option in ({"sensor": 0}, {"parameters": {"a": 1}}):
-        with pytest.raises(wrt.InputError, match="only for Mitsuba scenes"):
-            wrt.load("cornell-box", **option)
+    with pytest.raises(wrt.InputError, match="there is no camera 2; it has 0 'camera', 1 'camera_1'"):
+        wrt.load(path, camera=2)
+    with pytest.warns(UserWarning, match="of its cameras, 0 'camera', 1 'camera_1', the first is taken"):
+        assert list(wrt.load(path, strict=True).cameras) == ["camera", "camera_1"]
+    with pytest.warns(InputWarning, match="sensor 'radiancemeter': this kind of sensor is not known; left out"):
+        assert isinstance(loaded(tmp_path, left_out + BALL, camera="b").camera, wrt.OrthographicCamera)
+    with pytest.raises(wrt.InputError, match="only for Mitsuba scenes"):
+        wrt.load("cornell-box", parameters={"a": 1})
 
 
 def test_default_materials_agree_with_mitsuba(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from support.same_scenes import differences
 
 import wrt
 from wrt.errors import InputWarning
-from wrt.io.load_mesh import load_file
+from wrt.io.load_mesh import animation_of, load_file
 
 USD = (ROOT / "tests/scenes/meshes/world.usda").read_text("utf-8")
 """A square of two materials, one with an image, two balls by instances, a camera, and four lights."""
@@ -138,3 +139,129 @@ def test_missing_references_wrong_types_faces_and_a_missing_library_are_told(fol
     check_refused("/World/Square: a face names vertex 9, but there are 5", load_file, path)
     monkeypatch.setitem(sys.modules, "pxr", None)
     check_refused(r"USD files need Pixar's library: pip install 'wrt\[usd\]'", load_file, path)
+
+
+BALL = '#usda 1.0\n(\nmetersPerUnit = 1\n)\ndef Sphere "s" {}\n'
+
+MOVING = """#usda 1.0
+(
+    metersPerUnit = 1
+    startTimeCode = 1
+    endTimeCode = 13
+    timeCodesPerSecond = 24
+)
+def Mesh "m"
+{
+    int[] faceVertexCounts.timeSamples = {1: [3]}
+    int[] faceVertexIndices = [0, 1, 2]
+    point3f[] points.timeSamples = {1: [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 13: [(0, 0, 0), (1, 0, 0), (0, 3, 0)]}
+}
+def PointInstancer "p"
+{
+    int[] protoIndices = [0, 0]
+    int64[] invisibleIds = [1]
+    point3f[] positions.timeSamples = {1: [(5, 0, 0), (6, 0, 0)], 13: [(5, 8, 0), (6, 0, 0)]}
+    rel prototypes = </p/Prototypes/inner>
+    over "Prototypes"
+    {
+        def PointInstancer "inner"
+        {
+            int[] protoIndices = [0]
+            point3f[] positions = [(0, 0, 2)]
+            rel prototypes = </p/Prototypes/inner/cube>
+            def Cube "cube" {}
+        }
+    }
+}
+def Cube "late"
+{
+    token visibility.timeSamples = {1: "invisible", 8: "inherited"}
+}
+def SphereLight "l"
+{
+    float inputs:intensity.timeSamples = {1: 1, 13: 2}
+}
+def Camera "c"
+{
+    float3 xformOp:translate.timeSamples = {1: (0, 0, 30), 13: (0, 0, 36)}
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+def test_time_samples_are_those_of_a_time_and_by_default_of_the_first(tmp_path):
+    path = write(tmp_path, "moving.usda", MOVING)
+    assert animation_of(path) == (0.0, 0.5)
+    for time, top, y, count, intensity, z in ((None, 1, 0, 2, 1, 30), (0.25, 2, 4, 2, 1.5, 33), (0.5, 3, 8, 3, 2, 36)):
+        scene = load_file(path, time=time)
+        assert len(scene.shapes) == count
+        assert scene.shapes[0].mesh.bounds[1].tolist() == [1, top, 0]
+        np.testing.assert_allclose(scene.shapes[1].mesh_at(0.0).bounds, [[4, y - 1, 1], [6, y + 1, 3]])
+        assert scene.lights[0].radiance == pytest.approx((intensity,) * 3)
+        assert scene.camera.origin == pytest.approx((0, 0, z))
+    check_refused("it has no animation", partial(load_file, time=0.0), write(tmp_path, "a.usda", BALL))
+
+
+def test_instances_have_colors_of_their_own(tmp_path):
+    instancer = """def PointInstancer "p"
+    {
+        int[] protoIndices = [0, 0, 0]
+        point3f[] positions = [(0, 0, 0), (5, 0, 0), (9, 0, 0)]
+        color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (1, 0, 0)] (
+            interpolation = "vertex"
+        )
+        rel prototypes = </p/s>
+        def Cube "s" {}
+    }
+    """
+    shapes = load_file(write(tmp_path, "p.usda", BALL.replace('def Sphere "s" {}', instancer))).shapes
+    found = {tuple(shape.mesh.colors[0]): 0 for shape in shapes}
+    for shape in shapes:
+        found[tuple(shape.mesh.colors[0])] += 1
+    assert found == {(1, 0, 0): 2, (0, 1, 0): 1}
+    assert len({id(shape.mesh) for shape in shapes}) == 2
+
+
+def test_images_are_black_beyond_their_edges_unless_they_continue(folder):
+    wrt.save_image(folder / "red.png", np.full((32, 32, 3), 1.0))
+    for wrap, expected in (("black", 0.0), ("useMetadata", 0.0), ("clamp", 1.0), ("repeat", 1.0)):
+        text = USD.replace("@red.png@", f'@red.png@\ntoken inputs:wrapS = "{wrap}"\ntoken inputs:wrapT = "{wrap}"')
+        text = text.replace(
+            '            token inputs:wrapS = "mirror"\n            token inputs:wrapT = "repeat"\n', ""
+        )
+        texture = square_of(load_file(write(folder, f"{wrap}.usda", text))).material.base_color
+        for uv, value in (((0.001, 0.3), 1.0), ((0.4, 0.1), expected), ((0.1, -0.3), expected)):  # of scale 3 and 2
+            np.testing.assert_allclose(texel(texture, uv), value, err_msg=f"{wrap} at {uv}")
+
+
+def texel(texture: wrt.ImageTexture, uv: tuple[float, float]) -> np.ndarray:
+    """Return the nearest texel of a texture that clamps or repeats."""
+    u, v = texture.placement @ (*uv, 1.0)
+    height, width = texture.pixels.shape[:2]
+    column, row = math.floor(u * width), math.floor((1.0 - v) * height)
+    clamps = [wrap == "clamp" for wrap in texture.wrap]
+    column = min(max(column, 0), width - 1) if clamps[0] else column % width
+    return texture.pixels[min(max(row, 0), height - 1) if clamps[1] else row % height, column]
+
+
+def test_colors_are_those_that_a_material_reads_and_fallbacks_stand_for_what_is_missing(folder):
+    reader = """def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_float3"
+            string inputs:varname = "paint"
+            float3 outputs:result
+        }
+        def Shader "Image"
+        {"""
+    text = USD.replace("</World/Red/Image.outputs:rgb>", "</World/Red/Reader.outputs:result>")
+    text = text.replace('def Shader "Image"\n        {', reader)
+    text = text.replace(ST, f"        color3f[] primvars:paint = [(0, 0.5, 1)]\n{ST}")
+    square = square_of(load_file(write(folder, "paint.usda", text)))
+    np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
+    missing = USD.replace("asset inputs:file = @red.png@", "float3 inputs:fallback = (0, 0, 1)")
+    assert square_of(load_file(write(folder, "b.usda", missing))).material.base_color == (0, 0, 1)
+    opaque = USD.replace("float inputs:metallic = 1", "float inputs:opacity.connect = </World/Red/Image.outputs:a>")
+    assert square_of(load_file(write(folder, "d.usda", opaque))).material.opacity == 1.0  # of an image without alpha
+    shown = USD.replace(ST, f"        float[] primvars:displayOpacity = [0.25]\n{ST}")
+    shown = shown.replace("rel material:binding = </World/Red>", "")
+    assert square_of(load_file(write(folder, "c.usda", shown))).mesh.colors[0, 3] == 0.25

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import io
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +28,14 @@ from support.bumps import (
 from support.bumps import registered_probes as registered_probes
 from support.covering_kernels import rendering_with
 from support.kernels import map_function
+from support.mesh_files import add, attributes, data_uri, saved
+from support.meshes import gltf_box
 
 import wrt
+from wrt.io.gltf.writer import save_glb
+from wrt.io.load_mesh import load_file
 from wrt.kernels.textures.normal_maps import bent_normal
+from wrt.upload.accel import instancing
 
 BACK = wrt.PerspectiveCamera((0.0, 0.0, -4.0), (0.0, 0.0, 0.0), fov_degrees=30.0)
 LIGHT = unit(0.3, 0.5, 1.0)
@@ -93,6 +100,92 @@ def test_axes_stay_at_right_angles_where_normals_are_smooth(device: str) -> None
     assert_local(image, [LIGHT @ x, LIGHT @ np.cross(normal, x), LIGHT @ normal])
 
 
+# --- Tangents of meshes ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("sign", "side"), [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)])
+@pytest.mark.parametrize("backwards", [1.0, -1.0])
+def test_tangents_of_a_mesh_replace_the_directions_of_its_texture(
+    sign: float, side: float, backwards: float, device: str
+) -> None:
+    """x is the tangent made perpendicular to the normal, y is normal × tangent times the sign, as in glTF 3.7.2.1.
+
+    Normals that point away from the fronts count as they are.
+    """
+    normal, tangent = unit(0.2, -0.1, 1.0), np.array([0.3, 1.0, 0.4])
+    mesh = square(UVS["turned"][0])
+    normals = np.tile(backwards * normal, (4, 1)).astype(np.float32)
+    tangents = np.tile([*tangent, sign], (4, 1)).astype(np.float32)
+    mesh = wrt.Mesh(mesh.vertices, mesh.faces, normals, mesh.uvs, tangents=tangents)
+    x = unit(*(tangent - normal * (normal @ tangent)))
+    y = sign * np.cross(backwards * normal, x)
+    towards = LIGHT * [1.0, 1.0, side]
+    scene = lit(mesh, Probe(tangents=True), towards, FRONT if side > 0.0 else BACK)
+    assert_local(rendered(scene, device), [towards @ x, towards @ y, side * towards @ normal])
+    mesh = dataclasses.replace(mesh, tangents=np.zeros((4, 4)))  # none
+    scene.shapes[0] = dataclasses.replace(scene.shapes[0], mesh=mesh)
+    u = UVS["turned"][1]
+    x = unit(*(np.array([*u, 0.0]) - normal * (normal[:2] @ u)))
+    assert_local(rendered(scene, device), [towards @ x, towards @ np.cross(normal, x), side * towards @ normal])
+
+
+@pytest.mark.parametrize(("sign", "mirror"), [(1, 1), (-1, 1), (1, -1)])
+def test_the_tangents_of_a_gltf_file(sign: int, mirror: int, tmp_path: Path, device: str) -> None:
+    """A mirrored node mirrors its bumps."""
+    tree = gltf_box(np.array([[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    attributes(tree)["NORMAL"] = add(tree, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    attributes(tree)["TEXCOORD_0"] = add(tree, np.eye(4, 2))
+    attributes(tree)["TANGENT"] = add(tree, np.tile([0.0, 127.0, 0.0, sign * 127.0], (4, 1)), "<i1", normalized=True)
+    tree["nodes"][0]["scale"] = [mirror, 1, 1]
+    texels = io.BytesIO()
+    Image.fromarray(np.full((2, 2, 3), (191, 64, 255), np.uint8)).save(texels, "png")
+    tree |= {"images": [{"uri": data_uri(texels.getvalue(), "image/png")}], "textures": [{"source": 0}]}
+    tree["materials"], tree["meshes"][0]["primitives"][0]["material"] = [{"normalTexture": {"index": 0}}], 0
+    (shape,) = load_file(saved(tmp_path, tree)).shapes
+    scene = lit(shape.mesh, wrt.Diffuse(0.5, normal_map=shape.material.normal_map), LIGHT)  # type: ignore[attr-defined]
+    bitangent = sign * np.cross([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]) * [mirror, 1.0, 1.0]
+    slopes = 2.0 * np.array([191, 64, 255]) / 255.0 - 1.0
+    expected = unit(*(slopes @ [[0.0, 1.0, 0.0], bitangent, [0.0, 0.0, 1.0]])) @ LIGHT
+    np.testing.assert_allclose(rendered(scene, device) * np.pi / 0.5, expected, rtol=1e-5)
+
+    written = tmp_path / "b.glb"
+    save_glb(written, wrt.Scene(shapes=[shape]))
+    found, given = load_file(written).shapes[0].mesh, shape.mesh
+    np.testing.assert_array_equal(found.tangents[found.faces], given.tangents[given.faces])
+    del attributes(tree)["NORMAL"]  # "the provided tangents (if present) MUST be ignored"
+    assert load_file(saved(tmp_path, tree)).shapes[0].mesh.tangents is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moves", [False, True])
+def test_instances_and_deformed_meshes_take_their_tangents_along(
+    moves: bool, monkeypatch: pytest.MonkeyPatch, device: str
+) -> None:
+    """As a mesh that is transformed before it is uploaded."""
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
+    ball = wrt.sphere(subdivisions=3)
+    across = np.cross((0.1, 0.2, 1.0), ball.normals)
+    sign = np.sign(ball.vertices[:, :1] - 0.1)
+    ball = dataclasses.replace(ball, tangents=np.hstack([across, np.where(sign == 0.0, 1.0, sign)]))
+    place = np.diag([-1.2, 1.2, 1.2, 1.0])
+    place[:3, 3] = 0.1, 0.2, 0.3
+    options: dict[str, Any] = {"transform": place}
+    if moves:
+        keys = [ball.vertices, ball.vertices * 2.0]
+        options = {"deformation": wrt.Deformation([0.0, 1.0], keys, [ball.normals, ball.normals])}
+        place = np.diag([1.5, 1.5, 1.5, 1.0])
+    images = []
+    for mesh, how in ((ball, options), (ball.transformed(place), {})):
+        camera = dataclasses.replace(FRONT, shutter_open=0.5, shutter_close=0.5)
+        scene = lit(mesh, Probe(tangents=True), LIGHT, camera)
+        scene.shapes[0] = dataclasses.replace(scene.shapes[0], **how)
+        scene.add(mesh, transform=np.eye(4) + np.outer([0.0, 0.0, 99.0, 0.0], [0, 0, 0, 1]))  # behind the camera
+        images.append(rendered(scene, device, size=32))
+    difference = np.abs(images[0] - images[1])
+    assert np.median(images[1]) > 0.01
+    assert np.quantile(difference, 0.97) < 1e-3 * images[1].max()
+
+
 # --- Heights, and Mitsuba's conventions --------------------------------------------------------------
 
 
@@ -102,19 +195,25 @@ def masked(normal: NDArray) -> float:
     return float(2.0 / (1.0 + np.sqrt(1.0 + alpha2 * (1.0 / LIGHT[2] ** 2 - 1.0))))
 
 
-@pytest.mark.parametrize("convention", ["gltf", "mitsuba"])
-def test_heights_tilt_the_surface_as_far_as_the_texture_is_stretched(convention: str, device: str) -> None:
-    """Two ramps by one map: the normal of the displaced plane."""
+@pytest.mark.parametrize(("convention", "tangents"), [("gltf", False), ("mitsuba", False), ("gltf", True)])
+def test_heights_tilt_the_surface_as_far_as_the_texture_is_stretched(
+    convention: str, tangents: bool, device: str
+) -> None:
+    """Two ramps by one map: the normal of the displaced plane, whatever the tangents of the mesh."""
     matrix = np.array([[0.5, 0.2], [-0.1, 0.8]])  # (u, v) of x and y in quarters of the square
     rows, columns = np.mgrid[0:64, 0:64]
     # Heights 0.9 u + 0.4 v between the middles of the first and last texels; v points up.
     heights = 0.3 * (columns + 0.5) / 64 + 0.4 / 3.0 * (1.0 - (rows + 0.5) / 64)
     pixels = np.repeat(heights[..., None], 3, axis=2).astype(np.float32)
     material = Probe(normal_map=wrt.NormalMap(pixels, 3.0, heights=True, convention=convention), tangents=True)
-    image = rendered(lit(square(matrix), material, LIGHT), device)[1:3, 1:3]
     slopes = np.array([0.9, 0.4]) @ matrix / 4.0  # of height over x and y
     normal = unit(-slopes[0], -slopes[1], 1.0)
+    scene = lit(square(matrix), material, LIGHT)
+    if tangents:
+        mesh = dataclasses.replace(scene.shapes[0].mesh, tangents=np.tile([0.0, 1.0, 0.0, -1.0], (4, 1)))
+        scene.shapes[0] = dataclasses.replace(scene.shapes[0], mesh=mesh)
     share = masked(normal) if convention == "mitsuba" else 1.0
+    image = rendered(scene, device)[1:3, 1:3]
     np.testing.assert_allclose(image[..., 2], share * (0.5 + 0.5 * LIGHT @ normal), rtol=2e-5)
 
 

@@ -54,7 +54,8 @@ def test_bsdf_sampling_alone_is_exact_but_for_roulette(device: str) -> None:
     np.testing.assert_allclose(image, 1.875, rtol=1e-6)
 
 
-def test_a_glass_block_in_a_furnace_cannot_be_seen(device: str, report: Report) -> None:
+@pytest.mark.parametrize("dispersion", [0.0, 0.5])
+def test_a_glass_block_in_a_furnace_cannot_be_seen(dispersion: float, device: str, report: Report) -> None:
     """Reflection and refraction together lose nothing, and η² cancels between entry and exit.
 
     A block, not a ball of facets: reflections in a block keep the size of each component of a direction, so light that
@@ -63,7 +64,7 @@ def test_a_glass_block_in_a_furnace_cannot_be_seen(device: str, report: Report) 
     """
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     scene.camera = wrt.PerspectiveCamera(origin=(1.8, 1.3, 3.0), fov_degrees=30)
-    scene.add(wrt.box((-0.7, -0.5, -0.6), (0.7, 0.5, 0.6)), material=wrt.Dielectric(ior=1.5))
+    scene.add(wrt.box((-0.7, -0.5, -0.6), (0.7, 0.5, 0.6)), material=wrt.Dielectric(ior=1.5, dispersion=dispersion))
     renderer = render(scene, device, size=(32, 32), spp=256, max_depth=1000)
     check_mean(renderer, "mean radiance through glass", 1.0, report)
 

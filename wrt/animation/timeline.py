@@ -1,4 +1,4 @@
-"""Times of frames: the animation of a glTF file, and the keyframes of a scene, whose shutter moves along."""
+"""Times of frames: the animation of a glTF or USD file, and the keyframes of a scene, whose shutter moves along."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from functools import lru_cache
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.io.gltf.reader import NO_ANIMATION
+from wrt.io.archives import unpacked
+from wrt.io.cameras import with_camera
 from wrt.io.load_mesh import animation_of, load_file
+from wrt.io.mesh.parts import NO_ANIMATION
 from wrt.io.safe_read import PathLike
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene
@@ -23,29 +25,35 @@ TIMES = 12
 
 def is_animated(path: PathLike) -> bool:
     """Return whether a file has an animation that `wrt.load` evaluates at a time."""
-    return os.path.isfile(path) and animation_of(path) is not None
+    with unpacked(path) as file:
+        return os.path.isfile(file) and animation_of(file) is not None
 
 
-def reach_of_file(path: PathLike) -> Reach:
+def reach_of_file(path: PathLike, camera: int | str | None = None) -> Reach:
     """Return the space that a file's first animation covers, so that one studio and one camera serve all frames.
 
     The result is cached for the latest file, since each frame of an animation needs it.
 
+    Args:
+        path: the file.
+        camera: the name or number of its camera; by default the first.
+
     Raises:
-        InputError: if the file has no animation, or cannot be read.
+        InputError: if the file has no animation, lacks that camera, or cannot be read.
     """
     if (ends := animation_of(path)) is None:
         raise InputError(f"{path}: {NO_ANIMATION}")
     status = os.stat(path)
-    return _reach(os.fspath(path), ends, (status.st_dev, status.st_ino, status.st_mtime_ns, status.st_size))
+    version = status.st_dev, status.st_ino, status.st_mtime_ns, status.st_size
+    return _reach(os.fspath(path), ends, camera, version)
 
 
 @lru_cache(maxsize=1)
-def _reach(path: str, ends: tuple[float, float], _version: tuple[int, ...]) -> Reach:
+def _reach(path: str, ends: tuple[float, float], camera: int | str | None, _version: tuple[int, ...]) -> Reach:
     times = np.unique(np.linspace(*ends, TIMES)).tolist()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # loading the frame itself repeats them
-        return reach_of(load_file(path, time=time) for time in times)
+        return reach_of(with_camera(path, load_file(path, time=time), camera) for time in times)
 
 
 def moves(scene: Scene) -> bool:

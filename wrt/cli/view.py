@@ -33,6 +33,7 @@ def view(
     device: str,
     threads: int | None,
     seed: int,
+    camera: str | None,
     up: str | None,
     confined: bool,
 ) -> int:
@@ -50,7 +51,8 @@ def view(
         from wrt.rendering.renderer import Renderer
 
         width, height = size or (None, None)
-        scene = load_with_settings(source, {"width": width, "height": height}, up=up, confined=confined)
+        settings = {"width": width, "height": height}
+        scene = load_with_settings(source, settings, camera=camera, up=up, confined=confined)
         return Renderer(scene, device=device, seed=seed, threads=threads)
 
     def ready(address: str) -> None:

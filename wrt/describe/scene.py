@@ -13,6 +13,7 @@ from wrt.errors import one_line
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.materials import Material
 from wrt.scene.materials.measured import Measurement
+from wrt.scene.mesh import VERTEX_ATTRIBUTES
 from wrt.scene.scene import Scene, Shape
 from wrt.scene.textures import FirstAlike, ImageTexture, NormalMap, VertexColor
 
@@ -30,7 +31,7 @@ def scene_text(scene: Scene) -> str:
     for shape in scene.shapes:
         _number(shape.material, numbers, materials)
     textures = _textures([*materials, *scene.shapes])
-    arrays = [getattr(mesh, name) for mesh in meshes for name in ("vertices", "faces", "normals", "uvs", "colors")]
+    arrays = [getattr(mesh, name) for mesh in meshes for name in ("vertices", "faces", *VERTEX_ATTRIBUTES)]
     used = sum(array.nbytes for array in (*arrays, *(pixels for _, pixels, _ in textures)) if array is not None)
     vertices = sum(len(mesh.vertices) for mesh in meshes if not isinstance(mesh, Analytic))
     low, high = scene.bounds
@@ -43,6 +44,9 @@ def scene_text(scene: Scene) -> str:
         f"camera      {'none; the renderer frames the shapes' if scene.camera is None else _summary(scene.camera)}",
         f"environment {'none' if scene.environment is None else _summary(scene.environment)}",
     ]
+    if len(scene.cameras) > 1:
+        rows: list[Row] = [(f"{i} {name}", _summary(scene.cameras[name])) for i, name in enumerate(scene.cameras)]
+        lines += _table("cameras", ("", ""), rows)
     rows = [_shape_row(shape, numbers[id(shape.material)]) for shape in scene.shapes]
     lines += _table("shapes", ("", "triangles", "vertices", "with", "material"), rows)
     rows = [
@@ -91,7 +95,7 @@ def _textures(owners: Iterable[Any]) -> list[tuple[str, np.ndarray, list[str]]]:
 
 def _shape_row(shape: Shape, material: int) -> Row:
     mesh = shape.mesh
-    attributes = ("colors",) if isinstance(mesh, Analytic) else ("normals", "uvs", "colors")
+    attributes = ("colors",) if isinstance(mesh, Analytic) else VERTEX_ATTRIBUTES
     extras = [name for name in attributes if getattr(mesh, name) is not None] + ["emission"] * shape.emits
     faces, vertices = f"{len(mesh.faces):,}", f"{len(mesh.vertices):,}"
     if isinstance(mesh, Analytic):

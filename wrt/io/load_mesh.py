@@ -1,7 +1,7 @@
 """Load mesh files and trimesh objects as scenes.
 
-Axes and units of files are kept, because formats disagree about them and most do not state them; only the axes and
-units of USD and the units of STEP are converted.
+Units become metres where a file states them: in 3MF, COLLADA, STEP and USD; glTF has metres. Axes are kept, because
+formats disagree about them and most do not state them; only those of USD are converted.
 """
 
 from __future__ import annotations
@@ -12,60 +12,62 @@ from typing import Any
 
 from wrt.errors import OF_TRIMESH, InputError
 from wrt.io import memory_limits
-from wrt.io.file_type import hint, hinting
-from wrt.io.mesh.parts import Contents
+from wrt.io.archives import unpacked, unpacking
+from wrt.io.cameras import unique
+from wrt.io.file_type import (
+    ANIMATED_SUFFIXES,
+    ARRAYS_SUFFIX,
+    GLTF_SUFFIXES,
+    MESH_SUFFIXES,
+    STEP_SUFFIXES,
+    USD_SUFFIXES,
+    advice_on,
+    hinting,
+)
+from wrt.io.mesh.parts import NO_ANIMATION, Contents
 from wrt.io.mesh.repair import bare_shape, near_origin, to_shapes
 from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
 from wrt.scene.mesh import Mesh, merge
-from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import Scene, Shape, bake_transforms
 
-GLTF_SUFFIXES = (".gltf", ".glb")  # suffixes of glTF files, which may be animated
-USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-STEP_SUFFIXES = (".step", ".stp")
 
-ARRAYS_SUFFIX = ".npz"  # suffix of NumPy archives, whose meshes are not repaired
-
-MESH_SUFFIXES = (
-    *(".obj", ".ply", ".stl", ".off", *GLTF_SUFFIXES, ".3mf", ".dae"),
-    *(*STEP_SUFFIXES, ARRAYS_SUFFIX, *USD_SUFFIXES),
-)
-"""Suffixes of mesh files, in lower or upper case."""
-
-
-def load_mesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> Mesh:
+def load_mesh(source: Any, *, smooth_degrees: float | None = None, file_type: str | None = None) -> Mesh:
     """Read all triangles of a file or a trimesh object as one mesh in world space, without its materials.
 
     Args:
-        source: the path of a file, whose suffix is one of MESH_SUFFIXES; or a `trimesh.Trimesh` or `trimesh.Scene`.
+        source: the path of a file, whose suffix is one of MESH_SUFFIXES; an archive with one such file, bytes or an
+            open file; or a `trimesh.Trimesh` or `trimesh.Scene`.
         smooth_degrees: if the source has no normals, edges folded by up to this angle are smoothed (see
-            `wrt.scene.normals.with_normals`); None leaves the mesh flat.
+            `wrt.scene.normals.with_normals`); 0 leaves the mesh flat, and None is what its format says, or else 60.
+        file_type: type of bytes, or of an open file without a name, such as "stl".
 
     Raises:
         InputError: when the file cannot be read, is damaged, or has no triangles, or the source is another type.
     """
-    if isinstance(source, (str, os.PathLike)):
-        shapes, name = load_shapes(source, smooth_degrees=smooth_degrees), Path(source).name
-    else:
-        import trimesh
+    with unpacked(source, file_type) as file:
+        if isinstance(file, (str, os.PathLike)):
+            shapes, name = load_shapes(file, smooth_degrees=smooth_degrees), Path(file).name
+        else:
+            import trimesh
 
-        if not isinstance(source, trimesh.parent.Geometry):
-            kind = f"the path of a mesh file or a trimesh object, not {type(source).__name__}"
-            raise InputError(f"load_mesh expects {kind}; wrt.Mesh takes arrays of vertices and faces")
-        shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), OF_TRIMESH
+            if not isinstance(source, trimesh.parent.Geometry):
+                kind = f"the path or the content of a mesh file or a trimesh object, not {type(source).__name__}"
+                raise InputError(f"load_mesh expects {kind}; wrt.Mesh takes arrays of vertices and faces")
+            shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), OF_TRIMESH
     return merge([shape.mesh for shape in shapes], name)
 
 
-def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
+def load_shapes(path: PathLike, *, smooth_degrees: float | None = None) -> list[Shape]:
     """Read a file as one shape for each of its parts, in world space; see `load_file`."""
     return bake_transforms(load_file(path, smooth_degrees=smooth_degrees).shapes)
 
 
+@unpacking
 @memory_limits.one_load()
 def load_file(
     path: PathLike,
     *,
-    smooth_degrees: float | None = CREASE_DEGREES,
+    smooth_degrees: float | None = None,
     time: float | None = None,
     standalone: bool = False,
 ) -> Scene:
@@ -79,7 +81,7 @@ def load_file(
     Args:
         path: the file; see `load_mesh`.
         smooth_degrees: see `load_mesh`.
-        time: the time of the file's first animation, seconds; None for the scene at rest.
+        time: the time of the file's first animation, seconds; None for the scene at rest, of USD at the first time.
         standalone: whether the file is shown by itself. If it lies far from the origin, such as a map in metres, it is
             then moved there unless it has lights or cameras: positions are exact to a part of its size, not of the
             distance.
@@ -88,9 +90,7 @@ def load_file(
     file = Path(path)
     suffix = file.suffix.lower()
     require_file(file)
-    if time is not None and suffix not in GLTF_SUFFIXES:
-        from wrt.io.gltf.reader import NO_ANIMATION
-
+    if time is not None and suffix not in ANIMATED_SUFFIXES:
         raise InputError(f"{file}: {NO_ANIMATION}")
     if suffix == ARRAYS_SUFFIX:
         from wrt.io.npy import read_mesh_arrays
@@ -102,14 +102,13 @@ def load_file(
         from wrt.io.usd.reader import read_usd
 
         with naming_file(file):
-            contents, environment = read_usd(file)
+            contents, environment = read_usd(file, time)
             scene = _scene(str(file), contents, smooth_degrees)
             scene.environment = environment
             return scene
     if suffix not in MESH_SUFFIXES:
-        advice = f"; {kind}" if (kind := hint(file)) else ""
-        suffixes = ", ".join(MESH_SUFFIXES)
-        raise InputError(f"{file}: not a known mesh format; the name must end in {suffixes}{advice}")
+        unknown = f"not a known mesh format; the name must end in {', '.join(MESH_SUFFIXES)}"
+        raise InputError(f"{file}: {advice_on(file) or unknown}")
     with naming_file(file), hinting(file):
         return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, standalone=standalone)
 
@@ -144,6 +143,7 @@ def _contents(file: Path, data: bytes, time: float | None) -> Contents:
     return Contents(read(file, data))
 
 
+@unpacking
 @memory_limits.one_load()
 def animation_of(path: PathLike) -> tuple[float, float] | None:
     """Return the times of the first and last keyframe of a file's first animation, seconds; None if there is none.
@@ -152,16 +152,22 @@ def animation_of(path: PathLike) -> tuple[float, float] | None:
         InputError: when the file cannot be read or is damaged.
     """
     file = Path(path)
-    if file.suffix.lower() not in GLTF_SUFFIXES:
+    suffix = file.suffix.lower()
+    if suffix not in ANIMATED_SUFFIXES:
         return None
+    require_file(file)
+    if suffix in USD_SUFFIXES:
+        from wrt.io.usd import reader as usd
+
+        with naming_file(file):
+            return usd.animation_ends(file)
     from wrt.io.gltf.reader import animation_ends
 
-    require_file(file)
     with naming_file(file), hinting(file):
         return animation_ends(file, read_file(file))
 
 
-def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, standalone: bool = False) -> Scene:
+def load_object(source: Any, *, smooth_degrees: float | None = None, standalone: bool = False) -> Scene:
     """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file; see `wrt.io.trimesh_objects`.
 
     Instances become shapes that share a mesh, each with a transform; all others are in world space. Vertex and face
@@ -173,7 +179,7 @@ def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, s
     return _scene(OF_TRIMESH, read_object(source), smooth_degrees, standalone=standalone)
 
 
-def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
+def from_trimesh(source: Any, *, smooth_degrees: float | None = None) -> list[Shape]:
     """Return the shapes of a `trimesh.Trimesh` or `trimesh.Scene`; see `load_object`."""
     return load_object(source, smooth_degrees=smooth_degrees).shapes
 
@@ -181,4 +187,6 @@ def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) 
 def _scene(path: str, contents: Contents, smooth_degrees: float | None, *, standalone: bool = False) -> Scene:
     movable = standalone and not (contents.lights or contents.cameras)
     shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees)
-    return Scene(shapes, contents.lights, camera=contents.cameras[0] if contents.cameras else None)
+    names = unique(name for name, _ in contents.cameras)
+    cameras = dict(zip(names, (camera for _, camera in contents.cameras), strict=True))
+    return Scene(shapes, contents.lights, camera=next(iter(cameras.values()), None), cameras=cameras)

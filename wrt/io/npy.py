@@ -93,10 +93,10 @@ def read_arrays(file: Path, required: Iterable[str], optional: Iterable[str] = (
 
 
 def read_mesh_arrays(file: Path) -> Mesh:
-    """Return the mesh of the arrays `vertices` and `faces`, with `normals`, `uvs` and `colors` if present."""
-    from wrt.scene.mesh import Mesh
+    """Return the mesh of the arrays `vertices` and `faces`, with those of VERTEX_ATTRIBUTES that are present."""
+    from wrt.scene.mesh import VERTEX_ATTRIBUTES, Mesh
 
-    arrays = read_arrays(file, ("vertices", "faces"), ("normals", "uvs", "colors"))
+    arrays = read_arrays(file, ("vertices", "faces"), VERTEX_ATTRIBUTES)
     with naming_file(file):
         return Mesh.taking(**arrays, name=file.name)
 

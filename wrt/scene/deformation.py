@@ -11,6 +11,7 @@ from wrt.errors import InputError
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import segments
 from wrt.scene.normals import following_normals
+from wrt.scene.tangents import following_tangents
 from wrt.values import key_times, owned, sealed
 
 
@@ -58,7 +59,7 @@ class Deformation:
         elif mesh.normals is not None:
             normals = [following_normals(mesh, vertices) for vertices in self.vertices]
         return [
-            Mesh(vertices, mesh.faces, normals_of_key, mesh.uvs, mesh.colors, mesh.name)
+            _moved(mesh, vertices, normals_of_key)
             for vertices, normals_of_key in zip(self.vertices, normals, strict=True)
         ]
 
@@ -71,4 +72,11 @@ class Deformation:
             a, b = getattr(keys[0], name), getattr(keys[-1], name)
             arrays.append(None if a is None else ((1.0 - share) * a.astype(np.float64) + share * b).astype(np.float32))
         vertices, normals = arrays
-        return Mesh(vertices, mesh.faces, normals, mesh.uvs, mesh.colors, mesh.name)  # type: ignore[arg-type]
+        assert vertices is not None
+        return _moved(mesh, vertices, normals)
+
+
+def _moved(mesh: Mesh, vertices: NDArray[np.float32], normals: NDArray[np.float32] | None) -> Mesh:
+    """Return a mesh with other vertices and normals, whose tangents follow them."""
+    tangents = None if mesh.tangents is None else following_tangents(mesh, vertices)
+    return Mesh(vertices, mesh.faces, normals, mesh.uvs, mesh.colors, mesh.name, tangents)

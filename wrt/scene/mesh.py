@@ -13,6 +13,7 @@ from wrt import _notebook
 from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
 from wrt.scene.motion import check_affine, turn
+from wrt.scene.tangents import moved_tangents
 from wrt.values import array, number, owned, refuse_codes, sealed, vector
 
 
@@ -47,6 +48,10 @@ def far_away(name: str, size: float, reach: float) -> str:
     )
 
 
+VERTEX_ATTRIBUTES = {"normals": (3,), "uvs": (2, 4), "colors": (3, 4), "tangents": (4,)}
+"""The optional arrays of a mesh with a row for each vertex, and how many numbers a row may have."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """Indexed triangles with optional vertex attributes.
@@ -61,6 +66,8 @@ class Mesh:
         uvs: (N, 2) float32 texture coordinates, v up, or None; (N, 4) for two sets.
         colors: (N, 3) float32 linear Rec. 709, or None; (N, 4) with alpha, 0 to 1, which a material's opacity may use.
         name: source of the mesh, for messages.
+        tangents: (N, 4) float32 directions of the x axis of normal maps and of anisotropic materials, and a sign: y is
+            along normal × tangent times it. Zero, or None, for axes along the texture coordinates.
 
     Raises:
         InputError: if shapes are wrong, there are no triangles, or values are out of range or not finite.
@@ -72,9 +79,10 @@ class Mesh:
     uvs: NDArray[Any] | None = field(default=None, repr=False)
     colors: NDArray[Any] | None = field(default=None, repr=False)
     name: str = "mesh"
+    tangents: NDArray[Any] | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        has = [each for each in ("normals", "uvs", "colors") if getattr(self, each) is not None]
+        has = [each for each in VERTEX_ATTRIBUTES if getattr(self, each) is not None]
         parts = "".join(f", {each}" for each in has)
         return f"<wrt.Mesh {self.name}: {len(self.faces)} triangles, {len(self.vertices)} vertices{parts}>"
 
@@ -102,7 +110,7 @@ class Mesh:
                 warn(far)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", owned(self.faces, f"{self.name}: faces", np.int32))
-        for name, widths in (("normals", (3,)), ("uvs", (2, 4)), ("colors", (3, 4))):
+        for name, widths in VERTEX_ATTRIBUTES.items():
             value = getattr(self, name)
             if value is None:
                 continue
@@ -133,12 +141,25 @@ class Mesh:
         uvs: NDArray[Any] | None = None,
         colors: NDArray[Any] | None = None,
         name: str = "mesh",
+        tangents: NDArray[Any] | None = None,
     ) -> Mesh:
         """Make a mesh from arrays that the caller hands over: they become read-only and are not copied."""
-        for values in (vertices, faces, normals, uvs, colors):
+        for values in (vertices, faces, normals, uvs, colors, tangents):
             if values is not None:
                 sealed(values)
-        return cls(vertices, faces, normals, uvs, colors, name)
+        return cls(vertices, faces, normals, uvs, colors, name, tangents)
+
+    def reindexed(self, source: NDArray[Any], faces: NDArray[Any], **replaced: Any) -> Mesh:
+        """Return a mesh with other faces, whose vertices are those of this one that `source` selects.
+
+        Args:
+            source: an index array or a mask.
+            faces: (M, 3) indices of selected vertices.
+            replaced: attributes of the selected vertices that are not this mesh's, and a name.
+        """
+        found = {name: getattr(self, name) for name in VERTEX_ATTRIBUTES if name not in replaced}
+        kept = {name: rows[source] for name, rows in found.items() if rows is not None}
+        return Mesh.taking(self.vertices[source], faces, **{"name": self.name, **kept, **replaced})
 
     def share(self, name: str, array: NDArray[Any]) -> None:
         """Replace an array by a read-only view of `array`, which must hold the same values."""
@@ -170,7 +191,10 @@ class Mesh:
             length = np.linalg.norm(moved, axis=1, keepdims=True)
             normals = (moved / np.where(length > 0.0, length, 1.0)).astype(np.float32)
         faces = self.faces if volume > 0.0 else self.faces[:, ::-1]
-        return Mesh.taking(vertices, faces, normals, self.uvs, self.colors, self.name)
+        tangents = self.tangents
+        if tangents is not None:
+            tangents = moved_tangents(tangents, linear).astype(np.float32)
+        return Mesh.taking(vertices, faces, normals, self.uvs, self.colors, self.name, tangents)
 
     def scaled(self, factor: float) -> Mesh:
         """Return a copy scaled about the origin."""
@@ -216,8 +240,8 @@ def columns(mesh: Mesh, name: str, first: int, stop: int, default: float) -> NDA
 def merge(meshes: list[Mesh], name: str) -> Mesh:
     """Return one mesh of all triangles in order.
 
-    Meshes without `uvs` get zeros and those without `colors` get white if others have them; `normals` are dropped
-    unless all meshes have them.
+    Meshes without `uvs` or `tangents` get zeros and those without `colors` get white if others have them; `normals` are
+    dropped unless all meshes have them.
     """
     if len(meshes) == 1:
         return replace(meshes[0], name=name)
@@ -230,6 +254,7 @@ def merge(meshes: list[Mesh], name: str) -> Mesh:
         _filled(meshes, "uvs", 0.0),
         _filled(meshes, "colors", 1.0),
         name,
+        _filled(meshes, "tangents", 0.0),
     )
 
 

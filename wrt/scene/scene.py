@@ -268,6 +268,7 @@ class Scene:
         settings: render settings.
         medium: medium that fills all space outside bodies; None for a vacuum.
         studio_shapes: how many of the first shapes stand in wrt's studio, which the others are; 0 elsewhere.
+        cameras: the cameras of the scene's file by name, in its order; `camera` is one of them, or wrt's own.
     """
 
     shapes: list[Shape] = field(default_factory=list)
@@ -277,6 +278,7 @@ class Scene:
     settings: RenderSettings = field(default_factory=RenderSettings)
     medium: Medium | None = None
     studio_shapes: int = field(default=0, kw_only=True, repr=False)
+    cameras: dict[str, Camera] = field(default_factory=dict, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         self.check()

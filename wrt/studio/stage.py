@@ -22,7 +22,7 @@ from wrt.values import number, vec3
 SKY = "sky"
 """The word for a clear sky with the sun instead of the name of an image."""
 
-FOR_ANIMATIONS = "a time is for glTF files with an animation"
+FOR_ANIMATIONS = "a time is for glTF and USD files with an animation"
 
 SMALL = 0.5
 """Part of the picture's width or height that a file's camera must fill with the mesh to be kept."""
@@ -157,6 +157,9 @@ class Stage:
             neutral=neutral,
         )
         made.settings.transparent = self.transparent
+        made.cameras = (
+            scene.cameras if camera is not None else {}
+        )  # otherwise the shapes may have been turned and scaled
         return made
 
     def _worth_keeping(self, source: object, shapes: list[Shape], camera: Camera) -> Camera | None:

@@ -56,19 +56,22 @@ class SceneMemory:
         textured = materials.textured or materials.tangents or texture_coordinates
         self.trees, most, most_if_cut = tree_memory(prepared.layout, is_cpu=is_cpu)
         self.scratch, self.scratch_if_cut = most - self.trees, most_if_cut - self.trees
-        self.geometry = _geometry(prepared.layout, textured=textured, uv2_alpha=materials.uv2_alpha)
+        self.geometry = _geometry(
+            prepared.layout, textured=textured, uv2_alpha=materials.uv2_alpha, tangents=prepared.has_tangents
+        )
         self.materials = materials.bytes + _environment(prepared.environment) + _grids(prepared.scene.media)
         self.lights = _lights(prepared)
         self.lasting = self.geometry + self.trees + self.materials + self.lights
 
 
-def _geometry(layout: Layout, *, textured: bool, uv2_alpha: bool) -> int:
+def _geometry(layout: Layout, *, textured: bool, uv2_alpha: bool, tangents: bool) -> int:
     keys = [key for shared in layout.shared for key in shared.keys]
     vertices = sum(len(mesh.vertices) for mesh in (*layout.world_meshes, *keys))
     triangles = sum(len(mesh.faces) for mesh in (*layout.world_meshes, *(s.keys[0] for s in layout.shared)))
     shapes = len(layout.world_shapes) + len(layout.instances)
     of_vertex = 24 + 20 * textured + 12 * uv2_alpha  # points, normals; coordinates, colours; a second set
-    return of_vertex * vertices + 16 * triangles + shapes * _size("wrt.kernels.core.scene_data", "ShapeRecord")
+    of_triangle = 16 + 48 * tangents
+    return of_vertex * vertices + of_triangle * triangles + shapes * _size("wrt.kernels.core.scene_data", "ShapeRecord")
 
 
 class _Builder(NamedTuple):

@@ -45,6 +45,7 @@ class PreparedScene:
         lights: the lights without triangles.
         textures: the textures of those, by their numbers.
         materials: its materials.
+        has_tangents: whether a material may read tangents of meshes.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -62,6 +63,8 @@ class PreparedScene:
         self.textures = {i: texture for i, texture in textures if texture is not None}
         emissions = [*(shape.emission for shape in scene.shapes), *self.textures.values()]
         self.materials = MaterialTable([shape.material for shape in scene.shapes], emissions)
+        meshes = {id(shape.mesh): shape.mesh for shape in scene.shapes}.values()
+        self.has_tangents = self.materials.tangents and any(mesh.tangents is not None for mesh in meshes)
 
 
 def _check_sizes(scene: Scene) -> None:

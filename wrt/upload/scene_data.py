@@ -17,7 +17,7 @@ from wrt.scene.materials import Unlit
 from wrt.scene.mesh import columns
 from wrt.scene.scene import Scene, Shape
 from wrt.upload.accel.bvh import build_bvh
-from wrt.upload.accel.geometry import joined, numbered, upload, upload_triangles
+from wrt.upload.accel.geometry import corner_tangents, joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
 from wrt.upload.bodies import BodyTable, set_camera_bodies
@@ -138,6 +138,9 @@ def build_scene(
     read = on_features(features)
     textured = read.textured or read.tangents or texture_coordinates
     _upload_geometry(data, layout, places, device, textured=textured, uv2_alpha=read.uv2_alpha)
+    if prepared.has_tangents:
+        data.aligns_tangents = 2
+        data.tangents = upload(corner_tangents(places.faces), "vec4", device.name)
     world = _build_trees(data, layout, places, device)
     built = BuiltScene(data, features, read, world, bodies, device)
     if scene.camera is not None:

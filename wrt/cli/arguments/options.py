@@ -74,14 +74,15 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--turntable": _value("N", whole(2),
         "render N frames once around the scene, to a video (.mp4, .webp or .gif) or to frames (cow_%%04d.png)"),
     "--frames": _value("A-B", types.frames,
-        "render frames A to B of a scene with keyframes or a glTF animation; frame f is at f / FPS seconds"),
+        "render frames A to B of a scene with keyframes or a glTF or USD animation; frame f is at f / FPS seconds"),
     "--fps": _value("FPS", positive, "frames per second (default: 24)", default=24.0),
     "--part": _value("I/N", types.part,
         "render only part I of N, from 1/N to N/N, to a file for wrt merge (default: INPUT-I-of-N.wrt)"),
     "--save-every": _value("TIME", types.interval,
         "time between saves of picture and checkpoint during the render, or never (default: 60 s for the "
         "checkpoint; for the picture 2 s at first, then longer and longer)"),
-    "--sensor": _value("N", whole(0), "which sensor of a Mitsuba scene is the camera, from 0"),
+    "--camera": _value("NAME", str, "name or number, from 0, of one of the input's cameras (default: the first)",
+        dest="camera"),
     "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
     "--denoise": _flag("remove noise from the picture (needs the extra wrt[denoise])"),
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
@@ -110,14 +111,18 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--checkpoint": _value("FILE", str, "save the state of the render here, for --resume", action=Once),
     "--define": _value("NAME=VALUE", types.definition, "value of the parameter $NAME in a Mitsuba scene",
         dest="parameters", action="append"),
+    "--crease": _value("DEGREES", whole(0),
+        "smooth edges that are folded by up to this angle in meshes without normals; 0 is flat (default: what the "
+        "format says, or 60)", dest="smooth_degrees"),
     "--up": _value("AXIS", choice(AXES), "axis of a mesh that points up: x, y, z, -x, -y or -z", choices=AXES),
 }  # fmt: skip
 
-SHORT = {"--output": "-o", "--define": "-D"}
+ALIASES = {"--output": "-o", "--define": "-D", "--camera": "--sensor"}
+"""Second names; Mitsuba calls a camera a sensor."""
 
 STUDIO = "--size --crop --view --frame --material --environment --transparent --layers --triangles"
 INTEGRATION = "--sampler --integrator --clamp-indirect --regularization"
-READING = "--define --sensor --confined --strict --up --double-sided"
+READING = "--define --camera --confined --strict --up --crease --double-sided"
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -212,7 +217,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "convert",
-        "SCENE OUT.toml --up --force --confined",
+        "SCENE OUT.toml --camera --up --force --confined",
         "convert any scene or mesh to a scene file or GLB|, with its arrays in a folder beside it. Both render to "
         "bit-identical pictures",
         force={"help": "overwrite existing files"},
@@ -247,7 +252,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "view",
-        "SCENE --watch --no-browser --port --spp --size --device --threads --seed --up --confined",
+        "SCENE --watch --no-browser --port --spp --size --device --threads --seed --camera --up --confined",
         "show a scene in the browser while it converges",
         module="wrt.cli.view",
         spp={"help": "samples per pixel at which rendering pauses (default: at least 1024)"},
@@ -268,7 +273,7 @@ def make_parser() -> argparse.ArgumentParser:
 def _add(parser: Parser, word: str, changes: dict[str, Any]) -> None:
     """Add an argument or option of the tables above to a command, with some of its settings changed."""
     if word.startswith("--"):
-        parser.add_argument(*([SHORT[word]] if word in SHORT else []), word, **{**OPTIONS[word], **changes})
+        parser.add_argument(*([ALIASES[word]] if word in ALIASES else []), word, **{**OPTIONS[word], **changes})
     else:
         settings = {"metavar": word, **ARGUMENTS[word], **changes}
         parser.add_argument(settings.pop("dest"), **settings)

@@ -145,6 +145,10 @@ class _Writer(Store):
         attributes = {"POSITION": self._accessor(mesh, "POSITION", mesh.vertices)}
         if mesh.normals is not None:
             attributes["NORMAL"] = self._accessor(mesh, "NORMAL", _of_unit_length(mesh.normals))
+        if mesh.tangents is not None and mesh.normals is not None and mesh.tangents.any(axis=1).all():
+            unit = _of_unit_length(mesh.tangents[:, :3])
+            tangents = np.column_stack([unit, np.copysign(np.float32(1.0), mesh.tangents[:, 3])])
+            attributes["TANGENT"] = self._accessor(mesh, "TANGENT", tangents)
         if mesh.uvs is not None:
             for k in range(mesh.uvs.shape[1] // 2):
                 flipped = mesh.uvs[:, 2 * k : 2 * k + 2] * (1.0, -1.0) + (0.0, 1.0)
@@ -242,7 +246,7 @@ def _uses_vertex_colors(value: ColorSource, *, alpha: bool) -> bool:
 
 
 def _of_unit_length(normals: NDArray[Any]) -> NDArray[np.float32]:
-    """Return normals of length 1, as glTF wants them; those of no length point up."""
+    """Return normals or tangents of length 1, as glTF wants them; those of no length point up."""
     length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
     return np.where(length > 0.0, normals / np.maximum(length, 1e-300), (0.0, 1.0, 0.0)).astype(np.float32)
 

@@ -18,11 +18,15 @@ from wrt.scene.camera import Camera
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
 from wrt.scene.srgb import linear_from_srgb
+from wrt.scene.tangents import moved_tangents
 from wrt.scene.textures import ImageTexture
 from wrt.values import array, vec3
 
 DEFAULT_REFLECTANCE = (0.62, 0.60, 0.57)
 """Reflectance of a mesh that brings no colour: unglazed clay, light enough to show its shading."""
+
+NO_ANIMATION = "it has no animation, so there is no time to choose"
+"""Reason to refuse a file without animations if a time is given."""
 
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.integer[Any]]
@@ -40,10 +44,13 @@ class Part:
         uvs: (N, 2), (N, 4) for two sets, or None; v up.
         colors: (N, 3), (N, 4) with alpha, or None; linear Rec. 709; need not be finite.
         face_colors: (M, 3), (M, 4) or None, like `colors`.
+        tangents: (N, 4) or None, as in `wrt.Mesh`; need not be unit.
         reflectance: an image mapped by `uvs`, if the file names one.
         material: the material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
         two_sided: whether emission is two-sided.
         double_sided: whether it is seen from behind.
+        smoothing: what the file says of a surface without normals (docs/foreign-files.md): 0 for flat triangles, or
+            (M,) smoothing groups of faces as in OBJ, 0 for none; None if it does not say.
         vertex_format: names a vertex by its number in messages; loaders of some formats renumber vertices.
         places: (4, 4) transforms of its instances, if there are several; otherwise it is in world space.
     """
@@ -55,11 +62,13 @@ class Part:
     uvs: FloatArray | None = None
     colors: FloatArray | None = None
     face_colors: FloatArray | None = None
+    tangents: FloatArray | None = None
     reflectance: ImageTexture | None = None
     material: Material | None = None
     places: list[NDArray[np.float64]] = field(default_factory=list)
     two_sided: bool = False
     double_sided: bool = True
+    smoothing: IntArray | int | None = None
     vertex_format: str = "vertex {} (counted from 0)"
 
 
@@ -70,12 +79,12 @@ class Contents:
     Attributes:
         parts: the triangles.
         lights: lights without a mesh.
-        cameras: cameras in file order.
+        cameras: names and cameras in file order; names may be empty or occur twice.
     """
 
     parts: list[Part]
     lights: list[Light] = field(default_factory=list)
-    cameras: list[Camera] = field(default_factory=list)
+    cameras: list[tuple[str, Camera]] = field(default_factory=list)
 
 
 @contextmanager
@@ -110,7 +119,7 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
     """Return a part transformed by a (4, 4) matrix; a reflection also flips the winding, so that fronts stay fronts."""
     linear = matrix[:3, :3]
     mirrored = determinant(linear) < 0.0
-    normals = part.normals
+    normals, tangents = part.normals, part.tangents
     # Places that overflow are refused with all other vertices that are not finite.
     with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, too
         if normals is not None:
@@ -118,8 +127,11 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
             a, b, c = linear
             cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
             normals = product(np.asarray(normals, np.float64), cofactors.T) * (-1.0 if mirrored else 1.0)
+        if tangents is not None:
+            tangents = moved_tangents(tangents, linear)
         vertices = product(np.asarray(part.vertices, np.float64), linear.T) + matrix[:3, 3]
-    return replace(part, vertices=vertices, faces=part.faces[:, ::-1] if mirrored else part.faces, normals=normals)
+    faces = part.faces[:, ::-1] if mirrored else part.faces
+    return replace(part, vertices=vertices, faces=faces, normals=normals, tangents=tangents)
 
 
 def viewpoint(matrix: NDArray[np.float64]) -> dict[str, Any]:

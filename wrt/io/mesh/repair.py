@@ -12,20 +12,21 @@ from numpy.typing import NDArray
 from wrt.errors import InputError, warn
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, rows_of
 from wrt.linalg import norm, product
-from wrt.scene.materials import Diffuse
-from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, Mesh, box_around, far_away, merge
-from wrt.scene.normals import CHUNK, with_normals
+from wrt.scene.materials import Diffuse, Material
+from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, VERTEX_ATTRIBUTES, Mesh, box_around, far_away, merge
+from wrt.scene.normals import CHUNK, CREASE_DEGREES, with_normals
 from wrt.scene.scene import Shape
 from wrt.scene.textures import ColorSource, VertexColor
 
 
-def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> list[Shape]:
+def to_shapes(path: str, parts: list[Part], smooth_degrees: float | None = None) -> list[Shape]:
     """Check and repair parts, give them normals, and return a shape for each that has triangles.
 
     Args:
         path: the file, for messages.
         parts: the output of the reader.
-        crease_degrees: see `wrt.scene.normals.with_normals`; None leaves meshes without normals flat.
+        smooth_degrees: the largest fold that is smooth in parts without normals (see `wrt.scene.normals.with_normals`);
+            0 leaves meshes as they are, None is what the file says.
 
     Raises:
         InputError: on vertices that are not finite, invalid indices, sizes beyond single precision, or no triangles.
@@ -41,8 +42,10 @@ def to_shapes(path: str, parts: list[Part], crease_degrees: float | None) -> lis
     _check_size(path, repaired)
     repaired = _visible(path, repaired)
     meshes = [_mesh(path, part) for part in repaired]
-    if crease_degrees is not None:
-        meshes = _smooth(meshes, crease_degrees, {i for i, part in enumerate(repaired) if part.places})
+    if smooth_degrees is None:
+        meshes = _smooth(meshes, repaired, CREASE_DEGREES)
+    elif smooth_degrees > 0.0:
+        meshes = _smooth(meshes, [replace(part, smoothing=None) for part in repaired], smooth_degrees)
     shapes = []
     for part, mesh in zip(repaired, meshes, strict=True):
         shape = _shape(part, mesh)
@@ -134,8 +137,17 @@ def _repaired(path: str, part: Part) -> Part:
         normals=rows("normals", used),
         colors=None if colors is None else np.clip(colors, 0.0, 1.0),
         face_colors=rows("face_colors", solid, "face colours"),
+        smoothing=rows("smoothing", solid) if isinstance(part.smoothing, np.ndarray) else part.smoothing,
         uvs=rows("uvs", used, "texture coordinates"),
+        tangents=rows("tangents", used, "tangents") if _reads_tangents(part.material) else None,
     )
+
+
+def _reads_tangents(material: Material | None) -> bool:
+    """Return whether a material has a use for the tangents of a mesh."""
+    if material is None:
+        return False
+    return material.needs_tangents or material.normal_map is not None or any(map(_reads_tangents, material.parts))
 
 
 def _positions(path: str, part: Part, faces: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -179,27 +191,34 @@ def _mesh(path: str, part: Part) -> Mesh:
         # Zero stands for "none": with_normals computes those.
         if not np.isfinite(normals).all():
             normals = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, np.float32(0.0))
-    return Mesh.taking(part.vertices, part.faces, normals, part.uvs, part.colors, f"{Path(path).name}: {part.name}")
+    name = f"{Path(path).name}: {part.name}"
+    return Mesh.taking(part.vertices, part.faces, normals, part.uvs, part.colors, name, part.tangents)
 
 
-def _smooth(meshes: list[Mesh], crease_degrees: float, separate: set[int]) -> list[Mesh]:
-    """Give every mesh normals; those without are smoothed together, so that no seams show between materials.
+def _smooth(meshes: list[Mesh], parts: list[Part], angle: float) -> list[Mesh]:
+    """Give meshes normals, unless they are flat.
 
-    Meshes whose numbers are in `separate` are in other spaces, and smoothed by themselves.
+    Those without are smoothed together, so that no seams show between materials, except for instances, which are in
+    other spaces.
     """
-    together = [i for i, mesh in enumerate(meshes) if mesh.normals is None and i not in separate]
+    bare = [i for i, mesh in enumerate(meshes) if mesh.normals is None]
+    flat = {i for i in bare if parts[i].smoothing is not None and not np.any(parts[i].smoothing)}
+    together = [i for i in bare if i not in flat and not parts[i].places]
+    kept = flat if len(together) < 2 else flat.union(together)
+    groups: list[Any] = [part.smoothing for part in parts]
+    result = [mesh if i in kept else with_normals(mesh, angle, groups[i]) for i, mesh in enumerate(meshes)]
     if len(together) < 2:
-        return [with_normals(mesh, crease_degrees) for mesh in meshes]
-    result = [mesh if i in together else with_normals(mesh, crease_degrees) for i, mesh in enumerate(meshes)]
-    merged = with_normals(merge([meshes[i] for i in together], "mesh"), crease_degrees)
+        return result
+    has_groups = all(groups[i] is not None for i in together)  # an OBJ file has some in all parts, or in none
+    merged_groups = np.concatenate([groups[i] for i in together]) if has_groups else None
+    merged = with_normals(merge([meshes[i] for i in together], "mesh"), angle, merged_groups)
     assert merged.normals is not None
     stop = 0
     for i in together:
         start, stop = stop, stop + len(meshes[i].faces)
         used, faces = _used(merged.faces[start:stop], len(merged.vertices))
-        uvs = None if meshes[i].uvs is None or merged.uvs is None else merged.uvs[used]
-        colors = None if meshes[i].colors is None or merged.colors is None else merged.colors[used]
-        result[i] = Mesh.taking(merged.vertices[used], faces, merged.normals[used], uvs, colors, meshes[i].name)
+        missing = {name: None for name in VERTEX_ATTRIBUTES if name != "normals" and getattr(meshes[i], name) is None}
+        result[i] = merged.reindexed(used, faces, name=meshes[i].name, **missing)
     return result
 
 
@@ -222,10 +241,9 @@ def _shape(part: Part, mesh: Mesh) -> Shape:
 def _with_face_colors(mesh: Mesh, face_colors: FloatArray) -> Mesh:
     """Return a mesh whose faces share no vertices, so that each has a colour."""
     corners = mesh.faces.reshape(-1)
-    normals, uvs = (None if rows is None else rows[corners] for rows in (mesh.normals, mesh.uvs))
     colors = np.repeat(np.clip(face_colors, 0.0, 1.0), 3, axis=0).astype(np.float32)
     faces = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
-    return Mesh.taking(mesh.vertices[corners], faces, normals, uvs, colors, mesh.name)
+    return mesh.reindexed(corners, faces, colors=colors)
 
 
 def bare_shape(mesh: Mesh) -> Shape:

@@ -1,21 +1,39 @@
-"""STL, binary and as text."""
+"""STL, binary and as text, with the colours that programs keep in binary files.
+
+Colours: VisCAM's and SolidView's (Burns 1993, "Automated Fabrication", section 6.5, and their extension), and Magics'
+(Materialise, "Magics RP", binary STL header). Both put 5 bits a channel into the attribute word of a triangle.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.parts import Part
+from wrt.io.account import warn_of_unused
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, decoded
 from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.safe_read import as_text, as_utf8
 from wrt.scene.normals import same_positions
 
+_OF_PART = re.compile(rb"COLOR=(.{3})(?: (?=MATERIAL=)|(.))(?:.?MATERIAL=(.{4}))?", re.DOTALL)
+"""Colour, alpha and material of the part in a header of Magics; MeshLab writes no alpha.
+
+Of a material the diffuse colour is read. Those of ambient light and of highlights have no effect: there is no ambient
+light, and without an exponent a highlight has no size.
+"""
+
+_UNKNOWN = re.compile(rb"^[ \t]*(?!(?:end)?(?:solid|facet|loop)|outer|vertex)([a-z_]\w*)", re.IGNORECASE | re.MULTILINE)
+"""The first word of a line of a text file that is not of the format."""
+
 
 def read_stl(path: Path, data: bytes) -> list[Part]:
-    """Return a part for each solid, corners at one position merged."""
+    """Return a part for each solid, corners at one position merged, with the colours of faces."""
     with contextlib.suppress(InputError):  # a binary file may begin with the bytes of a mark
         plain = as_utf8(data)
         data = plain if plain.lstrip()[:5].lower() == b"solid" else data
@@ -32,6 +50,8 @@ def read_stl(path: Path, data: bytes) -> list[Part]:
     if not text and count:
         data = data[:size]
     if text:
+        unknown = (word.decode("latin-1").lower() for word in _UNKNOWN.findall(data))
+        warn_of_unused(path, (f"statement {word!r}" for word in unknown), {})
         data = as_text(data).replace("\r\n", "\n").replace("\r", "\n").encode("utf-8", "replace")
     loaded = load(path, data, "stl")
     parts, solids = [], loaded.get("geometry", {path.stem: loaded}).values()
@@ -43,9 +63,36 @@ def read_stl(path: Path, data: bytes) -> list[Part]:
         name = fields.get("metadata", {}).get("name") or path.stem
         part = part_of(path, str(name), fields)
         if part is not None:
+            if "face_attributes" in fields:
+                part.face_colors = colors_of(path, fields["face_attributes"]["stl"], data[:80])
             with np.errstate(over="ignore", invalid="ignore"):  # of positions that are refused later
                 same = same_positions(np.asarray(part.vertices, np.float32))
             _, first = np.unique(same, return_index=True)
             corner = "a corner of a triangle"
-            parts.append(Part(part.name, part.vertices[first], same[part.faces], vertex_format=corner))
+            merged = replace(part, vertices=part.vertices[first], faces=same[part.faces], vertex_format=corner)
+            parts.append(merged)
     return parts
+
+
+def colors_of(source: object, words: NDArray[np.uint16], header: bytes) -> FloatArray | None:
+    """Return (M, 3 or 4) linear colours of faces from their attribute words, or None where the words are not colours.
+
+    Bit 15 means that a face has a colour, or with Magics that it has none. MeshLab writes the header of Magics and sets
+    the bit in all faces: colours, if they differ.
+    """
+    flagged = (words >> 15).astype(bool)
+    channels = np.column_stack([(words >> shift & 31) / 31.0 for shift in (10, 5, 0)])
+    of_part = _OF_PART.search(header)
+    if of_part is None:
+        if not flagged.any():
+            warn_of_unused(source, ["an attribute word that is not a colour"] * np.count_nonzero(words), {})
+            return None
+        colors = decoded(channels)
+        colors[~flagged] = DEFAULT_REFLECTANCE
+        return colors
+    color, alpha, material = of_part.groups()
+    whole = np.frombuffer(material if material and any(material[:3]) else color + (alpha or b"\xff"), np.uint8) / 255.0
+    own = flagged if flagged.all() and np.ptp(words) else ~flagged & words.any()
+    rgba = np.column_stack([channels[:, ::-1], np.ones(len(words))])
+    rgba[~own] = *whole[:3], whole[3] or 1.0  # some programs leave alpha at 0
+    return decoded(rgba)

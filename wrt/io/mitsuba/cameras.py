@@ -12,6 +12,9 @@ from wrt.linalg import product
 from wrt.scene.camera import Camera, OrthographicCamera, PerspectiveCamera
 from wrt.scene.scene import RenderSettings, Scene
 
+SENSORS = ("perspective", "thinlens", "orthographic")
+"""Types of sensors that are cameras."""
+
 UNLIMITED = 65536  # path depth where Mitsuba sets no limit
 _MOST_SCATTERINGS = 65535  # highest limit of scattering events that settings may have
 
@@ -136,7 +139,7 @@ def _layers(plugin: Plugin) -> tuple[str, ...]:
 
 def camera_of(plugin: Plugin, settings: RenderSettings) -> Camera | None:
     """Return a sensor as a camera, or None if its type is not supported."""
-    if plugin.type not in ("perspective", "thinlens", "orthographic"):
+    if plugin.type not in SENSORS:
         plugin.warn_of_all("this kind of sensor is not known; the camera is placed to show the whole scene")
         return None
     matrix = plugin.transform()

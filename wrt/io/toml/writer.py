@@ -33,6 +33,7 @@ from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import DensityGrid, Medium
+from wrt.scene.mesh import VERTEX_ATTRIBUTES
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape, require_scene
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
@@ -210,7 +211,7 @@ class _Writer:
         if isinstance(mesh, Analytic):
             kind, arrays = "quadrics" if isinstance(mesh, Quadrics) else "spheres", arrays_of_exact(mesh)
         else:
-            kind, arrays = "mesh", _arrays_of(mesh, "vertices", "faces", "normals", "uvs", "colors")
+            kind, arrays = "mesh", _arrays_of(mesh, "vertices", "faces", *VERTEX_ATTRIBUTES)
         table: Table = {"type": kind, "name": shape.name, "file": self.arrays(kind, mesh, arrays)}
         table["material"] = self.material(shape.material)
         if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:

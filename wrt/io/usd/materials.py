@@ -9,6 +9,8 @@ from __future__ import annotations
 import io
 import math
 import zipfile
+from collections import Counter
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,43 +18,128 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
+from wrt.io.account import TrackedObject
 from wrt.io.images import FLOAT_SUFFIXES, read_image
 from wrt.io.mesh.parts import as_specified
 from wrt.io.safe_read import read_file, require_inside
 from wrt.io.texture_images import Source, TextureImages
 from wrt.io.usd.lights import Matrix, Values, path_of, radiance_of
+from wrt.io.usd.process import PREVIEW
 from wrt.linalg import product
 from wrt.scene.environment import ConstantEnvironment, Environment, ImageEnvironment
 from wrt.scene.materials import Material, Principled
 from wrt.scene.textures import CHANNELS, ColorSource, ImageTexture, NormalMap, VertexColor
-from wrt.values import vec3
+from wrt.values import sealed, vec3
 
-_WRAPS = {"repeat": "repeat", "mirror": "mirror", "clamp": "clamp", "black": "clamp"}
+_WRAPS = {"repeat": "repeat", "mirror": "mirror", "clamp": "clamp", "black": "clamp", "useMetadata": "clamp"}
+"""Ways to continue an image. Images have no such metadata, and are then black beyond their edges, too."""
+
+_BLACK = ("black", "useMetadata")
+
+_SPACES = {"raw": "data", "sRGB": "color", "auto": ""}
+"""What to read of an image; if that is to be found out, it is what the input is for, as most programs do."""
+
+_LEAST_FOR_COPY = 16
+"""Texels from which on the border begins one texel beyond the image, so that its edge is not blended with black."""
+
+_NEUTRAL = {
+    "displacement": (0.0,),
+    "normal": (0.0, 0.0, 1.0),
+    "opacityMode": ("presence",),
+    "fallback": (0.0, 0.0),  # of coordinates: a mesh without them has the colour of the first texel
+}
+"""Inputs without effect at a value."""
+
+_MOST_UV_SETS = 2
+_COLOR_READER = "UsdPrimvarReader_float3"
+
+_Move = tuple[tuple[float, ...], float, tuple[float, ...]]
+_NOT_MOVED: _Move = ((1.0, 1.0), 0.0, (0.0, 0.0))
+
+Coordinates = tuple[str, _Move]
+"""The name of a primvar of texture coordinates, "" if none is named, and the scale, rotation and offset applied."""
 
 _Node = dict[str, Any]
 """A shader: its `id`, the values of its `inputs`, and the node and output that each of its `sources` is."""
 
-_NO_NODE: _Node = {"id": "", "inputs": {}, "sources": {}}
-
 
 class UsdMaterials:
-    """The materials of one file; each is made once for meshes that both have or lack coordinates and colours."""
+    """The materials of one file; each is made once for meshes with the same texture coordinates and with colours."""
 
     def __init__(self, path: Path, content: dict[str, Any]) -> None:
         """Take the file, for messages and the images beside it, and the description of its stage."""
         self._path = path
         self._materials, self._nodes = content["materials"], content["nodes"]
         self._images = TextureImages(path)
-        self._made: dict[tuple[str, bool, bool], Material | None] = {}
+        self._bordered: dict[tuple[int, ...], tuple[NDArray[np.float32], NDArray[np.float32]]] = {}
+        self._made: dict[tuple[str, tuple[Coordinates, ...], bool], Material | None] = {}
+        self.unsupported: set[str] = set()
+        self._without_preview: Counter[str] = Counter()
 
-    def bound_to(self, name: str | None, *, has_uvs: bool, has_colors: bool) -> Material | None:
-        """Return the material of a path, or None, for meshes with or without texture coordinates and colours."""
+    def bound_to(self, name: str | None, *, uv_sets: tuple[Coordinates, ...], has_colors: bool) -> Material | None:
+        """Return the material of a path, or None, for meshes with some texture coordinates, and with colours or not."""
         if name is None:
             return None
-        key = (name, has_uvs, has_colors)
+        key = (name, uv_sets, has_colors)
         if key not in self._made:
-            self._made[key] = self._make(name, has_uvs, has_colors)
+            self._made[key] = self._make(name, uv_sets, has_colors)
         return self._made[key]
+
+    def uv_sets(self, name: str | None) -> list[Coordinates]:
+        """Return the texture coordinates that the material of a path needs.
+
+        Those of a normal map, first, and those that are turned are moved already; others are moved by the texture.
+        """
+        shader = self._nodes.get(self._materials[name]) if name is not None else None
+        if shader is None:
+            return []
+        nodes = {key: self.node(source) for key, source in shader["sources"].items()}
+        placed = {key: self.coordinates(node) for key, node in nodes.items() if node["id"] == "UsdUVTexture"}
+        found = [placed.pop("normal")] if "normal" in placed else []
+        for name_of_primvar, move in placed.values():
+            each = name_of_primvar, move if move[1] else _NOT_MOVED
+            if each not in found and (name_of_primvar, move) not in found:
+                found.append(each)
+        if len(found) > _MOST_UV_SETS:
+            self.unsupported.add("a third set of texture coordinates in a material")
+        return found[:_MOST_UV_SETS]
+
+    def color_primvar(self, name: str | None) -> str:
+        """Return the name of the primvar that the material of a path, or what is drawn without one, has as colours."""
+        shader = self._nodes.get(self._materials[name]) if name is not None else None
+        return self.color_primvar_of(shader) if shader is not None else "displayColor"
+
+    def color_primvar_of(self, shader: _Node) -> str:
+        """Return the name of the first primvar that a shader reads as a colour."""
+        nodes = (self.node(shader["sources"].get(key)) for key in ("diffuseColor", "emissiveColor", "specularColor"))
+        readers = (node for node in nodes if node["id"] == _COLOR_READER)
+        return next((str(node["inputs"].get("varname")) for node in readers), "displayColor")
+
+    def coordinates(self, image: _Node) -> Coordinates:
+        """Return the texture coordinates of an image: scaled, turned, then moved."""
+        place, move = self.node(image["sources"].get("st")), _NOT_MOVED
+        if place["id"] == "UsdTransform2d":
+            scale, offset = _numbers(place, "scale", (1.0, 1.0)), _numbers(place, "translation", (0.0, 0.0))
+            move = tuple(scale.tolist()), _number(place, "rotation", 0.0), tuple(offset.tolist())
+            place = self.node(place["sources"].get("in"))
+        if place["id"] in ("UsdPrimvarReader_float2", ""):
+            return str(place["inputs"].get("varname") or ""), move
+        self.unsupported.add(f"a {place['id']} of texture coordinates")
+        return "", move
+
+    def unused(self) -> Iterator[str]:
+        """Yield the kinds of inputs of shaders that no material used."""
+        yield from self.unsupported
+        yield from self._without_preview.elements()
+        for node in self._nodes.values():
+            if "inputs" not in node.asked:  # not reached
+                continue
+            inputs, sources = node["inputs"], node["sources"]
+            for name in (inputs.keys() | sources.keys()) - inputs.asked - (sources.asked & sources.keys()):
+                value = inputs.get(name)
+                values = tuple(value.tolist()) if isinstance(value, np.ndarray) else (value,)
+                if name in sources or values != _NEUTRAL.get(name):
+                    yield f"{node['id']}.{name}"
 
     def dome(self, values: Values, matrix: Matrix) -> Environment:
         """Return the environment of a dome light, whose pole is +y and whose middle is +z of its own axes."""
@@ -60,6 +147,8 @@ class UsdMaterials:
 
         radiance = np.array(radiance_of(values))
         name = values.asset("inputs:texture:file")
+        if (layout := values.word("inputs:texture:format")) not in ("", "automatic", "latlong"):
+            self.unsupported.add(f"the layout {layout!r} of the image of a DomeLight")
         if not name:
             return ConstantEnvironment(vec3(radiance))
         file = self._path.parent / name
@@ -75,12 +164,13 @@ class UsdMaterials:
         axis, degrees = axis_and_degrees(product(axes, np.diag([-1.0, 1.0, -1.0])))
         return ImageEnvironment(pixels, 1.0, degrees, file.name, axis)
 
-    def _make(self, name: str, has_uvs: bool, has_colors: bool) -> Material | None:
+    def _make(self, name: str, uv_sets: tuple[Coordinates, ...], has_colors: bool) -> Material | None:
         shader = self._nodes.get(self._materials[name])
-        if shader is None or shader["id"] != "UsdPreviewSurface":
-            warn(f"{self._path}: {name}: only UsdPreviewSurface is supported; left out")
+        if shader is None or shader["id"] != PREVIEW:
+            kind = f"shader {shader['id'] or 'of no type'}" if shader else "material without a shader for all renderers"
+            self._without_preview[f"a {kind}, where a {PREVIEW} is expected,"] += 1
             return None
-        read = _Inputs(self, shader, has_uvs, has_colors)
+        read = _Inputs(self, shader, uv_sets, has_colors)
         cutoff = _number(shader, "opacityThreshold", 0.0)
         values: dict[str, Any] = {
             "base_color": read.color("diffuseColor", (0.18,) * 3),
@@ -91,24 +181,48 @@ class UsdMaterials:
             "emission": read.color("emissiveColor", (0.0,) * 3),
             "ior": max(1.0, _number(shader, "ior", 1.5)),
         }
+        metallic, specular = read.number("metallic", 0.0), read.color("specularColor", (0.0,) * 3)
         if _number(shader, "useSpecularWorkflow", 0):
             # As its reflectance at normal incidence, with an infinite index.
-            values |= {"ior": 0.0, "specular_color": read.color("specularColor", (0.0,) * 3)}
+            values |= {"ior": 0.0, "specular_color": specular}
         else:
-            values["metallic"] = read.number("metallic", 0.0)
+            values["metallic"] = metallic
         normal = read.texture("normal", "data")
-        if normal is not None and has_uvs:
-            values["normal_map"] = NormalMap(normal, name=normal.name)
+        if isinstance(normal, ImageTexture):
+            values["normal_map"] = NormalMap(normal, name=normal.name, wrap=normal.wrap)
         return Principled(**values)
 
     def node(self, source: list[str] | None) -> _Node:
         """Return what is connected to an input, or a node of no type."""
-        node: _Node = self._nodes[source[0]] if source else _NO_NODE
+        node: _Node = self._nodes[source[0]] if source else TrackedObject(id="", inputs={}, sources={})
         return node
 
     def pixels(self, name: str, kind: str) -> Any:
         """Return the pixels of an image, or None with a warning."""
         return self._images.pixels(name, kind, f"image {_file_name(name)}", lambda: self._located(name))
+
+    def has_alpha(self, name: str) -> bool:
+        """Return whether an image may have an alpha channel; without one it is 1."""
+        if Path(name).suffix.lower() in FLOAT_SUFFIXES:
+            return True
+        return self._images.has_alpha(name, f"image {_file_name(name)}", lambda: self._located(name))
+
+    def bordered(
+        self, pixels: NDArray[np.float32], black: list[bool], move: _Move
+    ) -> tuple[NDArray[np.float32], _Move]:
+        """Return an image with a border that is black along u or v, and a move of coordinates for it."""
+        sizes = [pixels.shape[1], pixels.shape[0]]
+        copies = [int(is_black and size >= _LEAST_FOR_COPY) for is_black, size in zip(black, sizes, strict=True)]
+        key = id(pixels), *black
+        if key not in self._bordered:
+            (u, v), (s, t) = copies, map(int, black)
+            bordered = np.pad(np.pad(pixels, ((v, v), (u, u), (0, 0)), "edge"), ((t, t), (s, s), (0, 0)))
+            self._bordered[key] = pixels, sealed(bordered)  # with the image, so that its number stays its own
+        bordered = self._bordered[key][1]
+        shares = [size / whole for size, whole in zip(sizes, (bordered.shape[1], bordered.shape[0]), strict=True)]
+        scale = tuple(a * share for a, share in zip(move[0], shares, strict=True))
+        offset = tuple(a * share + 0.5 * (1.0 - share) for a, share in zip(move[2], shares, strict=True))
+        return bordered, (scale, move[1], offset)
 
     def _located(self, name: str) -> Source:
         """Return the file of an image, or its bytes within a USDZ archive."""
@@ -129,69 +243,85 @@ class UsdMaterials:
 class _Inputs:
     """The inputs of one shader: constants, and textures that are connected."""
 
-    def __init__(self, owner: UsdMaterials, shader: _Node, has_uvs: bool, has_colors: bool) -> None:
-        self._owner, self._shader, self._has_uvs, self._has_colors = owner, shader, has_uvs, has_colors
+    def __init__(self, owner: UsdMaterials, shader: _Node, uv_sets: tuple[Coordinates, ...], has_colors: bool) -> None:
+        self._owner, self._shader, self._uv_sets, self._has_colors = owner, shader, uv_sets, has_colors
 
     def color(self, name: str, default: tuple[float, ...]) -> ColorSource:
-        texture = self.texture(name, "color")
-        if texture is not None:
-            return texture if self._has_uvs else vec3(_first(texture))
         reader = self._owner.node(self._shader["sources"].get(name))
-        if reader["id"] == "UsdPrimvarReader_float3":
-            if self._has_colors and reader["inputs"].get("varname") == "displayColor":
-                return VertexColor()
-            default = tuple(_numbers(reader, "fallback", default))
-        return vec3(np.maximum(_numbers(self._shader, name, default), 0.0))
+        if reader["id"] == _COLOR_READER and reader["inputs"].get("varname") == self._owner.color_primvar_of(
+            self._shader
+        ):
+            fallback = _numbers(reader, "fallback", (0.0,) * 3)
+            return VertexColor() if self._has_colors else vec3(np.maximum(fallback, 0.0))
+        texture = self.texture(name, "color")
+        if isinstance(texture, ImageTexture):
+            return texture
+        return vec3(np.maximum(_numbers(self._shader, name, default) if texture is None else texture, 0.0))
 
     def number(self, name: str, default: float, cutoff: float | None = None) -> ColorSource:
         """Return a number from 0 to 1; with a cutoff 0 or 1."""
         texture = self.texture(name, "data", cutoff=cutoff)
-        if texture is not None and self._has_uvs:
+        if isinstance(texture, ImageTexture):
             return texture
-        value = float(np.clip(_number(self._shader, name, default), 0.0, 1.0))
-        if texture is not None:
-            value = float(_first(texture)[CHANNELS.index(texture.channel or "r")])
+        value = float(np.clip(_number(self._shader, name, default) if texture is None else texture[0], 0.0, 1.0))
         return value if cutoff is None else float(value >= cutoff)
 
-    def texture(self, name: str, kind: str, cutoff: float | None = None) -> ImageTexture | None:
-        """Return the texture that is connected to an input, or None."""
+    def texture(self, name: str, kind: str, cutoff: float | None = None) -> ImageTexture | NDArray[np.float64] | None:
+        """Return the texture that is connected to an input, or (3,) its value if it has one, or None."""
         source = self._shader["sources"].get(name)
         image = self._owner.node(source)
-        if image["id"] != "UsdUVTexture" or not (file := path_of(image["inputs"].get("file"))):
+        if source is None:
             return None
-        channel = source[1]
-        space = str(image["inputs"].get("sourceColorSpace"))
-        if kind == "data" and channel == "a":
-            kind, channel = "alpha", "r"
-        elif space in ("raw", "sRGB"):
-            kind = "data" if space == "raw" else "color"
-        pixels = self._owner.pixels(file, kind)
+        if image["id"] != "UsdUVTexture":
+            self._owner.unsupported.add(f"a {image['id'] or 'shader of no type'} as {self._shader['id']}.{name}")
+            return None
+        file, channel = path_of(image["inputs"].get("file")), source[1]
+        wraps = [self._word(image, key, "useMetadata", _WRAPS) for key in ("wrapS", "wrapT")]
+        space = self._word(image, "sourceColorSpace", "auto", _SPACES)
+        channels = {"rgb": [0, 1, 2], "a": [3, 3, 3]}.get(channel) or [max(0, "rgb".find(channel))] * 3
+        scale, bias = _numbers(image, "scale", (1.0,) * 4)[channels], _numbers(image, "bias", (0.0,) * 4)[channels]
+        fallback = image["inputs"].get("fallback")
+        coordinates = self._owner.coordinates(image)
+        kind = "alpha" if channel == "a" else _SPACES[space] or kind
+        if file and channel == "a" and not self._owner.has_alpha(file):
+            return np.ones(3) * scale + bias
+        pixels = self._owner.pixels(file, kind) if file else None
         if pixels is None:
-            return None
-        scale, bias = _numbers(image, "scale", (1.0,) * 4)[:3], _numbers(image, "bias", (0.0,) * 4)[:3]
+            values = _numbers(image, "fallback", (0.0, 0.0, 0.0))  # some have three numbers
+            values = _numbers(image, "fallback", (*values.tolist(), 1.0))
+            return None if fallback is None else values[channels]
+        move = _NOT_MOVED
+        if coordinates not in self._uv_sets:  # those of a normal map are moved already
+            coordinates, move = (coordinates[0], _NOT_MOVED), coordinates[1]
+        if coordinates not in self._uv_sets:  # a mesh without them has the colour at (0, 0) everywhere
+            return np.asarray(pixels[-1, 0][[each % 3 for each in channels]] * scale + bias)
         if name == "normal":
             # To −1 to 1 in the file, from 0 to 1 here.
             scale, bias = 0.5 * scale, 0.5 * bias + 0.5
+        elif any(wrap in _BLACK for wrap in wraps):
+            pixels, move = self._owner.bordered(pixels, [wrap in _BLACK for wrap in wraps], move)
         if name == "normal" or bias.any():
             pixels, scale = np.clip(pixels * scale + bias, 0.0, 1.0).astype(np.float32), np.ones(3)
-        is_plane = channel in CHANNELS
-        options: dict[str, Any] = {
-            "factor": vec3(scale[CHANNELS.index(channel)] * np.ones(3) if is_plane else scale),
-            "wrap": tuple(_WRAPS.get(str(image["inputs"].get(key)), "repeat") for key in ("wrapS", "wrapT")),
-            "channel": channel if is_plane else None,
-            "cutoff": cutoff,
-        }
-        place = self._owner.node(image["sources"].get("st"))
-        if place["id"] == "UsdTransform2d":  # scaled, turned, then moved
-            options["scale"] = tuple(_numbers(place, "scale", (1.0, 1.0)).tolist())
-            options["rotation_degrees"] = _number(place, "rotation", 0.0)
-            options["offset"] = tuple(_numbers(place, "translation", (0.0, 0.0)).tolist())
-        return ImageTexture(pixels, _file_name(file), **options)
+        return ImageTexture(
+            pixels,
+            _file_name(file),
+            channel=channel if channel in CHANNELS else None,
+            factor=vec3(scale),
+            scale=move[0],
+            rotation_degrees=move[1],
+            offset=move[2],
+            wrap=tuple(_WRAPS[wrap] for wrap in wraps),
+            cutoff=cutoff,
+            uv_set=self._uv_sets.index(coordinates),
+        )
 
-
-def _first(texture: ImageTexture) -> Any:
-    """Return (3,) the colour at (0, 0), which a mesh without coordinates has everywhere."""
-    return np.clip(np.array(texture.pixels[-1, 0], np.float64) * np.array(texture.factor), 0.0, 1.0)
+    def _word(self, image: _Node, key: str, default: str, known: Container[str]) -> str:
+        """Return the word of an input if it is known, or else its default with a warning."""
+        word = str(image["inputs"].get(key) or default)
+        if word not in known:
+            self._owner.unsupported.add(f"the {key} {word!r} of a UsdUVTexture")
+            return default
+        return word
 
 
 def _file_name(name: str) -> str:

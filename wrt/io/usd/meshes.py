@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, warn
+from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.mesh.parts import Part
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, Part
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.usd.lights import Values
-from wrt.io.usd.materials import UsdMaterials
+from wrt.io.usd.materials import Coordinates, UsdMaterials
+from wrt.linalg import product
 from wrt.scene.mesh import Mesh
 from wrt.scene.shapes import box, quad, sphere
-from wrt.scene.textures import VertexColor
+from wrt.scene.textures import ImageTexture, VertexColor
 
 _ROUND_SEGMENTS = 64
 
@@ -35,20 +36,22 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
     memory_limits.take(memory_limits.MESHES, 40 * len(corners))
     if (counts < 0).any() or (counts > len(corners)).any() or counts.sum() != len(corners):
         raise InputError(f"{path}: {name}: its faces have {counts.sum()} corners, but {len(corners)} are given")
-    if shape["subdivided"]:
-        warn(f"{path}: {name}: a subdivision surface is rendered as its cage, smoothed")
     triangles, owner = triangulate(f"{path}: {name}", points, corners, counts)
     if values["orientation"] == "leftHanded":
         triangles = triangles[:, ::-1]
     normals = [_at_corners(primvar, 3, corners, counts) for primvar in shape["normals"]]
     at_corners = {
         "normals": next((each for each in normals if each is not None), None),
-        "uvs": _at_corners(shape["uvs"], 2, corners, counts),
-        "colors": _at_corners(shape["colors"], 3, corners, counts),
+        "uvs": None,
+        "colors": None,
     }
+    coordinates = {name: _at_corners(primvar, 2, corners, counts) for name, primvar in shape["uvs"]}
+    holes = indices(values.get("holeIndices"))
     parts = []
     for faces, material in _subsets(shape, len(counts)):
-        chosen = triangles[np.isin(owner, faces)]
+        chosen = triangles[np.isin(owner, np.setdiff1d(faces, holes))]
+        at_corners["uvs"], uv_sets = _uvs(coordinates, materials.uv_sets(material))
+        at_corners["colors"] = _colors(shape, materials.color_primvar(material), corners, counts)
         if all(each is None for each in at_corners.values()):
             part = Part(name, points, corners[chosen])
         else:  # values at corners split the vertices
@@ -56,8 +59,40 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
             part = Part(name, points[corners[used]], chosen.reshape(-1, 3))
             for field, rows in at_corners.items():
                 setattr(part, field, None if rows is None else rows[used])
-        parts.append(_with_material(part, material, materials))
+        part.smoothing = 0 if shape["faceted"] else None  # "A Note About Normals" of UsdGeomMesh
+        parts.append(_with_material(part, material, materials, uv_sets))
     return parts
+
+
+def _uvs(
+    named: dict[str, NDArray[Any] | None], needed: list[Coordinates]
+) -> tuple[NDArray[Any] | None, tuple[Coordinates, ...]]:
+    """Return (C, 2 K) texture coordinates that a material needs, and which these are.
+
+    A primvar that is missing or has no name is the mesh's first.
+    """
+    first = next((rows for rows in named.values() if rows is not None), None)
+    if first is None or not needed:
+        return first, ()
+    sets = []
+    for name, (scale, degrees, offset) in needed:
+        rows = first if (found := named.get(name)) is None else found
+        place = ImageTexture(np.zeros((1, 1, 3), np.float32), scale=scale, rotation_degrees=degrees, offset=offset)
+        sets.append(product(rows, place.placement[:, :2].T) + place.placement[:, 2])
+    return np.concatenate(sets, axis=1), tuple(needed)
+
+
+def _colors(
+    shape: dict[str, Any], name: str, corners: NDArray[np.int64], counts: NDArray[np.int64]
+) -> NDArray[Any] | None:
+    """Return (C, 3) colours of a name at corners, or (C, 4) where they are not opaque and no material is bound."""
+    colors = _at_corners(dict(shape["colors"]).get(name), 3, corners, counts)
+    opacities = _at_corners(shape["opacities"], 1, corners, counts)
+    if opacities is None or shape["material"] is not None or not (opacities < 1.0).any():
+        return colors
+    return np.concatenate(
+        [np.full((len(corners), 3), DEFAULT_REFLECTANCE) if colors is None else colors, opacities], axis=1
+    )
 
 
 def part_of_solid(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> Part:
@@ -79,7 +114,15 @@ def part_of_solid(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
         else:
             mesh = _revolved(_profile(kind, values.number("radius"), 0.5 * values.number("height")))
     mesh = mesh.transformed(axis)
-    return _with_material(Part(name, mesh.vertices, mesh.faces, mesh.normals, mesh.uvs), shape["material"], materials)
+    part = Part(name, mesh.vertices, mesh.faces, mesh.normals, mesh.uvs)
+    uvs = None if mesh.uvs is None else np.asarray(mesh.uvs)
+    part.uvs, uv_sets = _uvs({"st": uvs}, materials.uv_sets(shape["material"]))
+    constant = [each for each in shape["colors"] if each[1] and each[1][1] == "constant"]
+    opacities = shape["opacities"] if shape["opacities"] and shape["opacities"][1] == "constant" else None
+    vertices = np.arange(len(mesh.vertices))
+    of_shape = {**shape, "colors": constant, "opacities": opacities}
+    part.colors = _colors(of_shape, materials.color_primvar(shape["material"]), vertices, np.ones_like(vertices))
+    return _with_material(part, shape["material"], materials, uv_sets)
 
 
 def _profile(kind: str, radius: float, half: float) -> NDArray[np.float64]:
@@ -123,9 +166,9 @@ def _subsets(shape: dict[str, Any], count: int) -> list[tuple[NDArray[np.int64],
     return subsets
 
 
-def _with_material(part: Part, name: str | None, materials: UsdMaterials) -> Part:
+def _with_material(part: Part, name: str | None, materials: UsdMaterials, uv_sets: tuple[Coordinates, ...]) -> Part:
     """Return a part with its material; where there is one, the display colour counts only if that reads it."""
-    material = materials.bound_to(name, has_uvs=part.uvs is not None, has_colors=part.colors is not None)
+    material = materials.bound_to(name, uv_sets=uv_sets, has_colors=part.colors is not None)
     if material is None:
         return part
     uses_colors = any(isinstance(value, VertexColor) for value in vars(material).values())

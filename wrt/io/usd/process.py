@@ -1,7 +1,7 @@
 """The process in which Pixar's library reads a USD file (`wrt/io/usd/stage.py`): starting it, and what it sends.
 
 It sends JSON, and arrays as their bytes; nothing in it can run code. A line describes the arrays, [format of struct,
-shape] each; the next is the content, in which {"array": N} stands for an array; then come the arrays' bytes. All are
+shape] each; the next is the content, in which {ARRAY: N} stands for an array; then come the arrays' bytes. All are
 padded to whole multiples of ALIGNMENT.
 """
 
@@ -16,6 +16,7 @@ from typing import IO, TYPE_CHECKING, Any
 from wrt import child
 from wrt.errors import InputError
 from wrt.io import memory_limits
+from wrt.io.account import TrackedObject
 from wrt.io.safe_read import confinement_folder, require_file
 
 if TYPE_CHECKING:
@@ -28,21 +29,29 @@ SECONDS_PER_MEGABYTE = 10
 
 ALIGNMENT = 8
 
+ARRAY = "#"
+"""The key of an array's number; no attribute has this name."""
+
+PREVIEW = "UsdPreviewSurface"
+"""The type of the surface shader that is supported."""
+
 _FORMATS = frozenset("?bBhHiIlLqQefd")
 """Types of numbers that an array may have."""
 
 _CODE = "from wrt.io.usd.stage import main; main()"
 
 
-def description(path: Path) -> dict[str, Any]:
+def description(path: Path, time: float | None = None) -> dict[str, Any]:
     """Return the plain description of a file's stage that `wrt/io/usd/stage.py` makes.
+
+    At `time` seconds after the file's first time, or at that one.
 
     Raises:
         InputError: where Pixar's library cannot read the file, or takes too much memory or time for it, and on files
             that it may not read.
     """
     folder = confinement_folder()
-    command = child.command(_CODE, str(path), "" if folder is None else str(folder))
+    command = child.command(_CODE, str(path), str(folder or ""), "" if time is None else repr(time))
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode:
         raise _failure(path, done.returncode, done.stderr.decode(errors="replace"))
@@ -100,5 +109,6 @@ def read_message(data: bytes) -> Any:
         arrays.append(np.frombuffer(data, kind, count, place if count else 0).reshape(shape))
         place += count * kind.itemsize + -(count * kind.itemsize) % ALIGNMENT
     return json.loads(
-        data[first + 1 : second], object_hook=lambda found: arrays[found["array"]] if "array" in found else found
+        data[first + 1 : second],
+        object_hook=lambda found: arrays[found[ARRAY]] if ARRAY in found else TrackedObject(found),
     )

@@ -14,6 +14,7 @@ from wrt.backend.device import Device
 from wrt.backend.memory import zeros
 from wrt.errors import InputError
 from wrt.scene.mesh import Mesh
+from wrt.scene.tangents import tangents_by_edges
 from wrt.upload.arrays import require_countable
 from wrt.values import refuse_masked
 
@@ -71,6 +72,17 @@ def joined(meshes: Sequence[Mesh], name: str, width: int, default: float, device
                 mesh.share(name, rows[start:stop])
         elif default:  # untouched zero pages take no memory
             rows[start:stop] = default
+    return rows
+
+
+def corner_tangents(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
+    """Return (3M, 4) `tangents_by_edges` of all meshes, zero where there are none."""
+    rows = zeros((3 * sum(len(mesh.faces) for mesh in meshes), 4), np.float32)
+    stop = 0
+    for mesh in meshes:
+        start, stop = stop, stop + 3 * len(mesh.faces)
+        if mesh.tangents is not None:
+            rows[start:stop] = tangents_by_edges(mesh).reshape(-1, 4)
     return rows
 
 
