@@ -48,6 +48,7 @@ _FACETS: tuple[dict[str, Any], ...] = (
 )
 """What rough materials may have other than their defaults."""
 
+_GENERAL = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided")
 _OF_MESHES = ("diffuse", "principled")
 _LET_RAYS_PASS = frozenset(("null", "thin_dielectric"))
 
@@ -94,9 +95,7 @@ def general_features(features: Any) -> list[Any]:
         return []
     if features.media != "none" or features.clamped or features.regularized or features.cameras:
         return []
-    general: dict[str, Any] = dict.fromkeys(
-        ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided"), True
-    )
+    general: dict[str, Any] = dict.fromkeys(_GENERAL, True)
     if not features.guides:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
         general |= {"environment": "image", "light_shapes": shapes}

@@ -65,12 +65,12 @@ class Shape(Description):
         emission: radiance emitted from its front, per channel, W·sr⁻¹·m⁻², also an image or the mesh's vertex colours;
             0 for the emission of the material.
         two_sided_emission: whether its back emits too.
-        double_sided: whether it is seen from behind. If not, the camera, mirrors and clear glass show what is behind its
-            back, as in glTF; light stops at it all the same. What transmits light or emits to its back has both sides.
         name: for messages.
         transform: a (4, 4) affine matrix from the mesh's space to the world, or a Motion. Shapes with a transform that
             share a mesh are instances and share its memory. A mirroring transform keeps the mesh's front.
         deformation: keyframes of the vertices.
+        double_sided: whether its back is seen. If not, the camera, mirrors and clear glass show what is behind it, as
+            in glTF; light stops at it all the same. What transmits light or emits from its back has both sides.
     """
 
     mesh: _Mesh

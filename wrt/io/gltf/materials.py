@@ -136,8 +136,9 @@ class GltfMaterials:
         if uvs is not None and second is not None:
             uvs = np.column_stack([uvs, second * (1.0, -1.0) + (0.0, 1.0)])
         double_sided = bool(description.tree.get("doubleSided", False))  # section 3.9.6
-        sides = {"double_sided": double_sided, "two_sided": double_sided and shines(material.emission)}
-        return replace(part, material=material, colors=colors, uvs=uvs, **sides)
+        two_sided = double_sided and shines(material.emission)
+        part = replace(part, double_sided=double_sided, two_sided=two_sided)
+        return replace(part, material=material, colors=colors, uvs=uvs)
 
     def _description(self, number: int) -> _Description:
         if number not in self._descriptions:
