@@ -158,7 +158,7 @@ def _materials(path: Path, text: ObjText, sidecars: Sidecars) -> dict[str, State
     missing = [name for name in used if name not in found and name not in others]
     if files and missing:
         warn(f"{path}: no material file describes {_and_more(missing)}; the default material is taken")
-    return {name: found[others.get(name, name)] for name in used if name not in missing}
+    return {name: found[others.get(name, name)] for name in used if name in found or name in others}
 
 
 def _and_more(names: list[str]) -> str:
