@@ -50,6 +50,7 @@ def load(
     transparent: bool = False,
     aspect: float | None = None,
     time: float | None = None,
+    point_radius: float | None = None,
 ) -> Scene:
     """Load a scene.
 
@@ -86,13 +87,16 @@ def load(
         time: the time, seconds, at which the first animation of a glTF file is, or after the first time code of a USD
             file; by default the file is at rest, or at that first time. Studio
             and camera are the same for all times.
+        point_radius: the radius of points of a mesh file or object, which are drawn as spheres, in its units; by
+            default it follows from their distances.
 
     Raises:
         InputError: if the source cannot be used; the message names it and the cause.
     """
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
-    reading = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    reading: dict[str, Any] = {"triangles": triangles, "up": up, "camera": camera, "point_radius": point_radius}
+    reading["parameters"] = parameters or None
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
     stage = Stage(view, frame, material, environment, transparent, aspect, time)
     with _confined(source if confined else None), _strictly() if strict else contextlib.nullcontext():
@@ -162,6 +166,7 @@ _ONLY_FOR = {
     "triangles": "a number of triangles is for scenes with a procedural mesh",
     "up": "an up axis is for meshes, not for scenes",
     "parameters": "parameters are only for Mitsuba scenes (.xml)",
+    "point_radius": "a radius of points is for mesh files and trimesh objects",
     "camera": "a camera is chosen in files that may have several; this has one at most",
 }
 
@@ -183,15 +188,16 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
         _require_only(kind, reading)
         source.check()
         return stage.shown(source)
-    _require_only(kind, reading, "up")
     if isinstance(source, Mesh):
+        _require_only(kind, reading, "up")
         from wrt.io.mesh.repair import bare_shape
 
         shapes = [bare_shape(source) if stage.material is None else Shape(source, name=source.name)]
         return stage.present(source, Scene(shapes), reading["up"] or "y")
     from wrt.io.load_mesh import load_object
 
-    scene = load_object(source, standalone=True)
+    _require_only(kind, reading, "up", "point_radius")
+    scene = load_object(source, standalone=True, point_radius=reading["point_radius"])
     from wrt.io.trimesh_objects import file_type
 
     return _present(source, scene, reading["up"], file_type(source), stage)
@@ -224,7 +230,7 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         loaded = load_scene(path, triangles=reading["triangles"])
         with naming_file(path):
             return stage.shown(loaded)
-    _require_only(source, reading, "up", "camera")
+    _require_only(source, reading, "up", "camera", "point_radius")
     from wrt.io.cameras import note_several, with_camera
     from wrt.io.load_mesh import load_file
 
@@ -233,7 +239,8 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         from wrt.animation.timeline import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
-    scene, up = load_file(path, time=stage.time, standalone=stage.time is None), reading["up"]
+    points = {"point_radius": reading["point_radius"]}
+    scene, up = load_file(path, time=stage.time, standalone=stage.time is None, **points), reading["up"]
     scene = with_camera(path, scene, camera)
     if camera is None and stage.view is None:
         note_several(path, list(scene.cameras))

@@ -111,6 +111,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--define": _value("NAME=VALUE", types.definition, "value of the parameter $NAME in a Mitsuba scene",
         dest="parameters", action="append"),
     "--up": _value("AXIS", choice(AXES), "axis of a mesh that points up: x, y, z, -x, -y or -z", choices=AXES),
+    "--point-radius": _value("R", types.positive, "radius of the spheres that a file's points are drawn as, in its "
+        "units (default: by their distances)"),
 }  # fmt: skip
 
 ALIASES = {"--output": "-o", "--define": "-D", "--camera": "--sensor"}
@@ -118,7 +120,7 @@ ALIASES = {"--output": "-o", "--define": "-D", "--camera": "--sensor"}
 
 STUDIO = "--size --crop --view --frame --material --environment --transparent --layers --triangles"
 INTEGRATION = "--sampler --integrator --clamp-indirect --regularization"
-READING = "--define --camera --confined --strict --up"
+READING = "--define --camera --confined --strict --up --point-radius"
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:

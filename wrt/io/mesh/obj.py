@@ -8,9 +8,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+
 from wrt.errors import InputError, warn
 from wrt.io.mesh.mtl import MtlMaterials, Statements, statements_of
-from wrt.io.mesh.parts import Part, only_points
+from wrt.io.mesh.parts import Part, as_specified, decoded, points_of
 from wrt.io.mesh.sidecars import Sidecars, in_any_case
 from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.safe_read import as_text, naming_file, read_file
@@ -68,8 +70,12 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
             has_uvs, has_colors = part.uvs is not None, part.colors is not None
             part.material = materials.material(name, statements, has_uvs=has_uvs, has_colors=has_colors)
         parts.append(part)
-    if not parts and (count := text.counts["v"]):
-        raise only_points(path, count)
+    if not parts and text.counts["v"]:
+        rows = [line.split()[1:7] for run in text.lines for line in run.split("\n") if line.startswith("v ")]
+        with as_specified(path, "OBJ"):
+            wide = min(map(len, rows)) == 6
+            numbers = np.array([row if wide else row[:3] for row in rows], np.float64)
+            parts = [points_of(path.stem, numbers[:, :3], decoded(numbers[:, 3:]) if wide else None)]
     return parts
 
 
