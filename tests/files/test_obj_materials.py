@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import warnings
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from support.meshes import SQUARE, write
 import wrt
 from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_shapes
+from wrt.io.mesh.mtl import WITHOUT_EFFECT
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
 from wrt.scene.srgb import linear_from_srgb
 
@@ -63,7 +66,6 @@ def material_of(folder: Path, text: str, obj: str = OBJ) -> wrt.Material:
         ("Tr 0.3", {"opacity": 0.7}),
         ("d 0.3\nTr 0.3", {"opacity": 0.3}),  # d is the one that all agree on
         ("Tr 1", {"opacity": 1.0}),
-        ("d -halo 0.6", {"opacity": 0.6}),
     ],
 )  # fmt: skip
 def test_statements(tmp_path, text, expected):
@@ -203,8 +205,87 @@ def test_materials_split_the_mesh_and_may_be_in_several_files(tmp_path):
 def test_the_material_file_of_its_own_name_is_taken_where_there_is_no_other(tmp_path, statement, message):
     material_file = write(tmp_path, "renamed.MTL", "newmtl x\nKd 0.1 0.2 0.3\n")
     path = write(tmp_path, "renamed.obj", statement + SQUARE + "usemtl x\nf 1 2 3\nusemtl y\nf 1 3 4\n")
-    with pytest.warns(InputWarning, match=message):
+    with pytest.warns(InputWarning, match="describes 'y'"), pytest.warns(InputWarning, match=message):
         assert load_shapes(path)[0].material.reflectance == pytest.approx((0.1, 0.2, 0.3))
     material_file.unlink()
     with pytest.warns(InputWarning, match="it names no file" if not statement else r"old name\.mtl'.*: no such file"):
         assert load_shapes(path)[0].material.reflectance == DEFAULT_REFLECTANCE
+
+
+# Statements and options of appendix B2 and for physically based materials; after & what they need to have an effect.
+STATEMENTS = """
+    Ka .2 .2 .2 | Kd spectral file.rfl 1 | Ks xyz 1 1 1 | Tf .5 .5 .5 & d .5 & illum 4 | illum 3 | illum 10 | d .5
+    d -halo .5 | Tr .5 | Ns 10 | sharpness 60 | Ni 1.4 | map_Ka rgb.png | map_Kd rgb.png | map_Ks rgb.png
+    map_Ns rgb.png | map_d rgb.png | map_aat on | decal rgb.png | disp rgb.png | bump rgb.png | map_bump rgb.png
+    refl -type sphere rgb.png | Pr .5 | Pm .5 | Ps .5 | Pc .5 | Pcr .5 & Pc .5 | aniso .5 & Pr .5 | anisor .5
+    norm rgb.png | Ke 1 1 1 | map_Ke rgb.png | map_Pr rgb.png | map_Pm rgb.png | map_Ps rgb.png | map_Pc rgb.png
+    map_Pcr rgb.png & Pc .5 | map_aniso rgb.png | map_Kd -blendu off rgb.png
+    map_Kd -blendv on rgb.png
+    map_Kd -boost 2 rgb.png | map_Kd -cc on rgb.png | map_Kd -clamp on rgb.png & map_Kd rgb.png
+    map_d -imfchan l rgb.png & map_d rgb.png | map_d -imfchan z rgb.png | map_Kd -mm .1 .5 rgb.png & map_Kd rgb.png
+    map_Kd -o .1 .1 0 rgb.png & map_Kd rgb.png | map_Kd -s 2 2 1 rgb.png & map_Kd rgb.png | map_Kd -t .1 .1 0 rgb.png
+    map_Kd -texres 64 rgb.png | map_Kd -bm .5 rgb.png | bump -bm .5 rgb.png & bump rgb.png | map_new rgb.png
+"""
+LEFT_OUT = """
+    kd spectral|ks xyz|illum 10|d -halo|map_ns|decal|disp|refl|anisor|map_aniso|map_kd -blendu off|map_kd -cc on
+    map_d -imfchan z|map_kd -t|map_kd -bm|map_new
+"""
+
+
+def test_each_statement_and_option_is_used_or_excused_or_warned_of(tmp_path):
+    left_out = [kind.strip() for line in LEFT_OUT.strip().splitlines() for kind in line.split("|")]
+    for entry in (each for line in STATEMENTS.strip().splitlines() for each in line.split("|")):
+        statement, *needed = (each.strip() for each in entry.split("&"))
+        context = "\n".join(["Kd .8 .8 .8\nKs .5 .5 .5", *needed, ""])
+        before = material_of(tmp_path, context)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            after = material_of(tmp_path, context + statement)
+        messages = [str(each.message).partition("mesh.obj: ")[2] for each in caught]
+        if messages:
+            assert messages == [f"{left_out.pop(0)} is unknown to wrt and left out"], statement
+        elif not any(fnmatchcase(statement.lower(), f"{kind.replace('* ', 'map_kd ')}*") for kind in WITHOUT_EFFECT):
+            assert repr(after) != repr(before) or not same_images(after, before), statement
+    assert not left_out
+
+
+def same_images(a: wrt.Material, b: wrt.Material) -> bool:
+    """Whether two materials have the same pixels and placements of textures."""
+
+    def content(material: wrt.Material) -> list[object]:
+        values = [value for _, value in sorted(vars(material).items()) if hasattr(value, "pixels")]
+        return [(each.pixels.tobytes(), {k: v for k, v in vars(each).items() if k != "pixels"}) for each in values]
+
+    return content(a) == content(b)
+
+
+def test_options_place_each_map_by_itself_and_scale_normals(tmp_path):
+    """The mesh has the coordinates of the normal map, and other textures undo that."""
+    save_rgb(tmp_path / "blue.png", np.array([[[140, 128, 255], [128, 128, 255]]], np.uint8))
+    text = (
+        "Kd 1 1 1\nmap_Bump -s 2 4 1 -o 0.5 0.25 0 -bm 0.5 blue.png\nmap_d -s 3 1 1 -clamp on rgb.png\nmap_Kd rgb.png"
+    )
+    material = material_of(tmp_path, text)
+    (shape,) = load_shapes(tmp_path / "mesh.obj")
+    np.testing.assert_allclose(shape.mesh.uvs, [[0.5, 0.25], [2.5, 0.25], [0.5, 4.25]])
+    assert (material.normal_map.scale, material.normal_map.pixels[0, 0, 0]) == (0.5, pytest.approx(140 / 255))
+    for texture, scale in ((material.reflectance, (1.0, 1.0)), (material.opacity, (3.0, 1.0))):
+        places = shape.mesh.uvs @ texture.placement[:, :2].T + texture.placement[:, 2]
+        np.testing.assert_allclose(places, np.array([[0, 0], [1, 0], [0, 1]]) * scale, atol=1e-12)
+
+
+def test_materials_are_found_in_another_case_and_missing_ones_named(tmp_path):
+    write(tmp_path, "m.mtl", 'Kd 1 0 0\nnewmtl  Dark  Red \nKd 1 0 0\nnewmtl "b"\nKd 0 1 0\n')
+    text = "usemtl dark red\nf 1 2 3\nmtllib M.MTL\nusemtl b\nf 1 2 3\nusemtl gone\nf 1 3 4\nusemtl\nf 1 3 4\n"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        shapes = load_shapes(write(tmp_path, "mesh.obj", SQUARE + text))
+    for message, expected in zip(
+        (each.message for each in caught),
+        ("'M.MTL', which it refers", "m.mtl: kd before the first", "'dark red' is not described; 'Dark Red' is taken",
+         "no material file describes 'gone'; the default"),
+        strict=True,
+    ):  # fmt: skip
+        assert expected in str(message)
+    colors = [shape.material.reflectance for shape in shapes]
+    assert colors == [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), DEFAULT_REFLECTANCE, DEFAULT_REFLECTANCE]

@@ -114,7 +114,9 @@ def test_objects_load_like_their_files(case, tmp_path):
     mesh, suffix = MADE[case]
     path = tmp_path / f"box.{suffix}"
     mesh.export(path)
-    found = differences(load_file(path), load_object(mesh))  # the studio of glTF has another light
+    # The format may say that a mesh without normals is flat.
+    scenes = load_file(path, smooth_degrees=60.0), load_object(mesh, smooth_degrees=60.0)
+    found = differences(*scenes)  # the studio of glTF has another light
     # Up to single precision and the digits of decimals
     assert all(amount < 1e-6 for amount in found.values()), found
 
@@ -163,7 +165,7 @@ def test_other_maps_are_read_beside_the_file(tmp_path):
     with pytest.warns(InputWarning, match=r"gone\.png"):
         assert differences(wrt.load(path), made) == {}
     assert isinstance(made.shapes[0].material.normal_map, wrt.NormalMap)
-    with pytest.raises(wrt.InputError, match=r"'gone\.png', which a material names, cannot be looked up"):
+    with pytest.raises(wrt.InputError, match=r"'n\.png', which a material names, cannot be looked up"):
         wrt.load(mesh.copy(), strict=True)  # a copy does not know its file
 
 

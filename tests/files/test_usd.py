@@ -222,3 +222,24 @@ def texel(texture: wrt.ImageTexture, uv: tuple[float, float]) -> np.ndarray:
     clamps = [wrap == "clamp" for wrap in texture.wrap]
     column = min(max(column, 0), width - 1) if clamps[0] else column % width
     return texture.pixels[min(max(row, 0), height - 1) if clamps[1] else row % height, column]
+
+
+def test_colors_are_those_that_a_material_reads_and_fallbacks_stand_for_what_is_missing(folder):
+    reader = """def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_float3"
+            string inputs:varname = "paint"
+            float3 outputs:result
+        }
+        def Shader "Image"
+        {"""
+    text = USD.replace("</World/Red/Image.outputs:rgb>", "</World/Red/Reader.outputs:result>")
+    text = text.replace('def Shader "Image"\n        {', reader)
+    text = text.replace(ST, f"        color3f[] primvars:paint = [(0, 0.5, 1)]\n{ST}")
+    square = square_of(load_file(write(folder, "paint.usda", text)))
+    np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
+    missing = USD.replace("asset inputs:file = @red.png@", "float3 inputs:fallback = (0, 0, 1)")
+    assert square_of(load_file(write(folder, "b.usda", missing))).material.base_color == (0, 0, 1)
+    shown = USD.replace(ST, f"        float[] primvars:displayOpacity = [0.25]\n{ST}")
+    shown = shown.replace("rel material:binding = </World/Red>", "")
+    assert square_of(load_file(write(folder, "c.usda", shown))).mesh.colors[0, 3] == 0.25

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.gltf.buffers import TYPES, Buffers, Tree, normalized
 from wrt.io.mesh.parts import Part, decoded, matching
@@ -24,6 +24,9 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 """Modes of primitives."""
 
 _DRACO = "KHR_draco_mesh_compression"
+_WIDTHS = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD": (2,), "COLOR": (3, 4)}
+"""Numbers of an attribute at each vertex (section 3.7.2.1)."""
+
 _MOST_SETS = 8
 """Sets of four joints that are looked for; files have one or two."""
 
@@ -74,18 +77,19 @@ class Primitive:
             InputError: on damaged data.
         """
         # Normals need no unit length, so that integers are not scaled unless they are added to others.
-        positions, normals = self._rows("POSITION"), self._rows("NORMAL", scaled=deformation is not None)
+        positions = self._rows("POSITION")
         assert positions is not None  # the reader leaves out others
         count = len(positions)
-        tangents = None if normals is None else matching(self._rows("TANGENT"), count)  # section 3.7.2.1
+        normals = self._matching("NORMAL", count, scaled=deformation is not None)
+        tangents = None if normals is None else self._matching("TANGENT", count)  # section 3.7.2.1
         if deformation is not None:
             positions, normals, tangents = self._deformed(deformation, positions, normals, tangents)
-        part = Part(name, positions, self._faces(count), matching(normals, count), tangents=tangents)
-        uvs = [self._rows(f"TEXCOORD_{number}") for number in uv_sets]
+        part = Part(name, positions, self._faces(count), normals, tangents=tangents, smoothing=0)
+        uvs = [self._matching(f"TEXCOORD_{number}", count) for number in uv_sets]
         first, second = (None if rows is None else rows.astype(np.float32) for rows in (*uvs, None, None)[:2])
-        if (first := matching(first, count)) is not None:
+        if first is not None:
             part.uvs = np.column_stack([first[:, 0], 1.0 - first[:, 1]])
-        if (colors := matching(self._rows("COLOR_0", scaled=False), count)) is not None:
+        if (colors := self._matching("COLOR_0", count, scaled=False)) is not None:
             part.colors = decoded(colors, linear=True)
         return part, second
 
@@ -95,6 +99,15 @@ class Primitive:
             return self._unpacked[name]
         index = self._described["attributes"].get(name)
         return None if index is None else self._buffers.numbers(index, scaled=scaled)
+
+    def _matching(self, name: str, count: int, *, scaled: bool = True) -> NDArray[Any] | None:
+        """Return an attribute as `_rows` does, unless it does not have its width, or `count` rows."""
+        rows = self._rows(name, scaled=scaled)
+        if rows is None or (matching(rows, count) is not None and rows.shape[1] in _WIDTHS[name.partition("_")[0]]):
+            return rows
+        reason = f"it is {' x '.join(map(str, rows.shape))} numbers for {count} vertices"
+        warn(f"{self._buffers.path}: {name} of a primitive is left out: {reason}")
+        return None
 
     def _faces(self, count: int) -> NDArray[Any]:
         """Return (T, 3) the triangles of a list, a strip or a fan of `count` vertices (section 3.7.2.1)."""

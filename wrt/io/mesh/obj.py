@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.mtl import MtlMaterials, Statements, statements_of
+from wrt.io.account import warn_of_unused
+from wrt.io.mesh.mtl import MtlMaterials, Statements, plain_name, statements_of
 from wrt.io.mesh.parts import Part, as_specified, decoded, points_of
 from wrt.io.mesh.sidecars import Sidecars, in_any_case
 from wrt.io.mesh.trimesh_loaders import load, part_of
@@ -56,20 +57,16 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
     materials = MtlMaterials(path, sidecars.find)
     parts, names = [], list(text.materials)
     for group, fields in reversed(list(loaded.get("geometry", {}).items())):  # trimesh takes the last one first
+        if text.smoothing_groups:
+            fields["face_smoothing"] = np.concatenate([np.full(n, of) for n, of in text.smoothing[group]])
         name = names[int(group.partition(" ")[0])]
         statements = described.get(name, {})
-        part = part_of(path, name if name in described else path.stem, fields)
+        part = part_of(path, name if statements else path.stem, fields)
         if part is None:
             continue
         part.vertex_format = "a vertex"  # trimesh has renumbered them
-        if "map_kd" in statements and part.uvs is None and text.counts["vt"]:
-            # trimesh drops all coordinates where one is missing.
-            label = " ".join(statements["map_kd"])
-            warn(f"{path}: texture {label} cannot be laid: its faces name texture coordinates that are not there")
-        if statements:
-            has_uvs, has_colors = part.uvs is not None, part.colors is not None
-            part.material = materials.material(name, statements, has_uvs=has_uvs, has_colors=has_colors)
-        parts.append(part)
+        parts.append(materials.dressed(part, name, statements) if statements else part)
+    materials.warn_of_unused()
     if not parts and text.counts["v"]:
         rows = [line.split()[1:7] for run in text.lines for line in run.split("\n") if line.startswith("v ")]
         with as_specified(path, "OBJ"):
@@ -80,7 +77,7 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
 
 
 def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, Statements]:
-    """Return the statements of each material of the files that an OBJ file names, or of the one of its own name."""
+    """Return the statements of each material that an OBJ file uses, from the files that it names or the one like it."""
     own_name = f"{path.stem}.mtl"  # people rename a mesh file and forget the name in it
     names: list[str] = []
     for line in dict.fromkeys(text.libraries):
@@ -90,10 +87,10 @@ def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, St
     if used and not names:
         guess = in_any_case(path.parent, [own_name])
         names = [] if guess is None else [guess.name]
-        first = f"{used[0]!r} and {len(used) - 1} more" if len(used) > 1 else repr(used[0])
         instead = "they are left out" if guess is None else f"{str(guess)!r} is taken"
-        warn(f"{path}: it names no file (mtllib) that describes its materials, {first}; {instead}")
+        warn(f"{path}: it names no file (mtllib) that describes its materials, {_and_more(used)}; {instead}")
     found: dict[str, Statements] = {}
+    files = 0
     for name in names:
         try:
             is_alone = len(names) == 1 and name.lower().rstrip('" ').endswith(".mtl")
@@ -103,9 +100,23 @@ def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, St
         except InputError as error:
             warn(f"{error}; it is left out")
             continue
+        files += 1
         sidecars.folders.append(file.parent)  # images of materials lie beside the mesh or beside their own file
-        found |= statements_of(content)
-    return found
+        described = statements_of(content)
+        warn_of_unused(file, (f"{key} before the first material" for key in described.pop("")), {})
+        found |= described
+    in_lower_case = {name.lower(): name for name in reversed(found)}
+    others = {name: in_lower_case[name.lower()] for name in used if name not in found and name.lower() in in_lower_case}
+    for name, other in others.items():
+        warn(f"{path}: material {name!r} is not described; {other!r} is taken")
+    missing = [name for name in used if name not in found and name not in others]
+    if files and missing:
+        warn(f"{path}: no material file describes {_and_more(missing)}; the default material is taken")
+    return {name: found[others.get(name, name)] for name in used if name not in missing}
+
+
+def _and_more(names: list[str]) -> str:
+    return f"{names[0]!r} and {len(names) - 1} more" if len(names) > 1 else repr(names[0])
 
 
 class _PlainText:
@@ -122,6 +133,8 @@ class _PlainText:
         materials: the numbers of materials by name; 0 is "", of faces without one.
         libraries: statements for material files, each one or several names.
         counts: vertices, texture coordinates and normals.
+        smoothing_groups: the numbers of smoothing groups (s) by name; 0 is none. Empty if the file has none.
+        smoothing: for the name of each group of lines, how many faces come next and their smoothing group.
     """
 
     def __init__(self, path: Path, text: str) -> None:
@@ -130,6 +143,9 @@ class _PlainText:
         self.materials = {"": 0}
         self.libraries: list[str] = []
         self.counts = {"v": 0, "vt": 0, "vn": 0}
+        self.smoothing_groups: dict[str, int] = {}
+        self.smoothing: dict[str, list[tuple[int, int]]] = {}
+        self._smoothing = 0
         self._material = 0
         self._group: tuple[int, int, int, bool] | None = None
         text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\\\n", " ").replace("\t", " ")
@@ -161,8 +177,11 @@ class _PlainText:
                 if len(corners) < 3:
                     return 1
                 self._add_face(number, corners)
-            case ["usemtl", name, *more]:
-                self._material = self.materials.setdefault(" ".join([name, *more]), len(self.materials))
+            case ["s", name, *_]:
+                number_of = 0 if name in ("off", "0", "null") else len(self.smoothing_groups) + 1
+                self._smoothing = self.smoothing_groups.setdefault(name, number_of)
+            case ["usemtl", *name]:
+                self._material = self.materials.setdefault(plain_name(name), len(self.materials))
             case ["mtllib", name, *more]:
                 self.libraries.append(" ".join([name, *more]))
         return 0
@@ -179,9 +198,11 @@ class _PlainText:
 
     def _add_faces(self, lines: str, corners: int, slashes: int, skips_uvs: bool) -> None:
         group = self._material, corners, slashes, skips_uvs
+        name = "{} {} {} {}".format(*group)
         if group != self._group:
-            self.lines.append("g {} {} {} {}".format(*group))
+            self.lines.append(f"g {name}")
             self._group = group
+        self.smoothing.setdefault(name, []).append((lines.count("\n") + 1, self._smoothing))
         self.lines.append(lines)
 
     def _absolute(self, number: int, corner: str) -> str:

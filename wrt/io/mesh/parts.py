@@ -49,6 +49,8 @@ class Part:
         material: the material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
         radius: of points; readers leave it at 0.
         two_sided: whether emission is two-sided.
+        smoothing: what the file says of a surface without normals (docs/foreign-files.md): 0 for flat triangles, or
+            (M,) smoothing groups of faces as in OBJ, 0 for none; None if it does not say.
         vertex_format: names a vertex by its number in messages; loaders of some formats renumber vertices.
         places: (4, 4) transforms of its instances, if there are several; otherwise it is in world space.
     """
@@ -66,6 +68,7 @@ class Part:
     places: list[NDArray[np.float64]] = field(default_factory=list)
     two_sided: bool = False
     radius: float = 0.0
+    smoothing: IntArray | int | None = None
     vertex_format: str = "vertex {} (counted from 0)"
 
 

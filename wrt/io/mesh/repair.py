@@ -15,20 +15,21 @@ from wrt.io.mesh.points import is_cloud, spheres_of, with_radii
 from wrt.linalg import norm, product
 from wrt.scene.materials import Diffuse, Material
 from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, VERTEX_ATTRIBUTES, Mesh, box_around, far_away, merge
-from wrt.scene.normals import CHUNK, with_normals
+from wrt.scene.normals import CHUNK, CREASE_DEGREES, with_normals
 from wrt.scene.scene import Shape
 from wrt.scene.textures import ColorSource, VertexColor
 
 
 def to_shapes(
-    path: str, parts: list[Part], crease_degrees: float | None, point_radius: float | None = None
+    path: str, parts: list[Part], smooth_degrees: float | None = None, point_radius: float | None = None
 ) -> list[Shape]:
     """Check and repair parts, give them normals, and return a shape for each that has triangles.
 
     Args:
         path: the file, for messages.
         parts: the output of the reader.
-        crease_degrees: see `wrt.scene.normals.with_normals`; None leaves meshes without normals flat.
+        smooth_degrees: the largest fold that is smooth in parts without normals (see `wrt.scene.normals.with_normals`);
+            0 leaves meshes as they are, None is what the file says.
         point_radius: the radius of points; by default it follows from their distances.
 
     Raises:
@@ -46,8 +47,10 @@ def to_shapes(
     _check_size(path, repaired)
     repaired = _visible(path, repaired)
     meshes = [_mesh(path, part) for part in repaired]
-    if crease_degrees is not None:
-        meshes = _smooth(meshes, crease_degrees, {i for i, part in enumerate(repaired) if part.places})
+    if smooth_degrees is None:
+        meshes = _smooth(meshes, repaired, CREASE_DEGREES)
+    elif smooth_degrees > 0.0:
+        meshes = _smooth(meshes, [replace(part, smoothing=None) for part in repaired], smooth_degrees)
     shapes = []
     for part, mesh in zip(repaired, meshes, strict=True):
         shape = _shape(part, mesh)
@@ -140,6 +143,7 @@ def _repaired(path: str, part: Part) -> Part:
         normals=rows("normals", used),
         colors=None if colors is None else np.clip(colors, 0.0, 1.0),
         face_colors=rows("face_colors", solid, "face colours"),
+        smoothing=rows("smoothing", solid) if isinstance(part.smoothing, np.ndarray) else part.smoothing,
         uvs=rows("uvs", used, "texture coordinates"),
         tangents=rows("tangents", used, "tangents") if _reads_tangents(part.material) else None,
     )
@@ -213,16 +217,23 @@ def _mesh(path: str, part: Part) -> Mesh:
     return Mesh.taking(part.vertices, part.faces, normals, part.uvs, part.colors, name, part.tangents)
 
 
-def _smooth(meshes: list[Mesh], crease_degrees: float, separate: set[int]) -> list[Mesh]:
-    """Give every mesh normals; those without are smoothed together, so that no seams show between materials.
+def _smooth(meshes: list[Mesh], parts: list[Part], angle: float) -> list[Mesh]:
+    """Give meshes normals, unless they are flat.
 
-    Meshes whose numbers are in `separate` are in other spaces, and smoothed by themselves.
+    Those without are smoothed together, so that no seams show between materials, except for instances, which are in
+    other spaces.
     """
-    together = [i for i, mesh in enumerate(meshes) if mesh.normals is None and i not in separate]
+    bare = [i for i, mesh in enumerate(meshes) if mesh.normals is None]
+    flat = {i for i in bare if parts[i].smoothing is not None and not np.any(parts[i].smoothing)}
+    together = [i for i in bare if i not in flat and not parts[i].places]
+    kept = flat if len(together) < 2 else flat.union(together)
+    groups: list[Any] = [part.smoothing for part in parts]
+    result = [mesh if i in kept else with_normals(mesh, angle, groups[i]) for i, mesh in enumerate(meshes)]
     if len(together) < 2:
-        return [with_normals(mesh, crease_degrees) for mesh in meshes]
-    result = [mesh if i in together else with_normals(mesh, crease_degrees) for i, mesh in enumerate(meshes)]
-    merged = with_normals(merge([meshes[i] for i in together], "mesh"), crease_degrees)
+        return result
+    has_groups = all(groups[i] is not None for i in together)  # an OBJ file has some in all parts, or in none
+    merged_groups = np.concatenate([groups[i] for i in together]) if has_groups else None
+    merged = with_normals(merge([meshes[i] for i in together], "mesh"), angle, merged_groups)
     assert merged.normals is not None
     stop = 0
     for i in together:

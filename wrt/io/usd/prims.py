@@ -40,7 +40,7 @@ _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "RectLight": (*_OF_LIGHTS, "inputs:width", "inputs:height"),
     "DiskLight": (*_OF_LIGHTS, "inputs:radius"),
     "DistantLight": (*_OF_LIGHTS, "inputs:angle"),
-    "DomeLight": (*_OF_LIGHTS, "inputs:texture:file"),
+    "DomeLight": (*_OF_LIGHTS, "inputs:texture:file", "inputs:texture:format"),
 }
 """The attributes of each type that are read."""
 
@@ -216,6 +216,10 @@ class Description:
 
     def _values(self, prim: _Prim, kind: str) -> dict[str, Any]:
         attributes = {name: prim.attribute(name) for name in _ATTRIBUTES[kind]}
+        for name, attribute in attributes.items():
+            if name.startswith("inputs:") and not attribute.HasAuthoredValue():
+                before = prim.attribute(name.removeprefix("inputs:"))  # its name before USD 21.02
+                attributes[name] = before if before and before.HasAuthoredValue() else attribute
         return {name: self._value(attribute) for name, attribute in attributes.items() if attribute}
 
     def _shape(self, prim: _Prim, kind: str) -> str:
@@ -228,7 +232,7 @@ class Description:
                 "path": str(prim.prim.GetPath()),
                 "values": self._values(prim, kind),
                 "material": self._material(prim.prim),
-                "colors": self._primvar(primvars.FindPrimvarWithInheritance("displayColor")),
+                "colors": [[name, self._primvar(primvar)] for name, primvar in _colors(primvars).items()],
                 "opacities": self._primvar(primvars.FindPrimvarWithInheritance("displayOpacity")),
             }
             self.content["shapes"][key] = shape | (self._of_mesh(prim, primvars) if kind == "Mesh" else {})
@@ -245,6 +249,7 @@ class Description:
             self._account(part)
         return {
             "subdivided": scheme.HasAuthoredValue() and str(scheme.Get(self._time)) != "none",
+            "faceted": scheme.HasAuthoredValue() and str(scheme.Get(self._time)) == "none",
             # The first that is valid counts.
             "normals": [self._primvar(primvars.GetPrimvar("normals")), [normals, interpolation]],
             "uvs": [[name, self._primvar(primvar)] for name, primvar in _coordinates(primvars).items()],
@@ -303,7 +308,9 @@ class Description:
         if path not in self.content["materials"]:
             shader, _, _ = bound.ComputeSurfaceSource()
             self.content["materials"][path] = self._node(shader.GetPrim()) if shader else None
-            self._account(_Prim(bound.GetPrim(), "outputs:surface"))
+            displaced, _, _ = bound.ComputeDisplacementSource()  # mostly the same, where the input is accounted for
+            is_same = bool(displaced and shader and displaced.GetPath() == shader.GetPath())
+            self._account(_Prim(bound.GetPrim(), "outputs:surface", *["outputs:displacement"] * is_same))
         return path
 
     def _node(self, prim: Any) -> str:
@@ -347,6 +354,16 @@ def _coordinates(primvars: Any) -> dict[str, Any]:
         if rank < 2 or str(kind.scalarType) in ("float2", "double2", "half2"):
             found[name] = rank, each
     return {name: each for name, (_, each) in sorted(found.items(), key=lambda item: item[1][0])}
+
+
+def _colors(primvars: Any) -> dict[str, Any]:
+    """Return primvars that may be colours by their names."""
+    found = primvars.FindPrimvarsWithInheritance()
+    kinds = ("Color", "")
+    three = [
+        each for each in found if str(each.GetTypeName().scalarType) in ("color3f", "color3d", "color3h", "float3")
+    ]
+    return {str(each.GetPrimvarName()): each for each in three if each.GetTypeName().role in kinds}
 
 
 def beside(layer: Any, name: str) -> str:

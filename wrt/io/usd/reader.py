@@ -49,6 +49,7 @@ WITHOUT_EFFECT = {
     "*.primvars:*": "materials read them by name; what a material reads is accounted for there",
     "*.model:*": "how viewers draw an asset that is not loaded",
     "*.ui:*": "how programs show a node",
+    "*.houdini:*": "how a program shows a prim",
     "*.physics:*": "how bodies move",
     "*.skel:joint*": "a part of skins, which are named",
     "*.collection:*Link": "the collection itself; its members are named",
@@ -136,6 +137,9 @@ class _Reader:
             warn(f"{self._path}: {text}")
         unused = [kind for kind, count in self._content["unused"].items() for _ in range(count)]
         warn_of_unused(self._path, [*unused, *self._materials.unused()], WITHOUT_EFFECT)
+        cages = sum(1 for key in self._parts if self._content["shapes"][key].get("subdivided"))
+        if cages:
+            warn(f"{self._path}: subdivision surfaces are rendered as their cages, smoothed ({cages})")
         parts = [placed(part, self._places[key]) for key, made in self._parts.items() for part in made]
         return Contents(parts, self._lights, self._cameras), self._dome
 
