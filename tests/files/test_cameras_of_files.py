@@ -24,7 +24,7 @@ def two_cameras(folder: Path) -> Path:
     tree["nodes"] += [
         {"name": "front", "camera": 0, "translation": [0.5, 0.5, 2]},
         {"name": "front", "camera": 0, "translation": [0.5, 0.5, 1]},
-        {"camera": 1, "translation": [9, 0, 9]},
+        {"camera": 1, "translation": [9, 0, 9], "rotation": [0, 0.6, 0, 0.8]},
     ]
     tree["cameras"] = LENSES
     sampler = {"input": add(tree, [0, 1]), "output": add(tree, [[9, 0, 9], [0.5, 0.5, 4]])}
