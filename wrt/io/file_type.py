@@ -6,7 +6,7 @@ The signatures are those of the formats' specifications, as in the command `file
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -25,6 +25,30 @@ MESH_SUFFIXES = (
     *(*STEP_SUFFIXES, ARRAYS_SUFFIX, *USD_SUFFIXES),
 )
 """Suffixes of mesh files, in lower or upper case."""
+
+_TO_GLTF, _TO_PLY = "export it as glTF (.glb)", "reconstruct a surface of them, and save that as PLY"
+_NOT_RENDERED = {
+    ".fbx": f"an FBX file; {_TO_GLTF}",
+    ".blend": f"a Blender file; in Blender, {_TO_GLTF}",
+    ".max": f"a 3ds Max file; {_TO_GLTF} or USD",
+    ".3ds": f"a 3D Studio file; {_TO_GLTF}, in Blender for example",
+    ".skp": f"a SketchUp file; {_TO_GLTF} or COLLADA (.dae)",
+    ".abc": f"an Alembic file; {_TO_GLTF} or USD",
+    **dict.fromkeys((".ma", ".mb"), f"a Maya file; {_TO_GLTF} or USD"),
+    ".c4d": f"a Cinema 4D file; {_TO_GLTF} or USD",
+    ".pbrt": "a scene of pbrt; convert it to glTF or to a scene of Mitsuba",
+    **dict.fromkeys((".wrl", ".x3d"), f"a VRML or X3D file; {_TO_GLTF}"),
+    **dict.fromkeys((".igs", ".iges", ".sldprt", ".dwg", ".dxf"), "a CAD file; export it as STEP"),
+    **dict.fromkeys((".las", ".laz", ".e57", ".xyz", ".pcd"), f"a file of points; {_TO_PLY}"),
+    ".vdb": "an OpenVDB file; convert it to NanoVDB (.nvdb), which a scene file can name as a density",
+    **dict.fromkeys((".nvdb", ".vol"), "a volume, which a scene file can name as a density"),
+    ".bsdf": "a measured reflectance, which a scene file can name as a material",
+    ".mtl": "the materials of an OBJ file; name that file",
+    ".bin": "data of a glTF file; name the .gltf file",
+    ".wrt": "a part of a picture; wrt merge makes the picture",
+    ".ckpt": "a checkpoint; give it to --checkpoint with --resume, and name its scene",
+}
+"""What files of other types are and what to do, by suffix."""
 
 HEAD = 4096  # bytes that are examined
 
@@ -99,18 +123,27 @@ def hint(path: Path) -> str | None:
     return "it is an image, which a scene file can name as a texture or an environment" if " image" in what else None
 
 
-def renderable(folder: Path) -> list[str]:
-    """Return the files below a folder that can be rendered: its scenes, or if there are none its meshes."""
-    scenes, meshes = [], []
-    for file in sorted(each for each in folder.rglob("*") if each.is_file()):
+def advice_on(path: Path) -> str | None:
+    """Return what a file that is not rendered is and what to do; None if that is unknown."""
+    known = _NOT_RENDERED.get(path.suffix.lower())
+    return f"it is {known}" if known else hint(path)
+
+
+def renderable(folder: Path, files: Iterable[Path]) -> tuple[list[str], list[str]]:
+    """Return the names of those files in a folder that can be rendered: the scenes and the meshes."""
+    scenes: list[str] = []
+    meshes: list[str] = []
+    for file in sorted(each for each in files if each.is_file()):
         name, suffix = str(file.relative_to(folder)), file.suffix.lower()
         if name.startswith("__MACOSX/") or file.name.startswith("."):  # what macOS adds to archives
             continue
         if suffix in MESH_SUFFIXES:
             meshes.append(name)
-        elif suffix in (".xml", ".toml") and (found := looks_like(read_file(file, HEAD))) and "scene file" in found[0]:
-            scenes.append(name)
-    return scenes or meshes
+        elif suffix in (".xml", ".toml"):
+            with suppress(InputError):
+                if (found := looks_like(read_file(file, HEAD))) and "scene file" in found[0]:
+                    scenes.append(name)
+    return scenes, meshes
 
 
 @contextmanager

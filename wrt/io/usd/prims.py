@@ -31,7 +31,10 @@ _OF_LIGHTS = tuple(
 _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "Mesh": ("points", "faceVertexCounts", "faceVertexIndices", "orientation", "holeIndices"),
     "PointInstancer": ("protoIndices",),
-    "Camera": ("verticalAperture", "projection", "focalLength", "fStop", "focusDistance"),
+    "Camera": (
+        *("verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"),
+        *("projection", "focalLength", "fStop", "focusDistance"),
+    ),
     "Cube": ("size",),
     "Sphere": ("radius",),
     "Plane": ("width", "length", "axis"),
@@ -266,14 +269,12 @@ class Description:
         """Return the places of a point instancer, the prototype of each, and which of them are shown."""
         instancer = UsdGeom.PointInstancer(prim.prim)
         prim.use(*_OF_INSTANCES)
-        color = UsdGeom.PrimvarsAPI(prim.prim).GetPrimvar("displayColor")
-        if color and color.HasValue() and str(color.GetInterpolation()) != "constant":
-            self._unused["a color for each instance of a PointInstancer"] += 1
         exclude, all_of_them = UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
         places = instancer.ComputeInstanceTransformsAtTime(self._time, self._time, exclude, all_of_them)
         return {
             "values": self._values(prim, "PointInstancer"),
             "instances": self._plain(places),
+            "colors": self._primvar(UsdGeom.PrimvarsAPI(prim.prim).GetPrimvar("displayColor")),
             "shown": [bool(each) for each in instancer.ComputeMaskAtTime(self._time)],
             "prototypes": [self._prototype(prim.prim, root) for root in instancer.GetPrototypesRel().GetTargets()],
         }
