@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 
 from wrt.develop.settings import names_file
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
-from wrt.io.safe_read import PathLike, confined_to
+from wrt.io.archives import first_of, unpacked
+from wrt.io.file_type import renderable
+from wrt.io.safe_read import PathLike, confined_to, confinement_folder
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import RenderSettings, Scene, Shape
 from wrt.studio.stage import FOR_ANIMATIONS, Stage
 from wrt.studio.views import ViewLike
+from wrt.values import number
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
@@ -30,8 +33,8 @@ if TYPE_CHECKING:
 MOST_NAMES = 10_000
 """Maximum number of file names in a folder to search for one similar to a missing file's."""
 
-_Y_UP = ("glb", "gltf", "npz", "usd", "usda", "usdc", "usdz")
-"""File types whose y axis points up."""
+_UP = {**dict.fromkeys(("glb", "gltf", "npz", "usd", "usda", "usdc", "usdz"), "y"), "3mf": "z"}
+"""The axis that points up in files of a type, by its specification."""
 
 
 def load(
@@ -41,6 +44,7 @@ def load(
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     camera: int | str | None = None,
+    smooth_degrees: float | None = None,
     strict: bool = False,
     confined: bool = False,
     view: ViewLike | None = None,
@@ -50,24 +54,30 @@ def load(
     transparent: bool = False,
     aspect: float | None = None,
     time: float | None = None,
+    point_radius: float | None = None,
+    file_type: str | None = None,
 ) -> Scene:
     """Load a scene.
 
     Args:
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
-            PLY, STL, OFF, GLB, glTF), a trimesh object, a Mesh, or a Scene (returned unchanged).
+            PLY, STL, OFF, GLB, glTF); an archive (.zip, .gz, .bz2) with one of these, or `archive.zip/scene.xml`; bytes
+            or an open file; a trimesh object, a Mesh, or a Scene (returned unchanged).
             Meshes are put into a studio (see `wrt.studio.presentation`) unless their file has lights; a camera in the
             file is kept if it shows the mesh well. A trimesh object is read like its file, as far as trimesh keeps the
             file's content: materials, colours, up axis, camera and lights.
         triangles: number of triangles of a scene's procedural meshes.
-        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF, by its
-            specification, and for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files it is the
-            one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for STL and OFF,
-            as most programs write them, and y for the others. A trimesh object follows the type of the file it was
-            loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ file.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF and z for 3MF, by
+            their specifications, and y for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files
+            it is the one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for
+            STL and OFF, as most programs write them, and y for the others. A trimesh object follows the type of the
+            file it was loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ
+            file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
         camera: the name of one of the source's cameras, or its number, counted from 0; by default the first, with a
             warning if there are several. `Scene.cameras` has them by name.
+        smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
+            The default is what the format says, or else 60 (docs/foreign-files.md).
         strict: whether unsupported content raises an error instead of a warning.
         confined: whether to refuse references to files outside the source's folder, as is wise for uploads (see
             docs/security.md).
@@ -86,17 +96,24 @@ def load(
         time: the time, seconds, at which the first animation of a glTF file is, or after the first time code of a USD
             file; by default the file is at rest, or at that first time. Studio
             and camera are the same for all times.
+        point_radius: the radius of points of a mesh file or object, which are drawn as spheres, in its units; by
+            default it follows from their distances.
+        file_type: type of bytes, or of an open file without a name, such as "glb".
 
     Raises:
         InputError: if the source cannot be used; the message names it and the cause.
     """
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
-    reading = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
+    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
     stage = Stage(view, frame, material, environment, transparent, aspect, time)
-    with _confined(source if confined else None), _strictly() if strict else contextlib.nullcontext():
-        scene = _load(source, reading, stage)
+    with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
+        folder = confinement_folder() if file is not source else _folder_of(source)
+        with confined_to(folder) if confined else contextlib.nullcontext():
+            scene = _load(file, reading, stage)
     if confined and scene is not source and names_file(scene.settings.tone):
         # Such a configuration names further files, which OpenColorIO opens when a picture is developed.
         raise InputError(f"{source}: tone {scene.settings.tone!r} names a file, which is not read in confinement")
@@ -142,10 +159,9 @@ def _strictly() -> Iterator[None]:
             raise InputError(str(warning)) from None
 
 
-def _confined(source: Any) -> contextlib.AbstractContextManager[None]:
-    """Return a context that confines reading to the folder of `source` if it is a path."""
-    is_path = isinstance(source, (str, os.PathLike)) and not is_builtin(source)
-    return confined_to(Path(source).parent if is_path else None)
+def _folder_of(source: Any) -> Path | None:
+    """Return the folder of `source` if it is a path."""
+    return Path(source).parent if isinstance(source, (str, os.PathLike)) and not is_builtin(source) else None
 
 
 def is_builtin(source: Any) -> bool:
@@ -162,7 +178,9 @@ _ONLY_FOR = {
     "triangles": "a number of triangles is for scenes with a procedural mesh",
     "up": "an up axis is for meshes, not for scenes",
     "parameters": "parameters are only for Mitsuba scenes (.xml)",
+    "point_radius": "a radius of points is for mesh files and trimesh objects",
     "camera": "a camera is chosen in files that may have several; this has one at most",
+    "smooth_degrees": "an angle up to which edges are smooth is for mesh files, not for scenes",
 }
 
 
@@ -183,7 +201,8 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
         _require_only(kind, reading)
         source.check()
         return stage.shown(source)
-    _require_only(kind, reading, "up")
+    of_files = () if isinstance(source, Mesh) else ("smooth_degrees", "point_radius")
+    _require_only(kind, reading, "up", *of_files)
     if isinstance(source, Mesh):
         from wrt.io.mesh.repair import bare_shape
 
@@ -191,7 +210,8 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
         return stage.present(source, Scene(shapes), reading["up"] or "y")
     from wrt.io.load_mesh import load_object
 
-    scene = load_object(source, standalone=True)
+    surface: dict[str, Any] = {name: reading[name] for name in of_files}
+    scene = load_object(source, standalone=True, **surface)
     from wrt.io.trimesh_objects import file_type
 
     return _present(source, scene, reading["up"], file_type(source), stage)
@@ -208,6 +228,15 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         path = meshes.scene_path(str(source))
     elif not os.path.lexists(path):  # the reader has a better message for a broken link
         raise InputError(_missing_file(source))
+    elif path.is_dir():
+        found: list[str] = []
+        with contextlib.suppress(OSError):
+            scenes, bare = renderable(path, itertools.islice(path.iterdir(), MOST_NAMES))
+            found = [*scenes, *bare]
+        advice = (
+            f"name a file in it, such as {path / found[0]}: {first_of(found)}" if found else "nothing in it is rendered"
+        )
+        raise InputError(f"{source}: is a directory; {advice}")
     suffix = path.suffix.lower()
     if suffix == ".xml":
         _require_only(source, reading, "parameters", "camera")
@@ -224,7 +253,8 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         loaded = load_scene(path, triangles=reading["triangles"])
         with naming_file(path):
             return stage.shown(loaded)
-    _require_only(source, reading, "up", "camera")
+    surface = {name: reading[name] for name in ("smooth_degrees", "point_radius")}
+    _require_only(source, reading, "up", "camera", *surface)
     from wrt.io.cameras import note_several, with_camera
     from wrt.io.load_mesh import load_file
 
@@ -233,7 +263,8 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         from wrt.animation.timeline import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
-    scene, up = load_file(path, time=stage.time, standalone=stage.time is None), reading["up"]
+    up = reading["up"]
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, **surface)
     scene = with_camera(path, scene, camera)
     if camera is None and stage.view is None:
         note_several(path, list(scene.cameras))
@@ -253,7 +284,7 @@ def _missing_file(source: PathLike) -> str:
     if str(source) == "-":
         return f"{source}: no such file; standard input is not read"
     if "://" in str(source):
-        return f"{source}: no such file; download it first"
+        return f"{source}: no such file; download it first, and name the file"
     names: list[str] = []
     with contextlib.suppress(OSError, ValueError), os.scandir(path.parent) as entries:
         names = [entry.name for entry in itertools.islice(entries, MOST_NAMES)]
@@ -276,10 +307,10 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         stage: how to show it.
     """
     name = name_of(source)
-    if up is None and (kind == "npz" or kind not in _Y_UP) and not (scene.lights or scene.camera):
+    if up is None and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
-        up = "y" if kind in _Y_UP else guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
+        up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
     if up not in (None, "y") and (scene.lights or scene.camera):
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))

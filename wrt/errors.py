@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 _PART = 4
 """A name that contains a word of at least this many characters is similar to it."""
@@ -17,8 +19,23 @@ OF_TRIMESH = "trimesh"
 """Name in messages of sources without a path, which are objects of that library."""
 
 
+_SHOWN: ContextVar[tuple[tuple[str, str], ...]] = ContextVar("shown", default=())
+
+
+@contextmanager
+def shown_as(path: object, name: object) -> Iterator[None]:
+    """Within the context, have messages call a path, such as a temporary folder, by another name."""
+    token = _SHOWN.set((*_SHOWN.get(), (str(path), str(name))))
+    try:
+        yield
+    finally:
+        _SHOWN.reset(token)
+
+
 def one_line(text: str) -> str:
     """Return text as one line, shortened, with control characters escaped: it may quote untrusted input."""
+    for path, name in _SHOWN.get():
+        text = text.replace(path, name)
     words = text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
     half = LONGEST_MESSAGE // 2
     return words if len(words) <= LONGEST_MESSAGE else f"{words[: half - 5]} ... {words[-half:]}"

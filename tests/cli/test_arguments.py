@@ -71,7 +71,7 @@ MEANT |= {"rooms/kitchn.toml": "kitchen.toml", "cornell-box.png": "cornell-box",
 ABSENT = {name: f"{name}: no such file (did you mean {meant!r}?)" for name, meant in MEANT.items()} | {
     "xyzzy.obj": "xyzzy.obj: no such file",
     "none/bunny.obj": "none/bunny.obj: no such file",
-    "https://example.org/lamp.glb": "https://example.org/lamp.glb: no such file; download it first",
+    "https://example.org/lamp.glb": "https://example.org/lamp.glb: no such file; download it first, and name the file",
     "-": "-: no such file; standard input is not read",
     "link.obj": "link.obj: is a link to 'gone.obj', which is not there",
 }

@@ -24,10 +24,10 @@ def two_cameras(folder: Path) -> Path:
     tree["nodes"] += [
         {"name": "front", "camera": 0, "translation": [0.5, 0.5, 2]},
         {"name": "front", "camera": 0, "translation": [0.5, 0.5, 1]},
-        {"camera": 1, "translation": [0, 0, 9]},
+        {"camera": 1, "translation": [9, 0, 9], "rotation": [0, 0.6, 0, 0.8]},
     ]
     tree["cameras"] = LENSES
-    sampler = {"input": add(tree, [0, 1]), "output": add(tree, [[0, 0, 9], [0.5, 0.5, 4]])}
+    sampler = {"input": add(tree, [0, 1]), "output": add(tree, [[9, 0, 9], [0.5, 0.5, 4]])}
     tree["animations"] = [
         {"samplers": [sampler], "channels": [{"sampler": 0, "target": {"node": 3, "path": "translation"}}]}
     ]
@@ -38,12 +38,16 @@ def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path, capsys: pytest.Cap
     path = two_cameras(tmp_path)
     with pytest.warns(UserWarning, match="of its cameras, 0 'front', 1 'front_1', 2 'camera', the first is taken"):
         scene = wrt.load(path, strict=True)  # a warning, but not an error: nothing is wrong with the file
-    assert [camera.origin for camera in scene.cameras.values()] == [(0.5, 0.5, 2.0), (0.5, 0.5, 1.0), (0.0, 0.0, 9.0)]
+    assert [camera.origin for camera in scene.cameras.values()] == [(0.5, 0.5, 2.0), (0.5, 0.5, 1.0), (9.0, 0.0, 9.0)]
     assert scene.camera is scene.cameras["front"]
     for choice, name in ((1, "front_1"), ("1", "front_1"), ("front_1", "front_1"), ("camera", "camera"), (0, "front")):
         assert wrt.load(path, camera=choice).camera == scene.cameras[name]
     far = wrt.load(path, camera=2)  # it shows the mesh small, and is kept because it was chosen
     assert isinstance(far.camera, wrt.OrthographicCamera)
+    far.environment = None
+    wrt.save_scene(tmp_path / "out.glb", far)  # the one that is taken is the first, as readers take that
+    with pytest.warns(UserWarning, match="of its cameras, 0 'camera', 1 'front', 2 'front_1', the first"):
+        wrt.load(tmp_path / "out.glb", frame=False)
     for choice in ("fronts", 3, -1):
         with pytest.raises(
             wrt.InputError, match=r"a\.gltf: there is no camera .*; it has 0 'front', 1 'front_1', 2 'c"
@@ -62,7 +66,10 @@ def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path, capsys: pytest.Cap
 def test_a_chosen_camera_moves_with_its_animation(tmp_path: Path) -> None:
     path = two_cameras(tmp_path)
     assert wrt.load(path, camera="camera", time=1.0).camera.origin == (0.5, 0.5, 4.0)
-    assert wrt.load(path, camera="camera", time=0.5).camera.origin == (0.25, 0.25, 6.5)
+    assert wrt.load(path, camera="camera", time=0.5).camera.origin == (4.75, 0.25, 6.5)
+    # The studio's lamp stands on the side of that camera, as it does at rest.
+    lamps = [wrt.load(path, camera="camera", time=time).shapes[-1].mesh.vertices for time in (None, 0.0, 1.0)]
+    np.testing.assert_allclose(lamps[1:], [lamps[0]] * 2, atol=0.1)
 
 
 def test_cameras_of_usd_have_the_names_of_their_prims(tmp_path: Path) -> None:

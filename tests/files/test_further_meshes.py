@@ -22,7 +22,7 @@ from wrt.scene.srgb import linear_from_srgb
 SCENES = ROOT / "tests/scenes/meshes"
 
 
-HEAD = '<?xml version="1.0"?><model unit="millimeter" xmlns:m="m"><resources>'
+HEAD = '<?xml version="1.0"?><model unit="meter" xmlns:m="m"><resources>'
 SQUARE = "".join(f'<vertex x="{x}" y="{y}" z="0"/>' for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
 COLORS = (
     '<m:colorgroup id="2"><m:color color="#FF0000"/><m:color color="#00FF0080"/></m:colorgroup>'
@@ -53,6 +53,87 @@ def model_of(first: str, second: str = "", resources: str = "", attributes: str 
     triangles = f'<triangle v1="0" v2="1" v3="2" {first}/><triangle v1="0" v2="2" v3="3" {second}/>'
     mesh = f"<mesh><vertices>{SQUARE}</vertices><triangles>{triangles}</triangles></mesh>"
     return item(f'{resources}<object id="1" {attributes}>{mesh}</object>')
+
+
+THREEMF = """model: unit lang requiredextensions recommendedextensions
+resources: | build: UUID | metadata: name preserve type | metadatagroup: | mesh: | vertices: | triangles: | components:
+vertex: x y z | triangle: v1 v2 v3 p1 p2 p3 pid
+trianglesets: | triangleset: name identifier | ref: index | refrange: startindex endindex
+object: id type thumbnail partnumber name pid pindex UUID slicestackid meshresolution
+component: objectid transform path UUID | item: objectid transform partnumber path UUID
+basematerials: id displaypropertiesid | base: name displaycolor | colorgroup: id displaypropertiesid | color: color
+texture2d: id path contenttype tilestyleu tilestylev filter | tex2coord: u v
+texture2dgroup: id texid displaypropertiesid
+compositematerials: id matid matindices displaypropertiesid | composite: values | multi: pindices
+multiproperties: id pids blendmethods displaypropertiesid
+pbspeculardisplayproperties: id | pbmetallicdisplayproperties: id | translucentdisplayproperties: id
+pbspeculartexturedisplayproperties: id name | pbmetallictexturedisplayproperties: id name
+beamlattice: minlength radius | slicestack: id zbottom | displacement2d: id path"""
+"""Elements and attributes of the core specification 1.3, materials 1.2, production, slices, beams and displacement."""
+
+THREEMF_UNUSED = {
+    *("pbspeculardisplayproperties", "pbmetallicdisplayproperties", "translucentdisplayproperties"),
+    *("pbspeculartexturedisplayproperties", "pbmetallictexturedisplayproperties", "beamlattice", "displacement2d"),
+    *(f"{kind}.displaypropertiesid" for kind in ("basematerials", "colorgroup", "texture2dgroup")),
+    *(f"{kind}.displaypropertiesid" for kind in ("compositematerials", "multiproperties")),
+    "multiproperties.blendmethods",
+}
+"""What of these is lost."""
+
+THREEMF_VALUES = {
+    "displaycolor": "#102030",
+    "color": "#102030",
+    "transform": "1 0 0 0 1 0 0 0 1 0 0 0",
+    "unit": "inch",
+    "tilestyleu": "mirror",
+    "tilestylev": "clamp",
+    "filter": "nearest",
+    "path": "/3D/3dmodel.model",
+    "pids": "2",
+    "matid": "3",
+    "v1": "0",
+    "v3": "2",
+}
+
+
+def unused_of(path: Path) -> set[str]:
+    """Return the kinds of content that reading a file warns of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_file(path)
+    messages = [re.search(r": ([^:]+) is unknown to wrt", str(each.message)) for each in caught]
+    return {match[1] for match in messages if match}
+
+
+def test_what_3mf_has_is_used_excused_or_warned_of(tmp_path):
+    kinds = dict(each.split(":") for line in THREEMF.splitlines() for each in line.split(" | "))
+    texts = {
+        kind: " ".join(f'{key}="{THREEMF_VALUES.get(key, "1")}"' for key in keys.split())
+        for kind, keys in kinds.items()
+    }
+    elements = "".join(f"<{kind} {text}/>" for kind, text in texts.items() if kind not in ("model", "triangle", "item"))
+    mesh = f"<mesh><vertices>{SQUARE}</vertices><triangles><triangle {texts['triangle']}/></triangles></mesh>"
+    model = HEAD.replace('unit="meter"', texts["model"])
+    build = f"<build><item {texts['item']}/></build>"
+    text = f'{model}{COLORS}{elements}<object id="1">{mesh}</object></resources>{build}</model>'
+    assert unused_of(archive(tmp_path, text)) == THREEMF_UNUSED
+
+
+def test_units_of_3mf_and_collada_become_metres_and_3mf_lies_on_its_plate(tmp_path):
+    inches = archive(tmp_path, model_of("").replace('unit="meter"', 'unit="inch"'))
+    np.testing.assert_allclose(wrt.load_mesh(inches).bounds, [[0, 0, 0], [0.0254, 0.0254, 0]], rtol=1e-6)
+    bounds = np.array(wrt.load(inches).shapes[0].mesh_at(0.0).bounds)
+    assert np.ptp(bounds, axis=0)[1] == pytest.approx(0.0, abs=1e-9)  # flat, though it could stand on an edge
+
+
+@pytest.mark.filterwarnings("ignore:.*none.png")
+def test_units_of_collada_become_metres_and_what_is_not_read_is_named(tmp_path):
+    pytest.importorskip("collada")
+    metres = load_file(write(tmp_path, "m.dae", GEOMETRY)).shapes[0].mesh.bounds
+    text = GEOMETRY.replace("<asset>", '<asset><unit name="cm" meter="0.01"/>')
+    np.testing.assert_allclose(
+        load_file(write(tmp_path, "a.dae", text)).shapes[0].mesh.bounds, metres * 0.01, rtol=1e-5
+    )
 
 
 @pytest.mark.parametrize(

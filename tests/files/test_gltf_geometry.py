@@ -82,6 +82,18 @@ def test_quantised_and_sparse_numbers_are_the_same_as_plain_ones(tmp_path):
         np.testing.assert_allclose(corners(tmp_path, tree), [[[0, 0, 0], [3, 0, 0], [3, 1, 0]]])
 
 
+@pytest.mark.parametrize(
+    ("name", "shape"), [("NORMAL", (3, 3)), ("TANGENT", (4, 3)), ("TEXCOORD_0", (5, 2)), ("COLOR_0", (4, 2))]
+)
+def test_attributes_of_a_wrong_shape_are_left_out(name, shape, tmp_path):
+    tree = square()
+    attributes(tree)["NORMAL"] = add(tree, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    attributes(tree)[name] = add(tree, np.ones(shape))
+    tree["materials"], tree["meshes"][0]["primitives"][0]["material"] = [{}], 0
+    with pytest.warns(InputWarning, match=f"{name} of a primitive is left out: it is {shape[0]} x {shape[1]} numbers"):
+        assert len(load_mesh(saved(tmp_path, tree)).faces) == 2
+
+
 def test_primitives_that_are_no_triangles_are_told(tmp_path):
     tree = square()
     primitive = tree["meshes"][0]["primitives"][0]
@@ -102,8 +114,12 @@ def test_instances_and_hidden_nodes(tmp_path):
         {"children": [2], "extensions": {"KHR_node_visibility": {"visible": False}}},
         {"mesh": 0},
     ]
+    tree["nodes"][2] |= light(0)
+    tree["extensions"] = {"KHR_lights_punctual": {"lights": LIGHTS}}
     tree["extensionsRequired"] = ["EXT_mesh_gpu_instancing", "KHR_node_visibility"]
-    shapes = load_file(saved(tmp_path, tree)).shapes
+    scene = load_file(saved(tmp_path, tree))
+    assert not scene.lights
+    shapes = scene.shapes
     assert len({id(shape.mesh) for shape in shapes}) == 1
     bounds = sorted(tuple(shape.mesh_at(0.0).bounds.ravel()) for shape in shapes)
     assert bounds == [(0, 7, 1, 2, 9, 1), (5, 0, 1, 6, 1, 1)]

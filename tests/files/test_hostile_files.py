@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.commands import ROOM, SMALL, without_progress
-from support.mesh_files import XYZ, box_files, check_refused, joined, ply
+from support.mesh_files import box_files, check_refused, joined
 from support.meshes import SQUARE, check_message, gltf_box, write
 
 import wrt
@@ -47,7 +47,7 @@ KINDS: dict[str, tuple[bytes, str]] = {
     "xml": (XML + b'<!-- a -->\n<scene version="3.0.0">', f"a scene file of Mitsuba{RENAME}xml"),
     "dae": (XML + b"<COLLADA><scene/></COLLADA>", f"a COLLADA file{RENAME}dae"),
     "toml": (b"# by hand\n[camera]\norigin = [0, 0, 1]\n", f"a scene file{RENAME}toml"),
-    "zip": (b"PK\x03\x04" + bytes(30), "a ZIP archive; unpack it"),
+    "zip": (b"PK\x03\x04" + bytes(30), f"a ZIP archive{RENAME}zip"),
     "lfs": (b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer to a file that has not been fetched"),
 }
 NAMES = ("a.obj", "a.ply", "a.STL", "a.gltf", "a.npz", "a.toml", "a.xml", "a")
@@ -66,6 +66,26 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
             wrt.load(path)
         assert str(caught.value).startswith(f"{path}: "), name
         assert f"it looks to be {words}" in str(caught.value), name
+
+
+def test_files_that_are_not_rendered_tell_what_to_do(tmp_path):
+    for name, message in (
+        ("a.blend", "it is a Blender file; in Blender, export it as glTF"),
+        ("a.FBX", "it is an FBX file; export it as glTF"),
+        ("a.vdb", "it is an OpenVDB file; convert it to NanoVDB"),
+        ("a.ply.txt", "it looks to be a PLY file; rename it to end in .ply"),
+        ("a.txt", "not a known mesh format; the name must end in .obj"),
+        ("a.png", "it is an image, which a scene file can name as a texture or an environment"),
+    ):
+        data = {"a.png": image("PNG"), "a.ply.txt": b"ply\nformat ascii 1.0\n"}.get(name, b"Some text.\n")
+        with pytest.raises(wrt.InputError) as caught:
+            wrt.load(write(tmp_path, name, data))
+        assert str(caught.value).startswith(f"{tmp_path / name}: {message}")
+    for number, found in enumerate(("nothing in it is rendered", "name a file in it, such as .*/a.obj: a.obj, b.glb$")):
+        with pytest.raises(wrt.InputError, match=f"{tmp_path}: is a directory; {found}"):
+            wrt.load(tmp_path)
+        for each in ("b.glb", "a.obj", ".c.obj", "d.xml") if not number else ():
+            write(tmp_path, each, b"<a/>")
 
 
 def test_right_content_needs_no_right_name_and_damage_is_told_as_such(tmp_path):
@@ -186,7 +206,7 @@ MANY = b"element vertex 4000000000000\nproperty float x\nproperty float y\nprope
 
 
 REFUSED: list[tuple[str, str | bytes, str]] = [
-    ("a.xyz", "1 2 3", "not a known mesh format"),
+    ("a.txt", "1 2 3", "not a known mesh format"),
     *((f"noise.{suffix}", bytes(range(256)) * 3, "noise") for suffix in (*SUFFIXES, "3mf")),
     # Cut short, or longer than any memory
     *((name, BOXES[name][:-40], "truncated") for name in BOXES if name.endswith((".stl", ".ply"))),
@@ -204,8 +224,6 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
     ("a.off", OFF + "3 0 1 3\n", "names vertex 3, but there are 3"),
     # No triangles
     ("a.obj", SQUARE + "f 1 1 2\n", "no triangles"),
-    ("a.obj", "v 0 0 0\nv 1 1 1\nl 1 2\n", "it has 2 points and no faces; only triangles are rendered"),
-    ("a.ply", ply("ascii", ("vertex", XYZ, POINTS)), "it has 3 points and no faces"),
     ("a.stl", bytes(range(128, 208)) + bytes(4), "no triangles in it"),  # its header is text in no encoding
     # Words and numbers
     ("a.obj", "v 0 0 0\nv 1 a 0\nv 1 1 0\nf 1 2 3\n", "something else where a number of 'v' should be"),
@@ -229,7 +247,7 @@ def test_broken_files_load_or_are_refused_in_one_line(assets):
     for path in sorted((assets / "broken").glob("*")):
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # numpy's among them
-            warnings.simplefilter("ignore", InputWarning)
+            warnings.simplefilter("ignore", UserWarning)
             try:
                 assert all(len(shape.mesh.faces) for shape in load_shapes(path))
             except wrt.InputError as error:

@@ -29,7 +29,7 @@ def three_mf(vertices: np.ndarray, faces: np.ndarray) -> bytes:
     mesh = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in vertices.tolist())
     mesh = f"<vertices>{mesh}</vertices><triangles>"
     mesh += "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces.tolist()) + "</triangles>"
-    model = f'<model><resources><object id="1"><mesh>{mesh}</mesh></object></resources>'
+    model = f'<model unit="meter"><resources><object id="1"><mesh>{mesh}</mesh></object></resources>'
     model += '<build><item objectid="1"/></build></model>'
     with zipfile.ZipFile(buffer, "w") as archive:
         archive.writestr("3D/3dmodel.model", '<?xml version="1.0"?>' + model)
@@ -69,7 +69,7 @@ def boxes_of_libraries() -> dict[str, str | bytes]:
 
 def test_every_format_gives_the_same_box(tmp_path):
     for path in written(tmp_path, box_files() | boxes_of_libraries()):
-        mesh, name = load_mesh(path), path.name
+        mesh, name = load_mesh(path, smooth_degrees=60.0), path.name
         assert len(mesh.faces) == 12, name
         np.testing.assert_allclose(mesh.bounds, [[0, 0, 0], [1, 2, 3]], atol=1e-6, err_msg=name)
         assert volume(mesh) == pytest.approx(6.0), name
@@ -79,6 +79,45 @@ def test_every_format_gives_the_same_box(tmp_path):
             expected = np.repeat(flat[:, None], 3, axis=1)
             assert len(mesh.vertices) == 24, name  # split at the edges, which are sharp
             np.testing.assert_allclose(mesh.normals[mesh.faces], expected, atol=1e-6, err_msg=name)
+
+
+ROOF = np.array([[0.0, 0, 1], [0, 1, 0], [0, -1, 0.2], [1, 0, 1], [1, 1, 0], [1, -1, 0.2]]) * [1.0, 1.0, 0.5]
+SLOPES = np.array([[0, 3, 4], [0, 4, 1], [0, 2, 5], [0, 5, 3]])
+"""Two slopes of two triangles each, folded by 48 degrees at the edge from vertex 0 to vertex 3."""
+
+
+def obj_roof(*groups: str) -> str:
+    """Return the roof with a statement before either slope."""
+    slopes = ["".join("f {} {} {}\n".format(*face) for face in faces) for faces in np.split(SLOPES + 1, 2)]
+    statements = (f"{group}\n{slope}" for group, slope in zip(groups, slopes, strict=True))
+    return "".join("v {} {} {}\n".format(*point) for point in ROOF) + "".join(statements)
+
+
+SMOOTH = {
+    **dict.fromkeys(["a.ply", "a.stl", "a.off", "a.3mf", "a.usda"], True),
+    **dict.fromkeys(["a.glb", "a.gltf", "none.usda"], False),
+}
+OBJ_ROOFS = {("", ""): True, ("s 1", ""): True, ("s off", ""): False, ("s 1", "s 2"): False, ("", "s 3"): False}
+"""Whether the edge is smooth by smoothing groups."""
+
+
+def test_what_formats_say_of_meshes_without_normals(tmp_path):
+    """glTF 2.0 3.7.2.1; smoothing groups of OBJ. An angle overrides all of it."""
+    roof = trimesh.Trimesh(ROOF, SLOPES, process=False)
+    files = {name: roof.export(file_type=name[2:]) for name in ("a.ply", "a.stl", "a.off", "a.glb")}
+    files |= {"a.3mf": three_mf(ROOF, SLOPES), "a.gltf": json.dumps(gltf_box(ROOF, SLOPES))}
+    schemes = {"a.usda": "", "none.usda": 'uniform token subdivisionScheme = "none"\n'}
+    files |= {name: usd(ROOF, SLOPES.tolist(), scheme) for name, scheme in schemes.items()}
+    expected = SMOOTH | {f"{number}.obj": smooth for number, smooth in enumerate(OBJ_ROOFS.values())}
+    files |= {f"{number}.obj": obj_roof(*groups) for number, groups in enumerate(OBJ_ROOFS)}
+    for path in written(tmp_path, files):
+        for degrees, smooth in ((None, expected[path.name]), (0.0, False), (60.0, True), (30.0, False)):
+            mesh = load_mesh(path, smooth_degrees=degrees)
+            flat = np.cross(*np.moveaxis(np.diff(triangles(mesh), axis=1), 1, 0))
+            flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+            bent = 0.0 if mesh.normals is None else np.abs(mesh.normals[mesh.faces] - flat[:, None]).max()
+            assert (bent > 0.2) == smooth, (path.name, degrees)
+            assert smooth or bent < 1e-6, (path.name, degrees)
 
 
 PLACES = [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (2.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 3.0, 0.0)]
@@ -242,7 +281,7 @@ def test_ply_strips_keep_their_winding_and_restarts(tmp_path, order):
     points = [*band, (4, 0, 0), (5, 0, 0), (4, 1, 0), (7, 0, 0), (8, 0, 0), (7, 1, 0)]
     strip = [0, 1, 2, 3, 4, 5, -1, -1, 6, 7, 8, 8, 8, 9, 9, 10, 11, -1, 3]
     data = ply(order, ("vertex", XYZ, points), ("tristrips", ["list int int vertex_indices"], [[strip]]))
-    mesh = load_mesh(write(tmp_path, "strip.ply", data), smooth_degrees=None)
+    mesh = load_mesh(write(tmp_path, "strip.ply", data), smooth_degrees=0.0)
     assert area_vector(mesh) == pytest.approx([0, 0, 3.0])
     assert area(mesh) == pytest.approx(3.0)  # so no triangle faces down, and none bridges the gaps
 

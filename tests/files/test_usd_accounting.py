@@ -134,6 +134,7 @@ SPECIAL: dict[str, Any] = {
     "scales": [Gf.Vec3f(2, 2, 2)] * 2,
     "xformOpOrder": ["xformOp:translate", "xformOp:rotateX"],
     "displacement": 0.5,
+    "texture:format": "angular",
     "enableColorTemperature": False,
     "colorTemperature": 9000.0,
     "treatAsPoint": True,

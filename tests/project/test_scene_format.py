@@ -123,7 +123,7 @@ def test_all_that_the_reader_reads_or_the_writer_writes_is_valid(tmp_path: Path)
 
 
 SEEN_BY_THE_READER_ALONE = re.compile(
-    r"no such file|not a known mesh format|there is no \[|must differ|crop must|before shutter_open|takes one of"
+    r"no such file|it is an image|there is no \[|must differ|crop must|before shutter_open|takes one of"
     "|must not emit|is made of itself|are nested|must not be (0|zero)|must be finite"
 )
 """Words of complaints about what no schema knows: other files, names, and values that must go together."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import wrt
+from wrt.scene.mesh import VERTEX_ATTRIBUTES
 
 
 def differences(first: wrt.Scene, second: wrt.Scene) -> dict[str, float]:
@@ -24,7 +25,7 @@ def differences(first: wrt.Scene, second: wrt.Scene) -> dict[str, float]:
             found[name] = max(found.get(name, 0.0), amount)
 
     for field in dataclasses.fields(wrt.Scene):
-        if field.name not in ("shapes", "settings"):
+        if field.name not in ("shapes", "settings", "cameras"):
             _compare(field.name, getattr(first, field.name), getattr(second, field.name), note)
     if first.settings != second.settings:
         note("settings", np.inf)
@@ -35,7 +36,7 @@ def differences(first: wrt.Scene, second: wrt.Scene) -> dict[str, float]:
         one, two = a.mesh_at(0.0), b.mesh_at(0.0)
         if len(one.faces) != len(two.faces):
             return {"number of triangles": np.inf}
-        for name in ("vertices", "normals", "uvs", "colors"):
+        for name in ("vertices", *VERTEX_ATTRIBUTES):
             values = [getattr(mesh, name) for mesh in (one, two)]
             if any(value is None for value in values):
                 note(name, np.inf if values[0] is not values[1] else 0.0)

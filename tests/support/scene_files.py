@@ -145,7 +145,7 @@ MISTAKES = {
     ): "materials.m7.first: materials are nested more than 7 deep",
     "[[shapes]]\norigin = [0, 0, 0]": "shapes[0]: the key 'type' is missing",
     "[[shapes]]\ntype = 'polygon'\ncorners = [[0, 0, 0], [1, 0]]": "shapes[0]: corners[1] must be three numbers",
-    "[[shapes]]\ntype = 'mesh'\nfile = 'sky.exr'": "shapes[0].file: {folder}/sky.exr: not a known mesh format",
+    "[[shapes]]\ntype = 'mesh'\nfile = 'sky.exr'": "shapes[0].file: {folder}/sky.exr: it is an image",
     QUAD + "rotate = [{ axis = [0, 1, 0] }]": "shapes[0].rotate[0]: the key 'degrees' is missing",
     QUAD + f"scale = 1{'0' * 400}": "not TOML: scale is an integer of more than 64 bits",
     "[camera\nx = 1": "not TOML: ",

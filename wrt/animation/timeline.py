@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from wrt.errors import InputError
+from wrt.io.archives import unpacked
 from wrt.io.cameras import with_camera
 from wrt.io.load_mesh import animation_of, load_file
 from wrt.io.mesh.parts import NO_ANIMATION
@@ -24,7 +25,8 @@ TIMES = 12
 
 def is_animated(path: PathLike) -> bool:
     """Return whether a file has an animation that `wrt.load` evaluates at a time."""
-    return os.path.isfile(path) and animation_of(path) is not None
+    with unpacked(path) as file:
+        return os.path.isfile(file) and animation_of(file) is not None
 
 
 def reach_of_file(path: PathLike, camera: int | str | None = None) -> Reach:

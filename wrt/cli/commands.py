@@ -77,18 +77,20 @@ def info(
 
     from wrt.api import load
     from wrt.describe.scene import scene_text
-    from wrt.io.load_mesh import ARRAYS_SUFFIX, MESH_SUFFIXES, load_file
+    from wrt.io.archives import unpacked
+    from wrt.io.file_type import ARRAYS_SUFFIX, MESH_SUFFIXES
+    from wrt.io.load_mesh import load_file
     from wrt.io.safe_read import confined_to
     from wrt.progress.bar import short_warnings
 
     if size and not memory:
         raise InputError("--size is for --memory")
-    with short_warnings(warn):
-        path = Path(source)
+    with short_warnings(warn), unpacked(source) as file:
+        path = Path(file)
         if memory:
             from wrt.memory_needed import device_memory, memory_text
 
-            scene = load(source, confined=confined)
+            scene = load(file, confined=confined)
             width, height = size or (scene.settings.width, scene.settings.height)
             text = memory_text(device_memory(scene, width=width, height=height), width, height)
         elif path.suffix.lower() in MESH_SUFFIXES and os.path.isfile(path):
@@ -97,7 +99,7 @@ def info(
             with confined_to(path.parent if confined else None):
                 text = scene_text(load_file(path, standalone=path.suffix.lower() == ARRAYS_SUFFIX))
         else:
-            text = scene_text(load(source, confined=confined))
+            text = scene_text(load(file, confined=confined))
     return _print(text)
 
 

@@ -13,6 +13,7 @@ from wrt.cli.exit_status import failing_in_one_line
 from wrt.cli.output import default_output
 from wrt.cli.summary import report
 from wrt.errors import InputError
+from wrt.io.archives import unpacked
 from wrt.progress.bar import ProgressBar, short_warnings
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ class AnimationRender:
         with (
             ProgressBar(self._title, time_limit=options.limits["time"], is_shown=not options.quiet) as bar,
             short_warnings(bar.message),
+            unpacked(self._source) as self._file,  # once for all frames
         ):
             try:
                 with failing_in_one_line():
@@ -153,9 +155,9 @@ class AnimationRender:
         options = self._options
         if self._is_file_animated:
             for number in self._files.numbers:
-                yield options.load(self._source, time=number / options.fps)
+                yield options.load(self._file, time=number / options.fps)
             return
-        scene = options.load(self._source)
+        scene = options.load(self._file)
         if options.turntable is not None:
             yield from turntable(scene, options.turntable)
             return
@@ -198,7 +200,7 @@ class AnimationRender:
         identity = identity_of(renderer)
         scene = identity.pop("scene")
         if self._is_file_animated:  # the scene differs from frame to frame
-            scene = scene_fingerprint(options.load(self._source, time=0.0))
+            scene = scene_fingerprint(options.load(self._file, time=0.0))
         identity |= {f"the scene's {part}": digest for part, digest in scene.items()}
         # With --frames other frames of the same animation can be added, so their numbers do not count.
         animation = {"turntable": options.turntable} if options.frames is None else {"fps": options.fps}

@@ -175,7 +175,11 @@ def outputs_of(options: RenderOptions) -> list[Output]:
 
 def default_output(source: str) -> str:
     """Return the default name of an input's picture."""
-    return f"{Path(source).stem or 'picture'}.png"
+    from wrt.io.archives import COMPRESSED
+
+    path = Path(source)
+    path = Path(path.stem) if path.suffix.lower() in COMPRESSED else path  # model.ply.gz is a model
+    return f"{path.stem or 'picture'}.png"
 
 
 def default_outputs(sources: Sequence[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""The type of a file by its first bytes, for messages about files whose suffix is wrong.
+"""The types of files that are rendered, by suffix, and the type of a file by its first bytes, for messages.
 
 The signatures are those of the formats' specifications, as in the command `file`.
 """
@@ -6,12 +6,49 @@ The signatures are those of the formats' specifications, as in the command `file
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from wrt.errors import InputError
 from wrt.io.safe_read import read_file
+
+GLTF_SUFFIXES = (".gltf", ".glb")
+USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+ANIMATED_SUFFIXES = (*GLTF_SUFFIXES, *USD_SUFFIXES)  # suffixes of files that may be animated
+STEP_SUFFIXES = (".step", ".stp")
+
+ARRAYS_SUFFIX = ".npz"  # suffix of NumPy archives, whose meshes are not repaired
+
+MESH_SUFFIXES = (
+    *(".obj", ".ply", ".stl", ".off", *GLTF_SUFFIXES, ".3mf", ".dae"),
+    *(*STEP_SUFFIXES, ARRAYS_SUFFIX, *USD_SUFFIXES),
+)
+"""Suffixes of mesh files, in lower or upper case."""
+
+_TO_GLTF, _TO_PLY = "export it as glTF (.glb)", "reconstruct a surface of them, and save that as PLY"
+_NOT_RENDERED = {
+    ".fbx": f"an FBX file; {_TO_GLTF}",
+    ".blend": f"a Blender file; in Blender, {_TO_GLTF}",
+    ".max": f"a 3ds Max file; {_TO_GLTF} or USD",
+    ".3ds": f"a 3D Studio file; {_TO_GLTF}, in Blender for example",
+    ".skp": f"a SketchUp file; {_TO_GLTF} or COLLADA (.dae)",
+    ".abc": f"an Alembic file; {_TO_GLTF} or USD",
+    **dict.fromkeys((".ma", ".mb"), f"a Maya file; {_TO_GLTF} or USD"),
+    ".c4d": f"a Cinema 4D file; {_TO_GLTF} or USD",
+    ".pbrt": "a scene of pbrt; convert it to glTF or to a scene of Mitsuba",
+    **dict.fromkeys((".wrl", ".x3d"), f"a VRML or X3D file; {_TO_GLTF}"),
+    **dict.fromkeys((".igs", ".iges", ".sldprt", ".dwg", ".dxf"), "a CAD file; export it as STEP"),
+    **dict.fromkeys((".las", ".laz", ".e57", ".xyz", ".pcd"), f"a file of points; {_TO_PLY}"),
+    ".vdb": "an OpenVDB file; convert it to NanoVDB (.nvdb), which a scene file can name as a density",
+    **dict.fromkeys((".nvdb", ".vol"), "a volume, which a scene file can name as a density"),
+    ".bsdf": "a measured reflectance, which a scene file can name as a material",
+    ".mtl": "the materials of an OBJ file; name that file",
+    ".bin": "data of a glTF file; name the .gltf file",
+    ".wrt": "a part of a picture; wrt merge makes the picture",
+    ".ckpt": "a checkpoint; give it to --checkpoint with --resume, and name its scene",
+}
+"""What files of other types are and what to do, by suffix."""
 
 HEAD = 4096  # bytes that are examined
 
@@ -31,8 +68,10 @@ _KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
     (rb"#usda 1\.", "a USD file", (".usda", ".usd")),
     (rb"PXR-USDC", "a USD file", (".usdc", ".usd")),
     (rb"ISO-10303-21;", "a STEP file", (".step", ".stp")),
-    (rb"PK\x03\x04", "a ZIP archive; unpack it", ()),
-    (rb"\x1f\x8b|BZh|\xfd7zXZ\0|7z\xbc\xaf|\x28\xb5\x2f\xfd", "a compressed file; unpack it", ()),
+    (rb"PK\x03\x04", "a ZIP archive", (".zip", ".zae")),
+    (rb"\x1f\x8b", "a compressed file; rename it to end in its type and .gz", (".gz",)),
+    (rb"BZh", "a compressed file; rename it to end in its type and .bz2", (".bz2",)),
+    (rb"\xfd7zXZ\0|7z\xbc\xaf|\x28\xb5\x2f\xfd|Rar!", "a compressed file; unpack it", ()),
     (rb"%PDF", "a PDF document", (".pdf",)),
     (rb"Kaydara FBX Binary", "an FBX file; export it as glTF", ()),
     (rb"; FBX ", "an FBX file; export it as glTF", ()),
@@ -54,7 +93,7 @@ _KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
 
 _RENDERED = (
     *(".glb", ".gltf", ".ply", ".off", ".stl", ".obj", ".3mf", ".dae", ".step"),
-    *(".npz", ".xml", ".toml", ".usda", ".usdc", ".usdz"),
+    *(".npz", ".xml", ".toml", ".usda", ".usdc", ".usdz", ".zip"),
 )
 
 
@@ -82,6 +121,29 @@ def hint(path: Path) -> str | None:
         advice = f"; rename it to end in {suffixes[0]}" if suffixes and suffixes[0] in _RENDERED else ""
         return f"it looks to be {what}{advice}"
     return "it is an image, which a scene file can name as a texture or an environment" if " image" in what else None
+
+
+def advice_on(path: Path) -> str | None:
+    """Return what a file that is not rendered is and what to do; None if that is unknown."""
+    known = _NOT_RENDERED.get(path.suffix.lower())
+    return f"it is {known}" if known else hint(path)
+
+
+def renderable(folder: Path, files: Iterable[Path]) -> tuple[list[str], list[str]]:
+    """Return the names of those files in a folder that can be rendered: the scenes and the meshes."""
+    scenes: list[str] = []
+    meshes: list[str] = []
+    for file in sorted(each for each in files if each.is_file()):
+        name, suffix = str(file.relative_to(folder)), file.suffix.lower()
+        if name.startswith("__MACOSX/") or file.name.startswith("."):  # what macOS adds to archives
+            continue
+        if suffix in MESH_SUFFIXES:
+            meshes.append(name)
+        elif suffix in (".xml", ".toml"):
+            with suppress(InputError):
+                if (found := looks_like(read_file(file, HEAD))) and "scene file" in found[0]:
+                    scenes.append(name)
+    return scenes, meshes
 
 
 @contextmanager

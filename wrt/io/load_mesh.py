@@ -1,7 +1,7 @@
 """Load mesh files and trimesh objects as scenes.
 
-Axes and units of files are kept, because formats disagree about them and most do not state them; only the axes and
-units of USD and the units of STEP are converted.
+Units become metres where a file states them: in 3MF, COLLADA, STEP and USD; glTF has metres. Axes are kept, because
+formats disagree about them and most do not state them; only those of USD are converted.
 """
 
 from __future__ import annotations
@@ -12,64 +12,69 @@ from typing import Any
 
 from wrt.errors import OF_TRIMESH, InputError
 from wrt.io import memory_limits
+from wrt.io.archives import unpacked, unpacking
 from wrt.io.cameras import unique
-from wrt.io.file_type import hint, hinting
+from wrt.io.file_type import (
+    ANIMATED_SUFFIXES,
+    ARRAYS_SUFFIX,
+    GLTF_SUFFIXES,
+    MESH_SUFFIXES,
+    STEP_SUFFIXES,
+    USD_SUFFIXES,
+    advice_on,
+    hinting,
+)
 from wrt.io.mesh.parts import NO_ANIMATION, Contents
 from wrt.io.mesh.repair import bare_shape, near_origin, to_shapes
 from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
+from wrt.scene.exact.spheres import Spheres
 from wrt.scene.mesh import Mesh, merge
-from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import Scene, Shape, bake_transforms
 
-GLTF_SUFFIXES = (".gltf", ".glb")
-USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-ANIMATED_SUFFIXES = (*GLTF_SUFFIXES, *USD_SUFFIXES)  # suffixes of files that may be animated
-STEP_SUFFIXES = (".step", ".stp")
 
-ARRAYS_SUFFIX = ".npz"  # suffix of NumPy archives, whose meshes are not repaired
-
-MESH_SUFFIXES = (
-    *(".obj", ".ply", ".stl", ".off", *GLTF_SUFFIXES, ".3mf", ".dae"),
-    *(*STEP_SUFFIXES, ARRAYS_SUFFIX, *USD_SUFFIXES),
-)
-"""Suffixes of mesh files, in lower or upper case."""
-
-
-def load_mesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> Mesh:
+def load_mesh(source: Any, *, smooth_degrees: float | None = None, file_type: str | None = None) -> Mesh:
     """Read all triangles of a file or a trimesh object as one mesh in world space, without its materials.
 
     Args:
-        source: the path of a file, whose suffix is one of MESH_SUFFIXES; or a `trimesh.Trimesh` or `trimesh.Scene`.
+        source: the path of a file, whose suffix is one of MESH_SUFFIXES; an archive with one such file, bytes or an
+            open file; or a `trimesh.Trimesh` or `trimesh.Scene`.
         smooth_degrees: if the source has no normals, edges folded by up to this angle are smoothed (see
-            `wrt.scene.normals.with_normals`); None leaves the mesh flat.
+            `wrt.scene.normals.with_normals`); 0 leaves the mesh flat, and None is what its format says, or else 60.
+        file_type: type of bytes, or of an open file without a name, such as "stl".
 
     Raises:
         InputError: when the file cannot be read, is damaged, or has no triangles, or the source is another type.
     """
-    if isinstance(source, (str, os.PathLike)):
-        shapes, name = load_shapes(source, smooth_degrees=smooth_degrees), Path(source).name
-    else:
-        import trimesh
+    with unpacked(source, file_type) as file:
+        if isinstance(file, (str, os.PathLike)):
+            shapes, name = load_shapes(file, smooth_degrees=smooth_degrees), Path(file).name
+        else:
+            import trimesh
 
-        if not isinstance(source, trimesh.parent.Geometry):
-            kind = f"the path of a mesh file or a trimesh object, not {type(source).__name__}"
-            raise InputError(f"load_mesh expects {kind}; wrt.Mesh takes arrays of vertices and faces")
-        shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), OF_TRIMESH
-    return merge([shape.mesh for shape in shapes], name)
+            if not isinstance(source, trimesh.parent.Geometry):
+                kind = f"the path or the content of a mesh file or a trimesh object, not {type(source).__name__}"
+                raise InputError(f"load_mesh expects {kind}; wrt.Mesh takes arrays of vertices and faces")
+            shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), OF_TRIMESH
+    meshes = [shape.mesh for shape in shapes if not isinstance(shape.mesh, Spheres)]
+    if not meshes:
+        raise InputError(f"{name}: it has points and no triangles; wrt.load makes spheres of them")
+    return merge(meshes, name)
 
 
-def load_shapes(path: PathLike, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
+def load_shapes(path: PathLike, *, smooth_degrees: float | None = None) -> list[Shape]:
     """Read a file as one shape for each of its parts, in world space; see `load_file`."""
     return bake_transforms(load_file(path, smooth_degrees=smooth_degrees).shapes)
 
 
+@unpacking
 @memory_limits.one_load()
 def load_file(
     path: PathLike,
     *,
-    smooth_degrees: float | None = CREASE_DEGREES,
+    smooth_degrees: float | None = None,
     time: float | None = None,
     standalone: bool = False,
+    point_radius: float | None = None,
 ) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
 
@@ -86,6 +91,7 @@ def load_file(
             then moved there unless it has lights or cameras: positions are exact to a part of its size, not of the
             distance.
             Arrays have the material of mesh files instead of a shape's default.
+        point_radius: the radius of points, in the file's units; by default it follows from their distances.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -103,15 +109,15 @@ def load_file(
 
         with naming_file(file):
             contents, environment = read_usd(file, time)
-            scene = _scene(str(file), contents, smooth_degrees)
+            scene = _scene(str(file), contents, smooth_degrees, point_radius=point_radius)
             scene.environment = environment
             return scene
     if suffix not in MESH_SUFFIXES:
-        advice = f"; {kind}" if (kind := hint(file)) else ""
-        suffixes = ", ".join(MESH_SUFFIXES)
-        raise InputError(f"{file}: not a known mesh format; the name must end in {suffixes}{advice}")
+        unknown = f"not a known mesh format; the name must end in {', '.join(MESH_SUFFIXES)}"
+        raise InputError(f"{file}: {advice_on(file) or unknown}")
     with naming_file(file), hinting(file):
-        return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, standalone=standalone)
+        contents = _contents(file, read_file(file), time)
+        return _scene(str(file), contents, smooth_degrees, standalone=standalone, point_radius=point_radius)
 
 
 def _contents(file: Path, data: bytes, time: float | None) -> Contents:
@@ -144,6 +150,7 @@ def _contents(file: Path, data: bytes, time: float | None) -> Contents:
     return Contents(read(file, data))
 
 
+@unpacking
 @memory_limits.one_load()
 def animation_of(path: PathLike) -> tuple[float, float] | None:
     """Return the times of the first and last keyframe of a file's first animation, seconds; None if there is none.
@@ -167,26 +174,41 @@ def animation_of(path: PathLike) -> tuple[float, float] | None:
         return animation_ends(file, read_file(file))
 
 
-def load_object(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES, standalone: bool = False) -> Scene:
+def load_object(
+    source: Any,
+    *,
+    smooth_degrees: float | None = None,
+    standalone: bool = False,
+    point_radius: float | None = None,
+) -> Scene:
     """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file; see `wrt.io.trimesh_objects`.
 
     Instances become shapes that share a mesh, each with a transform; all others are in world space. Vertex and face
     colours are sRGB, or linear if the object was loaded from glTF or has a PBRMaterial. Given normals are kept; normals
-    that trimesh computes are not, because they smooth every edge. Points and paths are left out with a warning.
+    that trimesh computes are not, because they smooth every edge. Points are drawn as
+    spheres, and paths left out with a warning.
     """
     from wrt.io.trimesh_objects import read_object
 
-    return _scene(OF_TRIMESH, read_object(source), smooth_degrees, standalone=standalone)
+    contents = read_object(source)
+    return _scene(OF_TRIMESH, contents, smooth_degrees, standalone=standalone, point_radius=point_radius)
 
 
-def from_trimesh(source: Any, *, smooth_degrees: float | None = CREASE_DEGREES) -> list[Shape]:
+def from_trimesh(source: Any, *, smooth_degrees: float | None = None) -> list[Shape]:
     """Return the shapes of a `trimesh.Trimesh` or `trimesh.Scene`; see `load_object`."""
     return load_object(source, smooth_degrees=smooth_degrees).shapes
 
 
-def _scene(path: str, contents: Contents, smooth_degrees: float | None, *, standalone: bool = False) -> Scene:
+def _scene(
+    path: str,
+    contents: Contents,
+    smooth_degrees: float | None,
+    *,
+    standalone: bool = False,
+    point_radius: float | None = None,
+) -> Scene:
     movable = standalone and not (contents.lights or contents.cameras)
-    shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees)
+    shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees, point_radius)
     names = unique(name for name, _ in contents.cameras)
     cameras = dict(zip(names, (camera for _, camera in contents.cameras), strict=True))
     return Scene(shapes, contents.lights, camera=next(iter(cameras.values()), None), cameras=cameras)

@@ -48,6 +48,9 @@ SHAPES = Limit("shapes", 2**28, 256)
 MADE = Limit("spheres and other round shapes", 2**28, 256)
 """10 million triangles. A sphere far from the camera has 4,000, a near one five times as many."""
 
+UNPACKED = Limit("unpacked files", 2**28, 64)
+"""Text of meshes shrinks to a tenth when it is compressed; files of one value, to a thousandth."""
+
 TEXT = Limit("XML elements and texts", 2**26, 128)
 """The shortest element has 4 bytes in the file and takes 300 in memory."""
 
@@ -84,6 +87,14 @@ def one_load() -> Iterator[None]:
         yield
     finally:
         LOAD.reset(token)
+
+
+def counted(data: bytes) -> bytes:
+    """Return the content of an input that is not a file, counted like one."""
+    load = LOAD.get()
+    if load is not None:
+        load.size += len(data)
+    return data
 
 
 def size_of_files() -> int:

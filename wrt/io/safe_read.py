@@ -28,8 +28,9 @@ Identity: TypeAlias = tuple[int, int, int, int]
 class _Confinement:
     """The folder that reading is confined to, and the first path that was refused."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, leniently: bool) -> None:
         self.folder = Path(os.path.realpath(folder))
+        self.leniently = leniently
         self.refused: Path | None = None
 
 
@@ -48,12 +49,21 @@ class Load:
     counts: Counter[Any] = field(default_factory=Counter)
 
 
+@dataclass(frozen=True)
+class Unpacked:
+    """The folder of an unpacked archive, and the size of the archive, as which its files count together."""
+
+    folder: str
+    size: int
+
+
 class _OutsideError(Exception):
     """A path leads out of the folder. Not an InputError, which readers may turn into a warning."""
 
 
 _confinement: ContextVar[_Confinement | None] = ContextVar("confinement", default=None)
 LOAD: ContextVar[Load | None] = ContextVar("load", default=None)
+UNPACKED: ContextVar[Unpacked | None] = ContextVar("unpacked", default=None)
 _inputs: dict[str, Identity] = {}  # the files that this process has read, by real path
 
 
@@ -77,13 +87,17 @@ def forget_input(path: Path) -> None:
 
 
 @contextmanager
-def confined_to(folder: Path | None) -> Iterator[None]:
+def confined_to(folder: Path | None, *, leniently: bool = False) -> Iterator[None]:
     """Within the context, refuse files outside a folder, also through links; None refuses nothing.
+
+    Args:
+        folder: the folder.
+        leniently: whether a file that is refused counts as missing, which most readers continue without.
 
     Raises:
         InputError: where a file was refused, even if its reader continued without it.
     """
-    confinement = None if folder is None else _Confinement(folder)
+    confinement = None if folder is None else _Confinement(folder, leniently=leniently)
     token = _confinement.set(confinement)
     try:
         yield
@@ -116,6 +130,8 @@ def require_inside(path: Path, real: str | None = None) -> None:
         raise InputError(f"{path}: cannot be read: {first_line(error)}") from None
     confinement = _confinement.get()
     if confinement is not None and not Path(real).is_relative_to(confinement.folder):
+        if confinement.leniently:
+            raise InputError(f"{path}: is outside the archive, beyond which nothing is read")
         confinement.refused = confinement.refused or path
         raise _OutsideError
 
@@ -166,9 +182,12 @@ def read_file(path: Path, most: int = -1) -> bytes:
         raise InputError(f"{path}: the file is empty")
     _inputs[real] = identity_of(found)
     load = LOAD.get()
+    size, archive = found.st_size, UNPACKED.get()
+    if archive is not None and real.startswith(archive.folder):
+        real, size = archive.folder, archive.size
     if load is not None and real not in load.files:
         load.files.add(real)
-        load.size += found.st_size
+        load.size += size
     return data
 
 

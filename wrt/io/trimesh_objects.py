@@ -22,16 +22,17 @@ from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import GltfMaterials
 from wrt.io.gltf.scene import light_of
 from wrt.io.mesh.mtl import MtlMaterials
-from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed, viewpoint
+from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed, points_of, viewpoint
 from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.stl import colors_of
 from wrt.io.mesh.trimesh_loaders import is_stand_in
 from wrt.io.texture_images import Source
+from wrt.linalg import product
 from wrt.scene.camera import Camera, PerspectiveCamera
 from wrt.scene.lights import Light
 from wrt.scene.normals import corner_weighted_normals
 
-_LINEAR_FILES = ("glb", "gltf")  # file types whose vertex colours are linear
+_GLTF_FILES = ("glb", "gltf")  # file types whose vertex colours are linear, and flat without normals
 
 _COMPUTED, _MOSTLY = 1e-9, 0.99
 """Normals count as computed by trimesh if a share of at least _MOSTLY is within _COMPUTED of the normals of faces.
@@ -48,6 +49,10 @@ WITHOUT_EFFECT = {
 """What of a mesh does not change a picture: patterns of kinds, and the reason."""
 
 
+_WITH_UNITS = ("3mf", "dae")
+"""Types of files for which trimesh keeps the unit of length."""
+
+
 def file_type(source: Any) -> str:
     """Return the type of the file that an object was loaded from, such as "stl"; empty if unknown, as for copies."""
     return str(source.source.file_type or "").lower()
@@ -61,19 +66,20 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     import trimesh
 
     if isinstance(source, trimesh.parent.Geometry) and not isinstance(source, trimesh.Scene):
-        alone = _Reader(source, name)
+        alone, world = _Reader(source, name), _to_metres(source, name)
         parts = alone.parts(name, source)
         alone.warn_of_unused()
-        return Contents(parts)
+        return Contents([placed(part, [world]) for part in parts] if world[0, 0] != 1.0 else parts)
     if not isinstance(source, trimesh.Scene):
         kinds = "a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene"
         raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes arrays")
     reader = _Reader(source, name)
     places: dict[str, list[NDArray[np.float64]]] = {}
+    world = _to_metres(source, name)
     for node in source.graph.nodes_geometry:
         matrix = _place_of(source, node, name)
         if matrix is not None:
-            places.setdefault(source.graph[node][1], []).append(matrix)
+            places.setdefault(source.graph[node][1], []).append(product(world, matrix))
     parts = [
         placed(part, found)
         for geometry, found in places.items()
@@ -81,6 +87,19 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
     ]
     reader.warn_of_unused()
     return Contents(parts, _lights(source, name), _cameras(source))
+
+
+def _to_metres(source: Any, name: str) -> NDArray[np.float64]:
+    """Return the (4, 4) transform to metres of an object from a file whose format has units."""
+    from trimesh.units import unit_conversion
+
+    world = np.eye(4)
+    if file_type(source) in _WITH_UNITS and source.units is not None:
+        try:
+            world[range(3), range(3)] = unit_conversion(source.units, "meters")
+        except (KeyError, ValueError):
+            warn(f"{name}: its unit of length {source.units!r} is unknown; taken as metres")
+    return world
 
 
 def _place_of(scene: Any, node: Any, name: str) -> NDArray[np.float64] | None:
@@ -121,7 +140,7 @@ class _Reader:
     def __init__(self, source: Any, name: str) -> None:
         """Take the object, and what messages call it."""
         self._name = name
-        self._linear = file_type(source) in _LINEAR_FILES
+        self._is_gltf = file_type(source) in _GLTF_FILES
         self._path = Path(source.source.file_path or OF_TRIMESH)
         self._resolver = source.source.resolver
         self._sidecars = Sidecars(self._path) if source.source.file_path else None
@@ -141,11 +160,18 @@ class _Reader:
         import trimesh
         from trimesh.visual.material import MultiMaterial, PBRMaterial
 
+        if isinstance(mesh, trimesh.PointCloud):
+            part = points_of(name, np.asarray(mesh.vertices, np.float64).reshape(-1, 3))
+            if np.size(mesh.colors):
+                self._take_colors(part, mesh.colors)
+            self._account(mesh)
+            return [part]
         if not isinstance(mesh, trimesh.Trimesh):
-            instead = "; wrt.spheres shows points" if isinstance(mesh, trimesh.PointCloud) else ""
-            warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
+            warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles")
             return []
-        part, visual = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh)), mesh.visual
+        smoothing = 0 if self._is_gltf else None
+        part = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh), smoothing=smoothing)
+        visual = mesh.visual
         if visual.kind in ("vertex", "face"):
             self._take_colors(part, visual.vertex_colors if visual.kind == "vertex" else visual.face_colors)
         elif visual.kind is None and "stl" in mesh.face_attributes:
@@ -158,7 +184,7 @@ class _Reader:
         material = visual.material
         colors = matching(visual.vertex_attributes.get("color"), len(mesh.vertices))
         if colors is not None:
-            part.colors = decoded(np.array(colors), linear=self._linear or isinstance(material, PBRMaterial))
+            part.colors = decoded(np.array(colors), linear=self._is_gltf or isinstance(material, PBRMaterial))
         if not isinstance(material, MultiMaterial):
             return [self._with_material(part, material)]
         numbers = np.asarray(() if visual.face_materials is None else visual.face_materials)
@@ -175,8 +201,8 @@ class _Reader:
 
         They have no alpha if they come from glTF, where only a material can enable it.
         """
-        values = decoded(np.asarray(colors).reshape(-1, 4), linear=self._linear)
-        values = values[:, :3] if self._linear else values
+        values = decoded(np.asarray(colors).reshape(-1, 4), linear=self._is_gltf)
+        values = values[:, :3] if self._is_gltf else values
         if len(values) in (1, len(part.vertices)):
             part.colors = np.broadcast_to(values, (len(part.vertices), values.shape[1]))
         elif len(values) == len(part.faces):
@@ -187,8 +213,8 @@ class _Reader:
 
     def _account(self, mesh: Any) -> None:
         """Warn of what a mesh carries and the reader does not use."""
-        kinds = [f"vertex attribute {name!r}" for name in mesh.vertex_attributes]
-        kinds += [f"face attribute {name!r}" for name in mesh.face_attributes]
+        kinds = [f"vertex attribute {name!r}" for name in getattr(mesh, "vertex_attributes", ())]
+        kinds += [f"face attribute {name!r}" for name in getattr(mesh, "face_attributes", ())]
         if mesh.visual.kind == "texture":
             names = set(mesh.visual.vertex_attributes.keys()) - {"uv", "color"}
             kinds += [f"vertex attribute {name!r} of its texture" for name in sorted(names)]
@@ -306,7 +332,7 @@ def _cameras(scene: Any) -> list[tuple[str, Camera]]:
     """Return a scene's camera, if it has one; `scene.camera` would create one."""
     if not scene.has_camera:
         return []
-    if file_type(scene) in _LINEAR_FILES:
+    if file_type(scene) in _GLTF_FILES:
         # trimesh keeps only the innermost transform of a camera: the camera is misplaced if a parent node has one too.
         edges = scene.graph.transforms.edge_data
         parents = {above for above, _ in edges}

@@ -30,7 +30,9 @@ CREASE_DEGREES = 60.0
 """Edges folded by more than this are creases: those of a box are, those in the ears of a scanned rabbit are not."""
 
 
-def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
+def with_normals(
+    mesh: Mesh, crease_degrees: float = CREASE_DEGREES, smoothing: NDArray[np.integer[Any]] | None = None
+) -> Mesh:
     """Return the mesh with a unit shading normal at every vertex.
 
     A mesh without normals gets the mean of the adjacent face normals, weighted by the angle of each face at the vertex
@@ -44,11 +46,13 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
         mesh: the mesh; its faces keep their order, its vertices may be split and reordered.
         crease_degrees: the largest fold that is still smooth; 180 and above smooths everything. Meshes of more than
             CREASE_LIMIT faces are smoothed everywhere.
+        smoothing: (M,) smoothing groups of the faces, which replace the angle: the faces of one group around a position
+            share a normal, and those of group 0 are flat.
     """
     if mesh.normals is not None:
         return replace(mesh, normals=sealed(_made_unit(mesh)))
     positions = same_positions(mesh.vertices)
-    if len(mesh.faces) > CREASE_LIMIT:
+    if len(mesh.faces) > CREASE_LIMIT and smoothing is None:
         normals = _group_normals(mesh.vertices, mesh.faces, positions).astype(np.float32).T.take(positions, axis=0)
         if _any(normals).all():
             return replace(mesh, normals=sealed(normals))
@@ -58,7 +62,11 @@ def with_normals(mesh: Mesh, crease_degrees: float = CREASE_DEGREES) -> Mesh:
     for part, some_normals, some_angles in _faces_in_chunks(mesh.vertices, mesh.faces):
         face_normals[part], angles[part] = some_normals.T, some_angles.T
     corners = positions[faces].reshape(-1)
-    if len(faces) > CREASE_LIMIT or crease_degrees >= 180.0:
+    if smoothing is not None:
+        groups = corners * (int(smoothing.max()) + 1) + np.repeat(smoothing, 3)
+        groups = np.where(np.repeat(smoothing, 3) > 0, groups, groups.max() + 1 + np.arange(len(groups)))
+        groups = np.unique(groups, return_inverse=True)[1]
+    elif len(faces) > CREASE_LIMIT or crease_degrees >= 180.0:
         groups = corners
     else:
         groups = _smooth_groups(positions[faces], face_normals, crease_degrees)

@@ -62,10 +62,11 @@ def _files(prefix: str, suffixes: Iterable[str] | None = None) -> list[str]:
 
 
 def _inputs(prefix: str) -> list[str]:
-    from wrt.io.load_mesh import MESH_SUFFIXES
+    from wrt.io.archives import ARCHIVE_SUFFIXES
+    from wrt.io.file_type import MESH_SUFFIXES
     from wrt.meshes import scene_names
 
-    return [*scene_names(), *_files(prefix, (*MESH_SUFFIXES, ".toml", ".xml"))]
+    return [*scene_names(), *_files(prefix, (*MESH_SUFFIXES, *ARCHIVE_SUFFIXES, ".toml", ".xml"))]
 
 
 def _names(module: str, table: str) -> Finder:

@@ -5,13 +5,14 @@ Format: Khronos Group 2021, "glTF 2.0 Specification", section 3.7; KHR_draco_mes
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.gltf.buffers import TYPES, Buffers, Tree, normalized
 from wrt.io.mesh.parts import Part, decoded, matching
@@ -24,8 +25,8 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 """Modes of primitives."""
 
 _DRACO = "KHR_draco_mesh_compression"
-_MOST_SETS = 8
-"""Sets of four joints that are looked for; files have one or two."""
+_WIDTHS = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD": (2,), "COLOR": (3, 4)}
+"""Numbers of an attribute at each vertex (section 3.7.2.1)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,18 +75,19 @@ class Primitive:
             InputError: on damaged data.
         """
         # Normals need no unit length, so that integers are not scaled unless they are added to others.
-        positions, normals = self._rows("POSITION"), self._rows("NORMAL", scaled=deformation is not None)
+        positions = self._rows("POSITION")
         assert positions is not None  # the reader leaves out others
         count = len(positions)
-        tangents = None if normals is None else matching(self._rows("TANGENT"), count)  # section 3.7.2.1
+        normals = self._matching("NORMAL", count, scaled=deformation is not None)
+        tangents = None if normals is None else self._matching("TANGENT", count)  # section 3.7.2.1
         if deformation is not None:
             positions, normals, tangents = self._deformed(deformation, positions, normals, tangents)
-        part = Part(name, positions, self._faces(count), matching(normals, count), tangents=tangents)
-        uvs = [self._rows(f"TEXCOORD_{number}") for number in uv_sets]
+        part = Part(name, positions, self._faces(count), normals, tangents=tangents, smoothing=0)
+        uvs = [self._matching(f"TEXCOORD_{number}", count) for number in uv_sets]
         first, second = (None if rows is None else rows.astype(np.float32) for rows in (*uvs, None, None)[:2])
-        if (first := matching(first, count)) is not None:
+        if first is not None:
             part.uvs = np.column_stack([first[:, 0], 1.0 - first[:, 1]])
-        if (colors := matching(self._rows("COLOR_0", scaled=False), count)) is not None:
+        if (colors := self._matching("COLOR_0", count, scaled=False)) is not None:
             part.colors = decoded(colors, linear=True)
         return part, second
 
@@ -95,6 +97,15 @@ class Primitive:
             return self._unpacked[name]
         index = self._described["attributes"].get(name)
         return None if index is None else self._buffers.numbers(index, scaled=scaled)
+
+    def _matching(self, name: str, count: int, *, scaled: bool = True) -> NDArray[Any] | None:
+        """Return an attribute as `_rows` does, unless it does not have its width, or `count` rows."""
+        rows = self._rows(name, scaled=scaled)
+        if rows is None or (matching(rows, count) is not None and rows.shape[1] in _WIDTHS[name.partition("_")[0]]):
+            return rows
+        reason = f"it is {' x '.join(map(str, rows.shape))} numbers for {count} vertices"
+        warn(f"{self._buffers.path}: {name} of a primitive is left out: {reason}")
+        return None
 
     def _faces(self, count: int) -> NDArray[Any]:
         """Return (T, 3) the triangles of a list, a strip or a fan of `count` vertices (section 3.7.2.1)."""
@@ -126,8 +137,9 @@ class Primitive:
         except Exception as error:  # noqa: BLE001 - the decoder's exceptions on damaged data are not documented
             raise InputError(f"{path}: data of Draco cannot be decoded: {first_line(error)}") from None
         by_number = {each["unique_id"]: np.asarray(each["data"]) for each in mesh.attributes}
-        for name, number in packed["attributes"].items():
-            if name in accessors and number in by_number:
+        for name in accessors:
+            number = packed["attributes"].get(name)
+            if number in by_number:
                 values = by_number[number]
                 memory_limits.take(memory_limits.MESHES, 4 * values.size)
                 accessor = buffers.accessor(accessors[name])
@@ -175,7 +187,7 @@ class Primitive:
     def _blend(self, joints: Array, count: int) -> Array:
         """Return (N, 3, 4) the weighted sum of joints for each vertex."""
         blend, total = np.zeros((count, 3, 4)), np.zeros(count)
-        for number in range(_MOST_SETS):
+        for number in itertools.count():  # sets of four joints
             indices, weights = self._rows(f"JOINTS_{number}"), self._rows(f"WEIGHTS_{number}")
             if indices is None or weights is None:
                 break

@@ -10,10 +10,12 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from wrt.errors import InputError, warn
+from wrt.io.account import warn_of_unused
 from wrt.io.mesh.parts import Contents
 from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.trimesh_loaders import reading_with_trimesh
@@ -26,6 +28,58 @@ _UP = re.compile(r"<(?:\w+:)?up_axis>\s*([XYZ])_UP\s*<")
 
 _MOST_CONTROLLERS = 8
 """Controllers that are followed to a geometry: a skin may move a morphed mesh."""
+
+_READ = {
+    *("COLLADA", "asset", "unit", "up_axis", "scene", "instance_visual_scene", "library_visual_scenes"),
+    *("visual_scene", "library_nodes", "node", "matrix", "translate", "rotate", "scale", "lookat"),
+    *("instance_node", "instance_geometry", "bind_material", "technique_common", "instance_material"),
+    *("library_materials", "material", "instance_effect", "library_effects", "effect", "profile_COMMON"),
+    *("technique", "constant", "lambert", "phong", "blinn", "diffuse", "emission", "shininess"),
+    *("transparent", "color", "float", "texture", "newparam", "surface", "sampler2D", "source"),
+    *("init_from", "library_images", "image", "library_geometries", "geometry", "mesh", "vertices"),
+    *("input", "polylist", "polygons", "triangles", "p", "ph", "h", "vcount", "float_array", "accessor"),
+    "param",
+}
+"""Elements that trimesh and its library read."""
+
+_ATTRIBUTES = {
+    *("id", "name", "sid", "url", "target", "symbol", "semantic", "source", "offset", "set", "count"),
+    *("stride", "type", "material", "texture", "texcoord", "meter", "version", "digits", "magnitude"),
+    "layer",
+}
+"""Attributes of these that are read, or that name something."""
+
+_SEMANTICS = ("VERTEX", "POSITION", "NORMAL", "COLOR", "TEXCOORD")
+
+_NEUTRAL = {"specular": 0.0, "reflective": 0.0, "reflectivity": 0.0, "transparency": 1.0}
+"""Values at which an element has no effect."""
+
+WITHOUT_EFFECT = {
+    "accessor.*": "the library finds the values by their count and stride",
+    "ambient": "light from everywhere, which paths compute",
+    "animation*": "files are read at rest",
+    "asset.*": "about the file",
+    "contributor": "about the file",
+    "created": "about the file",
+    "extra": "what a program keeps for itself, apart from bump maps, which are read",
+    "format": "images tell their type",
+    "keywords": "about the file",
+    "library_animation*": "files are read at rest",
+    "library_cameras": "cameras, which are named where they stand",
+    "library_controllers": "skins and morph targets, which are named where they stand",
+    "library_lights": "lights, which are named where they stand",
+    "library_physics*": "how bodies move",
+    "library_force_fields": "how bodies move",
+    "instance_physics_scene": "how bodies move",
+    "evaluate_scene": "how other renderers make a picture",
+    "*.base": "where references start",
+    "*.schemaLocation": "where the schema is",
+    "modified": "about the file",
+    "revision": "about the file",
+    "subject": "about the file",
+    "title": "about the file",
+}
+"""Elements and attributes that do not change a picture, and why."""
 
 _IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
 _WITHOUT_IMAGE = "0.8 0.8 0.8 1"
@@ -54,8 +108,7 @@ def read_collada(path: Path, data: bytes) -> Contents:
             raise InputError(f"{missing} ({first_line(error)})") from None
     for message in dict.fromkeys([*files.messages, *(f"{path}: {note}" for note in notes)]):
         warn(message)
-    if left_out := [f"{kind}s" for kind in ("camera", "light") if f"instance_{kind}".encode() in data]:
-        warn(f"{path}: {' and '.join(left_out)} of COLLADA files are left out")
+    warn_of_unused(path, _unused(_root_of(document)), WITHOUT_EFFECT)
     return read_object(scene, str(path))
 
 
@@ -90,11 +143,45 @@ def declared_up(path: Path) -> str | None:
     return None
 
 
+def _root_of(data: bytes) -> Any:
+    """Return the root element of a document."""
+    from lxml import etree
+
+    return etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
+
+
+def _unused(element: Any) -> Iterator[str]:
+    """Yield the kinds of elements and attributes that are not read, from an element on; of a whole its name alone."""
+    name = _local(element.tag)
+    if name not in _READ:
+        numbers = "".join(element.itertext()).split()[:3]  # without alpha
+        with contextlib.suppress(ValueError):
+            if name in _NEUTRAL and numbers and all(float(each) == _NEUTRAL[name] for each in numbers):
+                return
+        yield name
+        return
+    semantics = [each.get("semantic") for each in element.iterchildren("{*}input")]
+    yield from (f"an input {kind}" for kind in semantics if kind not in _SEMANTICS)
+    yield from (f"another set of {kind}" for kind in ("COLOR", "TEXCOORD") if semantics.count(kind) > 1)
+    for key in element.attrib:
+        if _local(key) not in _ATTRIBUTES and (name, key, element.get(key)) != ("transparent", "opaque", "A_ONE"):
+            yield f"{name}.{_local(key)}"
+    for child in element.iterchildren(tag="{*}*"):
+        if (name, _local(child.tag)) == ("emission", "texture"):
+            yield "a texture of emission"
+        else:
+            yield from _unused(child)
+
+
+def _local(tag: str) -> str:
+    return tag.rpartition("}")[2]
+
+
 def _rewritten(data: bytes) -> tuple[bytes, list[str]]:
     """Return a document whose geometry is all found, each controller's in its bind pose, and notes on what changed."""
     from lxml import etree
 
-    root: Any = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
+    root = _root_of(data)
     for mesh in list(root.iter("{*}convex_mesh")):
         mesh.tag = mesh.tag.replace("convex_mesh", "mesh")
     controllers = {each.get("id"): each for each in root.iter("{*}controller")}

@@ -17,7 +17,7 @@ from wrt.errors import InputError, warn
 from wrt.io.account import warn_of_unused
 from wrt.io.mesh.mtl import MtlMaterials, Statements, statements_of
 from wrt.io.mesh.obj_text import ObjText
-from wrt.io.mesh.parts import Part, decoded, only_points
+from wrt.io.mesh.parts import FloatArray, Part, decoded, points_of
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.mesh.sidecars import Sidecars, in_any_case
 from wrt.io.safe_read import as_text, as_utf8, naming_file, read_file
@@ -26,8 +26,7 @@ _BETWEEN_FILES = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
 
 WITHOUT_EFFECT = {
     "[go]": "names",
-    "s": "normals are those of the file, or follow from the folds of the surface",
-    "mg": "the same",
+    "mg": "of free-form surfaces",
     "bevel": "how other renderers interpolate over faces",
     "[cd]_interp": "the same",
     "lod": "the level of detail of a display",
@@ -42,8 +41,6 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         InputError: on what is no number where one should be, and on faces that name nothing.
     """
     text = ObjText(path, as_utf8(data))
-    if not len(text.counts) and (count := len(text.rows["v"])):
-        raise only_points(path, count)
     sidecars = Sidecars(path)
     described = _materials(path, text, sidecars)
     materials = MtlMaterials(path, sidecars.find)
@@ -53,6 +50,8 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         statements = described.get(names[number])
         parts.append(materials.dressed(part, names[number], statements) if statements else part)
     materials.warn_of_unused()
+    if not parts and len(text.rows["v"]):
+        parts = [points_of(path.stem, text.rows["v"][:, :3], _colors(path, text))]
     if parts:
         warn_of_unused(path, text.others.elements(), WITHOUT_EFFECT)
     return parts
@@ -73,9 +72,9 @@ def _parts(path: Path, text: ObjText) -> Iterator[tuple[int, Part]]:
         groups += column * named
     corners, sources = _vertices(text.corners, len(text.rows["v"]))
     rows = {kind: values.take(sources[k], axis=0) for k, (kind, values) in enumerate(text.rows.items()) if len(values)}
-    positions, colors = rows["v"][:, :3], decoded(rows["v"][:, 3:6]) if rows["v"].shape[1] >= 6 else None
-    if text.colors_are_partial:
-        warn(f"{path}: vertex colours are left out, as some vertices have none")
+    positions, colors = rows["v"][:, :3], _colors(path, text)
+    if colors is not None:
+        colors = colors.take(sources[0], axis=0)
     uvs = rows.get("vt")
     if uvs is not None and uvs.shape[1] == 1:
         uvs = np.pad(uvs, ((0, 0), (0, 1)))
@@ -87,16 +86,27 @@ def _parts(path: Path, text: ObjText) -> Iterator[tuple[int, Part]]:
     pieces = zip(first.tolist(), present.tolist(), [0, *ends[:-1]], ends, strict=True)
     for _, group, begin, end in sorted(pieces):
         used: Any = slice(None)
+        chosen: Any = slice(None)
         if order is None:
             part = Part(path.stem, positions, faces)
         else:
-            used, some = np.unique(faces[order[begin:end]], return_inverse=True)
+            chosen = order[begin:end]
+            used, some = np.unique(faces[chosen], return_inverse=True)
             part = Part(path.stem, positions[used], some.reshape(-1, 3))
+        if text.face_smoothing is not None:
+            part.smoothing = text.face_smoothing[owners[chosen]]
         part.vertex_format = "a vertex"
         part.uvs = uvs[used] if uvs is not None and group & 1 else None
         part.normals = rows["vn"][used] if group & 2 else None
         part.colors = None if colors is None else colors[used]
         yield group >> 2, part
+
+
+def _colors(path: Path, text: ObjText) -> FloatArray | None:
+    """Return the colours of positions, if all have one."""
+    if text.colors_are_partial:
+        warn(f"{path}: vertex colours are left out, as some vertices have none")
+    return decoded(text.rows["v"][:, 3:6]) if text.rows["v"].shape[1] >= 6 else None
 
 
 def _vertices(corners: NDArray[np.int32], count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

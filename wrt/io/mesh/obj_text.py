@@ -48,7 +48,8 @@ class ObjText:
         corners: (C, 3) what the corners of all faces name, of each kind, counted from 0; -1 for what they do not name.
         counts: (F,) corners of each face.
         face_materials: (F,) numbers of materials.
-        materials: these numbers by name; 0 is "", of faces without one.
+        face_smoothing: (F,) numbers of smoothing groups (s), 0 for none; None if the file has none.
+        materials: the numbers of materials by name; 0 is "", of faces without one.
         libraries: statements for material files, each one or several names.
         others: all other statements, counted.
         colors_are_partial: whether some vertices have a colour and others have none.
@@ -61,7 +62,8 @@ class ObjText:
             InputError: on what is no number where one should be, and on faces that name nothing.
         """
         self._path, self._line = path, 1
-        self.materials, self._material = {"": 0}, 0
+        self.materials, self._smoothing = {"": 0}, dict.fromkeys(("off", "0", "null"), 0)
+        self._state = 0, 0  # the material, and the smoothing group
         self._widest = 0  # of lines of "v"
         self.libraries: list[str] = []
         self.others: Counter[str] = Counter()
@@ -70,7 +72,8 @@ class ObjText:
         corners, counts, numbers = zip(*map(self._add, _chunks(data)), strict=True)
         self.rows = {kind: self._joined(kind) for kind in _COLUMNS}
         self.corners = np.concatenate(corners)
-        self.counts, self.face_materials = np.concatenate(counts), np.concatenate(numbers)
+        self.counts, (self.face_materials, smoothing) = np.concatenate(counts), np.concatenate(numbers).T
+        self.face_smoothing = smoothing if self.others.pop("s", 0) else None
         for column, kind in enumerate(_COLUMNS):
             indices, count = self.corners[:, column], len(self.rows[kind])
             if (last := int(indices.max(initial=-1))) < count:
@@ -94,7 +97,10 @@ class ObjText:
         return np.concatenate([rows[:, :least] for rows in found]) if found else np.zeros((0, least), np.float32)
 
     def _add(self, chunk: bytes) -> tuple[_Corners, NDArray[np.int32], NDArray[np.int32]]:
-        """Parse some lines of one space between words, and return the corners, counts and materials of their faces."""
+        """Parse some lines of one space between words, and return the corners of their faces.
+
+        Also how many each has, and (F, 2) the material and the smoothing group of each.
+        """
         letters = np.frombuffer(chunk + b"\n\n", np.uint8)
         ends = np.flatnonzero(letters[:-2] == _NEWLINE)
         starts = np.concatenate([[0], ends[:-1] + 1])
@@ -115,16 +121,16 @@ class ObjText:
                 rows = self._numbers(kind, b"".join(runs[number]), self._line + np.flatnonzero(kinds == number))
                 self._found[kind].append(rows)
                 self._size[kind] += len(rows)
-        # Lines that begin a material, and its number.
-        begins, numbers = [-1], [self._material]
+        # Lines that begin a material or a smoothing group, and the numbers of both.
+        begins, states = [-1], [self._state]
         for line in np.flatnonzero(kinds == -1).tolist() if -1 in runs else ():
             if starts[line] < ends[line]:
                 self._add_statement(chunk[starts[line] : ends[line]].decode("utf-8", "surrogateescape"))
-                if self._material != numbers[-1]:
+                if self._state != states[-1]:
                     begins.append(line)
-                    numbers.append(self._material)
+                    states.append(self._state)
         faces = np.flatnonzero(kinds == 3)
-        materials = np.array(numbers, np.int32)[np.searchsorted(begins, faces, side="right") - 1]
+        of_faces = np.array(states, np.int32)[np.searchsorted(begins, faces, side="right") - 1]
         corners, counts = np.zeros((0, 3), np.int32), np.zeros(0, np.int32)
         if 3 in runs:
             corners, counts = self._corners(b"".join(runs[3]), self._line + faces)
@@ -139,12 +145,15 @@ class ObjText:
                     place = int(self._line + np.repeat(faces, counts)[corner])
                     raise self._error(f"a face names a {kind!r} that is not there ({self._size[kind]} are)", place)
         self._line += len(starts)
-        return corners - np.int32(1), counts, materials
+        return corners - np.int32(1), counts, of_faces
 
     def _add_statement(self, line: str) -> None:
         match line.split(" "):
             case ["usemtl", *name]:
-                self._material = self.materials.setdefault(plain_name(name), len(self.materials))
+                self._state = self.materials.setdefault(plain_name(name), len(self.materials)), self._state[1]
+            case ["s", name, *_]:
+                self._state = self._state[0], self._smoothing.setdefault(name, len(self._smoothing))
+                self.others["s"] += 1
             case ["mtllib", name, *more]:
                 self.libraries.append(" ".join([name, *more]))
             case [key, *_] if key in _COLUMNS:

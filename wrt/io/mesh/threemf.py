@@ -9,6 +9,7 @@ import io
 import posixpath
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io import memory_limits
+from wrt.io.account import warn_of_unused
 from wrt.io.mesh.parts import Contents, Part, as_specified, checked_faces, placed, split_vertices
 from wrt.io.texture_images import TextureImages
 from wrt.linalg import product
@@ -29,8 +31,48 @@ from wrt.scene.textures import ImageTexture
 _PER_BYTE = 4
 """Memory of a byte of text once it is parsed, roughly."""
 
-_WRAPS = {"wrap": "repeat", "mirror": "mirror", "clamp": "clamp", "none": "clamp"}
+_METRES = {
+    "micron": 1e-6,
+    "millimeter": 1e-3,
+    "centimeter": 1e-2,
+    "meter": 1.0,
+    "inch": 0.0254,
+    "foot": 0.3048,
+}
+"""Metres in the units that a model may have (core specification, 3.4)."""
+
+_WRAPS = {"wrap": "repeat", "mirror": "mirror", "clamp": "clamp"}
+_FILTERS = {"auto": "bilinear", "linear": "bilinear", "nearest": "nearest"}
 _SUPPORTED = ("basematerials", "colorgroup", "compositematerials", "texture2dgroup")
+_ABOUT_PRINTING = "how a thing is printed, not how it looks"
+_FOR_PROGRAMS = "names and numbers by which programs find a thing again"
+
+WITHOUT_EFFECT = {
+    "model.*extensions": "what an extension adds is accounted for where it occurs",
+    "model.lang": "the language of texts",
+    "model.version": _FOR_PROGRAMS,
+    "metadata*": "texts about the file",
+    "trianglesets": _FOR_PROGRAMS,
+    "triangleset*": _FOR_PROGRAMS,
+    "ref*": "a member of a set of triangles",
+    "*.UUID": _FOR_PROGRAMS,
+    "*.partnumber": _FOR_PROGRAMS,
+    "*.name": _FOR_PROGRAMS,
+    "object.type": _ABOUT_PRINTING,
+    "object.thumbnail": "a picture of the object",
+    "object.slicestackid": _ABOUT_PRINTING,
+    "object.meshresolution": _ABOUT_PRINTING,
+    "slice*": _ABOUT_PRINTING,
+    "item.printable": _ABOUT_PRINTING,
+    "triangle.*supports": _ABOUT_PRINTING,
+    "triangle.*seam": _ABOUT_PRINTING,
+    "texture2d.contenttype": "images tell their type",
+}
+"""Elements and attributes that do not change a picture, and why."""
+
+_GROUPS = frozenset(("resources", "build", "mesh", "vertices", "triangles", "components"))
+"""Elements that hold others."""
+
 _NO_COLOR = (1.0, 1.0, 1.0, 1.0)
 
 _Matrix = NDArray[np.float64]
@@ -58,12 +100,14 @@ class _Group:
 
 
 class _Model:
-    """One model part of the archive. Names are read without the prefixes of their namespaces."""
+    """One model part of the archive; `unused` counts what was not used. Names are without prefixes of namespaces."""
 
     def __init__(self, text: bytes) -> None:
         self.objects: dict[str, _Object] = {}
         self.groups: dict[str, _Group] = {}
-        self.images: dict[str, tuple[str, tuple[str, str]]] = {}
+        self.images: dict[str, tuple[str, tuple[str, ...], str]] = {}
+        self.unit = "millimeter"
+        self.unused: Counter[str] = Counter()
         self.items: list[tuple[str, str, _Matrix]] = []
         self._object = _Object()
         self._group = _Group("")
@@ -77,51 +121,65 @@ class _Model:
         raise ValueError("it has a document type, which 3MF forbids")
 
     def _read(self, tag: str, attributes: dict[str, str]) -> None:
-        values = {key.rpartition(":")[2]: value for key, value in attributes.items()}
+        values = {key.rpartition(":")[2]: value for key, value in attributes.items() if not key.startswith("xmlns")}
         match kind := tag.rpartition(":")[2]:
+            case "model":
+                self.unit = values.pop("unit", self.unit)
             case "vertex":
-                self._object.vertices.append((float(values["x"]), float(values["y"]), float(values["z"])))
+                self._object.vertices.append((float(values.pop("x")), float(values.pop("y")), float(values.pop("z"))))
             case "triangle":
-                self._object.faces.append((int(values["v1"]), int(values["v2"]), int(values["v3"])))
+                self._object.faces.append((int(values.pop("v1")), int(values.pop("v2")), int(values.pop("v3"))))
                 self._object.properties.append(self._property(values))
             case "object":
-                self._object = self.objects[values["id"]] = _Object()
+                self._object = self.objects[values.pop("id")] = _Object()
                 if "pid" in values:
-                    index = int(values.get("pindex", 0))
-                    self._object.default = values["pid"], index, index, index
+                    index = int(values.pop("pindex", 0))
+                    self._object.default = values.pop("pid"), index, index, index
             case "component":
                 self._object.components.append(_reference(values))
             case "item":
                 self.items.append(_reference(values))
             case "basematerials" | "colorgroup":
-                self._group = self.groups[values["id"]] = _Group(kind)
+                self._group = self.groups[values.pop("id")] = _Group(kind)
             case "base" | "color":
-                self._group.values.append(_color(values["displaycolor" if kind == "base" else "color"]))
+                self._group.values.append(_color(values.pop("displaycolor" if kind == "base" else "color")))
             case "texture2dgroup":
-                self._group = self.groups[values["id"]] = _Group(kind, image=values["texid"])
+                self._group = self.groups[values.pop("id")] = _Group(kind, image=values.pop("texid"))
             case "tex2coord":
-                self._group.values.append((float(values["u"]), float(values["v"])))
+                self._group.values.append((float(values.pop("u")), float(values.pop("v"))))
             case "texture2d":
-                u, v = (_WRAPS.get(values.get(f"tilestyle{axis}", "wrap"), "repeat") for axis in "uv")
-                self.images[values["id"]] = values["path"], (u, v)
+                styles = [self._word(_WRAPS, values.pop(f"tilestyle{axis}", "wrap")) for axis in "uv"]
+                kind_of_filter = self._word(_FILTERS, values.pop("filter", "auto"))
+                self.images[values.pop("id")] = values.pop("path"), tuple(styles), kind_of_filter
             case "multiproperties":
-                self._group = self.groups[values["id"]] = _Group(kind, members=values["pids"].split())
+                self._group = self.groups[values.pop("id")] = _Group(kind, members=values.pop("pids").split())
             case "multi":
-                self._group.values.append([int(word) for word in values["pindices"].split()])
+                self._group.values.append([int(word) for word in values.pop("pindices").split()])
             case "compositematerials":
-                self._group = self.groups[values["id"]] = _Group(kind, members=[values["matid"]])
-                self._mixed = [int(word) for word in values["matindices"].split()]
+                self._group = self.groups[values.pop("id")] = _Group(kind, members=[values.pop("matid")])
+                self._mixed = [int(word) for word in values.pop("matindices").split()]
             case "composite":
-                self._group.values.append(self._mixture([float(word) for word in values["values"].split()]))
+                self._group.values.append(self._mixture([float(word) for word in values.pop("values").split()]))
+            case _ if kind not in _GROUPS:
+                self.unused[kind] += 1
+                values = {}  # of what is unknown as a whole
+        for key in values:
+            self.unused[f"{kind}.{key}"] += 1
+
+    def _word(self, known: dict[str, str], word: str) -> str:
+        """Return what wrt calls a word of an image; of an unknown one what it calls the first."""
+        if word not in known:
+            self.unused[f"the word {word!r} of a texture2d"] += 1
+        return known.get(word, next(iter(known.values())))
 
     def _property(self, values: dict[str, str]) -> _Property | None:
         """Return the property of a triangle, or that of its object."""
         default = self._object.default
+        group = values.pop("pid", "") or (default[0] if default else "")
         if "p1" not in values:
             return default
-        first = int(values["p1"])
-        group = values.get("pid") or (default[0] if default else "")
-        return group, first, int(values.get("p2", first)), int(values.get("p3", first))
+        first = int(values.pop("p1"))
+        return group, first, int(values.pop("p2", first)), int(values.pop("p3", first))
 
     def _mixture(self, shares: list[float]) -> tuple[float, ...]:
         """Return the mean of the colours of base materials, by their shares."""
@@ -138,8 +196,8 @@ def _reference(values: dict[str, str]) -> tuple[str, str, _Matrix]:
     """Return the model part, the object, and the (4, 4) transform of a component or an item."""
     matrix = np.eye(4)
     if "transform" in values:
-        matrix[:3] = np.array([float(word) for word in values["transform"].split()]).reshape(4, 3).T
-    return values.get("path", ""), values["objectid"], matrix
+        matrix[:3] = np.array([float(word) for word in values.pop("transform").split()]).reshape(4, 3).T
+    return values.pop("path", ""), values.pop("objectid"), matrix
 
 
 def _color(text: str) -> tuple[float, ...]:
@@ -201,10 +259,18 @@ class _Reader:
     def parts(self) -> list[Part]:
         """Return the parts of all that is built."""
         places: dict[tuple[str, str], list[_Matrix]] = {}
-        for name, number, matrix in self._model(self._root).items:
-            for key, place in self._meshes(name or self._root, number, matrix, ()):
+        root = self._model(self._root)
+        if root.unit not in _METRES:
+            warn(f"{self._path}: its unit of length {root.unit!r} is unknown; taken as millimeter")
+        metres = _METRES.get(root.unit, _METRES["millimeter"])
+        world = np.diag([metres, metres, metres, 1.0])
+        for name, number, matrix in root.items:
+            for key, place in self._meshes(name or self._root, number, product(world, matrix), ()):
                 places.setdefault(key, []).append(place)
-        return [placed(part, matrices) for key, matrices in places.items() for part in self._parts_of(*key)]
+        parts = [placed(part, matrices) for key, matrices in places.items() for part in self._parts_of(*key)]
+        unused = sum((model.unused for model in self._models.values()), Counter[str]())
+        warn_of_unused(self._path, unused.elements(), WITHOUT_EFFECT)
+        return parts
 
     def _meshes(
         self, name: str, number: str, matrix: _Matrix, ancestors: tuple[tuple[str, str], ...]
@@ -266,6 +332,8 @@ class _Reader:
         return None
 
     def _texture(self, model: _Model, number: str) -> ImageTexture | None:
-        name, wrap = model.images[number]
+        name, wrap, kind_of_filter = model.images[number]
         pixels = self._images.pixels(name, "color", f"image {name}", lambda: self._bytes(name))
-        return None if pixels is None else ImageTexture(pixels, posixpath.basename(name), wrap=wrap)
+        return (
+            None if pixels is None else ImageTexture(pixels, posixpath.basename(name), wrap=wrap, filter=kind_of_filter)
+        )

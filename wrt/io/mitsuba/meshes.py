@@ -38,7 +38,7 @@ def read_mesh(plugin: Plugin, attribute: str | None = None) -> Mesh:
     index = plugin.integer("shape_index", 0) if plugin.type == "serialized" else 0
     with plugin.locating(), hinting(path):
         parts, flat = _parts(plugin, path, index, attribute)
-        shapes = to_shapes(str(path), parts, None)
+        shapes = to_shapes(str(path), parts, 0.0)
     flat = plugin.boolean("face_normals", flat)
     mesh = merge([shape.mesh for shape in shapes], path.name)
     if upside_down and mesh.uvs is not None:

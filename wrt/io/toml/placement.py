@@ -140,7 +140,7 @@ def read_deformation(
             with reader.at(f"files[{i}]"):
                 from wrt.io.load_mesh import load_mesh
 
-                key = load_mesh(reader.file(file), smooth_degrees=None)
+                key = load_mesh(reader.file(file), smooth_degrees=0.0)
                 if len(key.vertices) != len(mesh.vertices):
                     raise InputError(
                         f"{file} has {len(key.vertices)} vertices, the shape {len(mesh.vertices)}; "

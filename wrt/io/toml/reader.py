@@ -38,7 +38,6 @@ from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.motion import Motion
-from wrt.scene.normals import CREASE_DEGREES
 from wrt.scene.scene import RenderSettings, Scene, Shape, bake_transforms
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 from wrt.values import boolean, sealed, vector
@@ -341,12 +340,13 @@ class _SceneReader(TableReader):
 
         Args:
             file: the mesh: OBJ, PLY, STL, OFF, GLB, glTF or .npz.
-            smooth: whether its own normals are used, and made where it has none; otherwise triangles are flat.
+            smooth: whether its own normals are used, and made where it has none unless its format says that it is flat;
+                otherwise triangles are flat.
         """
         from wrt.io.load_mesh import load_file
 
         def load() -> list[Shape]:
-            loaded = load_file(path, smooth_degrees=CREASE_DEGREES if smooth else None).shapes
+            loaded = load_file(path, smooth_degrees=None if smooth else 0.0).shapes
             if smooth:
                 return loaded
             flat = {id(shape.mesh): replace(shape.mesh, normals=None) for shape in loaded}

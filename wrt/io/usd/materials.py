@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import math
 import zipfile
+from collections import Counter
 from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,7 @@ _NEUTRAL = {
 """Inputs without effect at a value."""
 
 _MOST_UV_SETS = 2
+_COLOR_READER = "UsdPrimvarReader_float3"
 
 _Move = tuple[tuple[float, ...], float, tuple[float, ...]]
 _NOT_MOVED: _Move = ((1.0, 1.0), 0.0, (0.0, 0.0))
@@ -72,6 +74,7 @@ class UsdMaterials:
         self._bordered: dict[tuple[int, ...], tuple[NDArray[np.float32], NDArray[np.float32]]] = {}
         self._made: dict[tuple[str, tuple[Coordinates, ...], bool], Material | None] = {}
         self.unsupported: set[str] = set()
+        self._without_preview: Counter[str] = Counter()
 
     def bound_to(self, name: str | None, *, uv_sets: tuple[Coordinates, ...], has_colors: bool) -> Material | None:
         """Return the material of a path, or None, for meshes with some texture coordinates, and with colours or not."""
@@ -101,6 +104,17 @@ class UsdMaterials:
             self.unsupported.add("a third set of texture coordinates in a material")
         return found[:_MOST_UV_SETS]
 
+    def color_primvar(self, name: str | None) -> str:
+        """Return the name of the primvar that the material of a path, or what is drawn without one, has as colours."""
+        shader = self._nodes.get(self._materials[name]) if name is not None else None
+        return self.color_primvar_of(shader) if shader is not None else "displayColor"
+
+    def color_primvar_of(self, shader: _Node) -> str:
+        """Return the name of the first primvar that a shader reads as a colour."""
+        nodes = (self.node(shader["sources"].get(key)) for key in ("diffuseColor", "emissiveColor", "specularColor"))
+        readers = (node for node in nodes if node["id"] == _COLOR_READER)
+        return next((str(node["inputs"].get("varname")) for node in readers), "displayColor")
+
     def coordinates(self, image: _Node) -> Coordinates:
         """Return the texture coordinates of an image: scaled, turned, then moved."""
         place, move = self.node(image["sources"].get("st")), _NOT_MOVED
@@ -116,6 +130,7 @@ class UsdMaterials:
     def unused(self) -> Iterator[str]:
         """Yield the kinds of inputs of shaders that no material used."""
         yield from self.unsupported
+        yield from self._without_preview.elements()
         for node in self._nodes.values():
             if "inputs" not in node.asked:  # not reached
                 continue
@@ -132,6 +147,8 @@ class UsdMaterials:
 
         radiance = np.array(radiance_of(values))
         name = values.asset("inputs:texture:file")
+        if (layout := values.word("inputs:texture:format")) not in ("", "automatic", "latlong"):
+            self.unsupported.add(f"the layout {layout!r} of the image of a DomeLight")
         if not name:
             return ConstantEnvironment(vec3(radiance))
         file = self._path.parent / name
@@ -150,7 +167,8 @@ class UsdMaterials:
     def _make(self, name: str, uv_sets: tuple[Coordinates, ...], has_colors: bool) -> Material | None:
         shader = self._nodes.get(self._materials[name])
         if shader is None or shader["id"] != PREVIEW:
-            warn(f"{self._path}: {name}: only {PREVIEW} is supported; left out")
+            kind = f"shader {shader['id'] or 'of no type'}" if shader else "material without a shader for all renderers"
+            self._without_preview[f"a {kind}, where a {PREVIEW} is expected,"] += 1
             return None
         read = _Inputs(self, shader, uv_sets, has_colors)
         cutoff = _number(shader, "opacityThreshold", 0.0)
@@ -182,6 +200,12 @@ class UsdMaterials:
     def pixels(self, name: str, kind: str) -> Any:
         """Return the pixels of an image, or None with a warning."""
         return self._images.pixels(name, kind, f"image {_file_name(name)}", lambda: self._located(name))
+
+    def has_alpha(self, name: str) -> bool:
+        """Return whether an image may have an alpha channel; without one it is 1."""
+        if Path(name).suffix.lower() in FLOAT_SUFFIXES:
+            return True
+        return self._images.has_alpha(name, f"image {_file_name(name)}", lambda: self._located(name))
 
     def bordered(
         self, pixels: NDArray[np.float32], black: list[bool], move: _Move
@@ -224,8 +248,10 @@ class _Inputs:
 
     def color(self, name: str, default: tuple[float, ...]) -> ColorSource:
         reader = self._owner.node(self._shader["sources"].get(name))
-        if reader["id"] == "UsdPrimvarReader_float3" and reader["inputs"].get("varname") == "displayColor":
-            fallback = _numbers(reader, "fallback", default)
+        if reader["id"] == _COLOR_READER and reader["inputs"].get("varname") == self._owner.color_primvar_of(
+            self._shader
+        ):
+            fallback = _numbers(reader, "fallback", (0.0,) * 3)
             return VertexColor() if self._has_colors else vec3(np.maximum(fallback, 0.0))
         texture = self.texture(name, "color")
         if isinstance(texture, ImageTexture):
@@ -257,9 +283,13 @@ class _Inputs:
         fallback = image["inputs"].get("fallback")
         coordinates = self._owner.coordinates(image)
         kind = "alpha" if channel == "a" else _SPACES[space] or kind
+        if file and channel == "a" and not self._owner.has_alpha(file):
+            return np.ones(3) * scale + bias
         pixels = self._owner.pixels(file, kind) if file else None
         if pixels is None:
-            return None if fallback is None else _numbers(image, "fallback", (0.0, 0.0, 0.0, 1.0))[channels]
+            values = _numbers(image, "fallback", (0.0, 0.0, 0.0))  # some have three numbers
+            values = _numbers(image, "fallback", (*values.tolist(), 1.0))
+            return None if fallback is None else values[channels]
         move = _NOT_MOVED
         if coordinates not in self._uv_sets:  # those of a normal map are moved already
             coordinates, move = (coordinates[0], _NOT_MOVED), coordinates[1]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, warn
+from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, Part
 from wrt.io.mesh.polygons import triangulate
@@ -36,8 +36,6 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
     memory_limits.take(memory_limits.MESHES, 40 * len(corners))
     if (counts < 0).any() or (counts > len(corners)).any() or counts.sum() != len(corners):
         raise InputError(f"{path}: {name}: its faces have {counts.sum()} corners, but {len(corners)} are given")
-    if shape["subdivided"]:
-        warn(f"{path}: {name}: a subdivision surface is rendered as its cage, smoothed")
     triangles, owner = triangulate(f"{path}: {name}", points, corners, counts)
     if values["orientation"] == "leftHanded":
         triangles = triangles[:, ::-1]
@@ -45,7 +43,7 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
     at_corners = {
         "normals": next((each for each in normals if each is not None), None),
         "uvs": None,
-        "colors": _colors(shape, corners, counts),
+        "colors": None,
     }
     coordinates = {name: _at_corners(primvar, 2, corners, counts) for name, primvar in shape["uvs"]}
     holes = indices(values.get("holeIndices"))
@@ -53,6 +51,7 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
     for faces, material in _subsets(shape, len(counts)):
         chosen = triangles[np.isin(owner, np.setdiff1d(faces, holes))]
         at_corners["uvs"], uv_sets = _uvs(coordinates, materials.uv_sets(material))
+        at_corners["colors"] = _colors(shape, materials.color_primvar(material), corners, counts)
         if all(each is None for each in at_corners.values()):
             part = Part(name, points, corners[chosen])
         else:  # values at corners split the vertices
@@ -60,6 +59,7 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
             part = Part(name, points[corners[used]], chosen.reshape(-1, 3))
             for field, rows in at_corners.items():
                 setattr(part, field, None if rows is None else rows[used])
+        part.smoothing = 0 if shape["faceted"] else None  # "A Note About Normals" of UsdGeomMesh
         parts.append(_with_material(part, material, materials, uv_sets))
     return parts
 
@@ -82,9 +82,12 @@ def _uvs(
     return np.concatenate(sets, axis=1), tuple(needed)
 
 
-def _colors(shape: dict[str, Any], corners: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[Any] | None:
-    """Return (C, 3) colours at corners, or (C, 4) where they are not opaque and no material is bound."""
-    colors, opacities = (_at_corners(shape[key], n, corners, counts) for key, n in (("colors", 3), ("opacities", 1)))
+def _colors(
+    shape: dict[str, Any], name: str, corners: NDArray[np.int64], counts: NDArray[np.int64]
+) -> NDArray[Any] | None:
+    """Return (C, 3) colours of a name at corners, or (C, 4) where they are not opaque and no material is bound."""
+    colors = _at_corners(dict(shape["colors"]).get(name), 3, corners, counts)
+    opacities = _at_corners(shape["opacities"], 1, corners, counts)
     if opacities is None or shape["material"] is not None or not (opacities < 1.0).any():
         return colors
     return np.concatenate(
@@ -114,9 +117,11 @@ def part_of_solid(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
     part = Part(name, mesh.vertices, mesh.faces, mesh.normals, mesh.uvs)
     uvs = None if mesh.uvs is None else np.asarray(mesh.uvs)
     part.uvs, uv_sets = _uvs({"st": uvs}, materials.uv_sets(shape["material"]))
-    if all(shape[key] is None or shape[key][1] == "constant" for key in ("colors", "opacities")):
-        vertices = np.arange(len(mesh.vertices))
-        part.colors = _colors(shape, vertices, np.ones_like(vertices))
+    constant = [each for each in shape["colors"] if each[1] and each[1][1] == "constant"]
+    opacities = shape["opacities"] if shape["opacities"] and shape["opacities"][1] == "constant" else None
+    vertices = np.arange(len(mesh.vertices))
+    of_shape = {**shape, "colors": constant, "opacities": opacities}
+    part.colors = _colors(of_shape, materials.color_primvar(shape["material"]), vertices, np.ones_like(vertices))
     return _with_material(part, shape["material"], materials, uv_sets)
 
 

@@ -31,7 +31,10 @@ _OF_LIGHTS = tuple(
 _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "Mesh": ("points", "faceVertexCounts", "faceVertexIndices", "orientation", "holeIndices"),
     "PointInstancer": ("protoIndices",),
-    "Camera": ("verticalAperture", "projection", "focalLength", "fStop", "focusDistance"),
+    "Camera": (
+        *("verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"),
+        *("projection", "focalLength", "fStop", "focusDistance"),
+    ),
     "Cube": ("size",),
     "Sphere": ("radius",),
     "Plane": ("width", "length", "axis"),
@@ -40,7 +43,7 @@ _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "RectLight": (*_OF_LIGHTS, "inputs:width", "inputs:height"),
     "DiskLight": (*_OF_LIGHTS, "inputs:radius"),
     "DistantLight": (*_OF_LIGHTS, "inputs:angle"),
-    "DomeLight": (*_OF_LIGHTS, "inputs:texture:file"),
+    "DomeLight": (*_OF_LIGHTS, "inputs:texture:file", "inputs:texture:format"),
 }
 """The attributes of each type that are read."""
 
@@ -49,6 +52,9 @@ _OF_INSTANCES = (*("positions", "orientations", "orientationsf", "scales", "ids"
 
 _READ_BY_LIBRARY = ("xformOp:", "!invert!xformOp:", "material:binding")
 """Beginnings of the names of other properties that the library reads."""
+
+_SHORT = 16
+"""Elements of a value up to which instances are compared by it, and not by where it is."""
 
 _BYTES_PER_PLACE = 16 * 8
 
@@ -126,6 +132,7 @@ class Description:
         self._classes: dict[str, tuple[bool, bool]] = {}
         self._unused: Counter[str] = Counter()
         self._described: set[str] = set()
+        self._inherited_by: dict[str, str] = {}
         self.content: dict[str, Any] = {"shapes": {}, "prototypes": {}, "materials": {}, "nodes": {}, "left_out": []}
         self.content["animation"] = [0.0, (times[1] - times[0]) / times[2]] if times and times[1] > times[0] else None
         self.content["up"] = str(UsdGeom.GetStageUpAxis(stage))
@@ -216,11 +223,15 @@ class Description:
 
     def _values(self, prim: _Prim, kind: str) -> dict[str, Any]:
         attributes = {name: prim.attribute(name) for name in _ATTRIBUTES[kind]}
+        for name, attribute in attributes.items():
+            if name.startswith("inputs:") and not attribute.HasAuthoredValue():
+                before = prim.attribute(name.removeprefix("inputs:"))  # its name before USD 21.02
+                attributes[name] = before if before and before.HasAuthoredValue() else attribute
         return {name: self._value(attribute) for name, attribute in attributes.items() if attribute}
 
     def _shape(self, prim: _Prim, kind: str) -> str:
         """Describe a mesh or a solid, unless it has been, and return its key, which instances of it have too."""
-        key = _key(prim.prim)
+        key = _key(prim.prim) + self._inherited(prim.prim)
         if key not in self.content["shapes"]:
             primvars = UsdGeom.PrimvarsAPI(prim.prim)
             shape: dict[str, Any] = {
@@ -228,11 +239,30 @@ class Description:
                 "path": str(prim.prim.GetPath()),
                 "values": self._values(prim, kind),
                 "material": self._material(prim.prim),
-                "colors": self._primvar(primvars.FindPrimvarWithInheritance("displayColor")),
+                "colors": [[name, self._primvar(primvar)] for name, primvar in _colors(primvars).items()],
                 "opacities": self._primvar(primvars.FindPrimvarWithInheritance("displayOpacity")),
             }
             self.content["shapes"][key] = shape | (self._of_mesh(prim, primvars) if kind == "Mesh" else {})
         return key
+
+    def _inherited(self, prim: Any) -> str:
+        """Return a text of what a prim inherits from beyond the prototype that instances share: material and values."""
+        root = prim
+        while root.IsInstanceProxy():
+            root = root.GetParent()
+        if root == prim:
+            return ""
+        path = str(root.GetPath())
+        if path not in self._inherited_by:
+            materials = _bound_to(root)
+            values = {}
+            for each in UsdGeom.PrimvarsAPI(root).FindInheritablePrimvars():
+                value = each.Get(self._time)
+                is_short = len(value) <= _SHORT if hasattr(value, "__len__") else True
+                values[str(each.GetName())] = str(value) if is_short else str(each.GetAttr().GetPath())
+            found = [_key(each.GetPrim()) for each in materials], values
+            self._inherited_by[path] = f" {found}" if materials or values else ""
+        return self._inherited_by[path]
 
     def _of_mesh(self, prim: _Prim, primvars: Any) -> dict[str, Any]:
         scheme = prim.attribute("subdivisionScheme")
@@ -245,6 +275,7 @@ class Description:
             self._account(part)
         return {
             "subdivided": scheme.HasAuthoredValue() and str(scheme.Get(self._time)) != "none",
+            "faceted": scheme.HasAuthoredValue() and str(scheme.Get(self._time)) == "none",
             # The first that is valid counts.
             "normals": [self._primvar(primvars.GetPrimvar("normals")), [normals, interpolation]],
             "uvs": [[name, self._primvar(primvar)] for name, primvar in _coordinates(primvars).items()],
@@ -261,14 +292,12 @@ class Description:
         """Return the places of a point instancer, the prototype of each, and which of them are shown."""
         instancer = UsdGeom.PointInstancer(prim.prim)
         prim.use(*_OF_INSTANCES)
-        color = UsdGeom.PrimvarsAPI(prim.prim).GetPrimvar("displayColor")
-        if color and color.HasValue() and str(color.GetInterpolation()) != "constant":
-            self._unused["a color for each instance of a PointInstancer"] += 1
         exclude, all_of_them = UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
         places = instancer.ComputeInstanceTransformsAtTime(self._time, self._time, exclude, all_of_them)
         return {
             "values": self._values(prim, "PointInstancer"),
             "instances": self._plain(places),
+            "colors": self._primvar(UsdGeom.PrimvarsAPI(prim.prim).GetPrimvar("displayColor")),
             "shown": [bool(each) for each in instancer.ComputeMaskAtTime(self._time)],
             "prototypes": [self._prototype(prim.prim, root) for root in instancer.GetPrototypesRel().GetTargets()],
         }
@@ -292,9 +321,7 @@ class Description:
 
     def _material(self, prim: Any) -> str | None:
         """Describe the material that is bound to a prim, and return its path; None if there is none."""
-        purposes = (UsdShade.Tokens.full, UsdShade.Tokens.preview)
-        api = UsdShade.MaterialBindingAPI(prim)
-        materials = [each for purpose in purposes if (each := api.ComputeBoundMaterial(purpose)[0])]
+        materials = _bound_to(prim)
         if not materials:
             return None
         previews = (each for each in materials if _identity(each.ComputeSurfaceSource()[0]) == PREVIEW)
@@ -303,7 +330,9 @@ class Description:
         if path not in self.content["materials"]:
             shader, _, _ = bound.ComputeSurfaceSource()
             self.content["materials"][path] = self._node(shader.GetPrim()) if shader else None
-            self._account(_Prim(bound.GetPrim(), "outputs:surface"))
+            displaced, _, _ = bound.ComputeDisplacementSource()  # mostly the same, where the input is accounted for
+            is_same = bool(displaced and shader and displaced.GetPath() == shader.GetPath())
+            self._account(_Prim(bound.GetPrim(), "outputs:surface", *["outputs:displacement"] * is_same))
         return path
 
     def _node(self, prim: Any) -> str:
@@ -332,6 +361,12 @@ def _key(prim: Any) -> str:
     return str((prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath())
 
 
+def _bound_to(prim: Any) -> list[Any]:
+    """Return the materials that are bound to a prim for final pictures and for previews."""
+    api, purposes = UsdShade.MaterialBindingAPI(prim), (UsdShade.Tokens.full, UsdShade.Tokens.preview)
+    return [bound for purpose in purposes if (bound := api.ComputeBoundMaterial(purpose)[0])]
+
+
 def _identity(shader: Any) -> str:
     """Return the type of a shader, or "" if there is none."""
     identity = shader.GetPrim().GetAttribute("info:id") if shader else None
@@ -347,6 +382,16 @@ def _coordinates(primvars: Any) -> dict[str, Any]:
         if rank < 2 or str(kind.scalarType) in ("float2", "double2", "half2"):
             found[name] = rank, each
     return {name: each for name, (_, each) in sorted(found.items(), key=lambda item: item[1][0])}
+
+
+def _colors(primvars: Any) -> dict[str, Any]:
+    """Return primvars that may be colours by their names."""
+    found = primvars.FindPrimvarsWithInheritance()
+    kinds = ("Color", "")
+    three = [
+        each for each in found if str(each.GetTypeName().scalarType) in ("color3f", "color3d", "color3h", "float3")
+    ]
+    return {str(each.GetPrimvarName()): each for each in three if each.GetTypeName().role in kinds}
 
 
 def beside(layer: Any, name: str) -> str:
