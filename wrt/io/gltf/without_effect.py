@@ -45,6 +45,7 @@ _REASONS: dict[str, tuple[str, ...]] = {
         *("cameras.*.znear", "cameras.*.zfar"),
     ),
     "it is a hint where the light may be taken as dark": ("extensions.KHR_lights_punctual.lights.range",),
+    "it names forms with less detail": ("nodes.extensions.MSFT_lod", "materials.extensions.MSFT_lod"),
     "it is for interaction": (
         *("extensions.KHR_interactivity", "nodes.extensions.KHR_node_hoverability"),
         *("nodes.extensions.KHR_node_selectability",),
