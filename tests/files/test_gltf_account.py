@@ -157,17 +157,15 @@ def complete_file() -> dict[str, Any]:
     tree["buffers"][0]["extensions"] = {"KHR_meshopt_compression": {"fallback": True}}
     four = [[0, 0, 0, 0]] * 3
     attributes = {
-        **{
-            "POSITION": position,
-            "NORMAL": position,
-            "TANGENT": add(tree, [[1, 0, 0, 1]] * 3),
-            "_TEMPERATURE": position,
-        },
+        "POSITION": position,
+        "NORMAL": position,
+        "TANGENT": add(tree, [[1, 0, 0, 1]] * 3),
+        "_TEMPERATURE": position,
         **{f"TEXCOORD_{k}": add(tree, points[:, :2], "<u2", normalized=True) for k in (0, 2)},
         **{f"COLOR_{k}": add(tree, points, "<u1") for k in (0, 1)},
     }
     joints = {"JOINTS_0": add(tree, four, "<u1"), "WEIGHTS_0": add(tree, [[1, 0, 0, 0]] * 3)}
-    targets = [{name: position for name in ("POSITION", "NORMAL", "TANGENT", "TEXCOORD_0", "COLOR_0")}]
+    targets = [dict.fromkeys(("POSITION", "NORMAL", "TANGENT", "TEXCOORD_0", "COLOR_0"), position)]
     lit = {"attributes": attributes, "indices": corners, "mode": 4, "targets": targets}
     variants = {"KHR_materials_variants": {"mappings": [{"material": 1, "variants": [0]}]}}
     splats = {"attributes": {"POSITION": position}, "mode": 0, "extensions": {"KHR_gaussian_splatting": {}}}
@@ -211,7 +209,8 @@ def complete_file() -> dict[str, Any]:
     node_extensions: dict[str, Any] = {
         "KHR_lights_punctual": {"light": 0},
         "KHR_node_visibility": {"visible": True},
-        **{"KHR_node_hoverability": {"hoverable": True}, "KHR_node_selectability": {"selectable": True}},
+        "KHR_node_hoverability": {"hoverable": True},
+        "KHR_node_selectability": {"selectable": True},
         "KHR_xmp_json_ld": {"packet": 0},
     }
     tree["nodes"] = [
@@ -224,7 +223,8 @@ def complete_file() -> dict[str, Any]:
     tree["extensions"] = {
         "KHR_lights_punctual": {"lights": [{**light, "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}}]},
         "KHR_materials_variants": {"variants": [{"name": "red"}]},
-        **{"KHR_xmp_json_ld": {"packets": []}, "KHR_interactivity": {"graphs": []}},
+        "KHR_xmp_json_ld": {"packets": []},
+        "KHR_interactivity": {"graphs": []},
     }
     sampler = {"input": add(tree, [0, 1]), "output": add(tree, points[:2]), "interpolation": "LINEAR"}
     pointer = {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": "/nodes/0/weights"}}}
