@@ -353,4 +353,3 @@ def test_off_files_of_every_kind_are_the_same_polygons(tmp_path, data):
     (shape,) = load_shapes(write(tmp_path, "a.off", data))
     assert len(shape.mesh.faces) == 3
     np.testing.assert_allclose(area_vector(shape.mesh), [0, 0, 4.0])
-    assert shape.material.reflectance == DEFAULT_REFLECTANCE
