@@ -19,7 +19,7 @@ from wrt.rendering.checkpoint import write_checkpoint
 from wrt.rendering.film import Film
 from wrt.rendering.part import Part
 from wrt.rendering.picture import Picture
-from wrt.rendering.windows import put
+from wrt.rendering.windows import write_windows
 
 MOST_LISTED = 3
 """Missing parts that a message lists."""
@@ -125,7 +125,7 @@ def merge(parts: Iterable[PathLike | Part]) -> Merged:
         except InputError as error:
             raise InputError(f"{part.name}: damaged, {error}") from None
         for name, array in state.items():
-            put(array, first.crop, part.windows, part.arrays[name])
+            write_windows(array, first.crop, part.windows, part.arrays[name])
         merged.seconds_render += float(part.header["seconds"])
     merged.film.restore(state)
     return merged

@@ -176,7 +176,7 @@ class Renderer(Picture):
         return self.arguments_for(self.film)
 
     def arguments_for(self, film: Film) -> list[Any]:
-        """Return the arguments of a kernel after the number of samples, for a film of this picture's size."""
+        """Return the kernel's arguments, without the first (the target count), for a film of this picture's size."""
         return [self.seed, *self._shared_inputs, film.data, film.aovs.data]
 
     @property
