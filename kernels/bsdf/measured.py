@@ -65,7 +65,7 @@ class Tables:
 
 @wp.struct
 class Viewed:
-    """The viewer in the tables: `signs` mirror directions into the part of the circle that was measured (`mirrored`)."""
+    """The viewer in the tables: `signs` mirror directions into the measured part of the circle."""
 
     wo: wp.vec3
     signs: wp.vec2
