@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wrt.cli.exit_status import complain, outcome, warn
+from wrt.cli.exit_status import EXPECTED, complain, failure, warn
 
 if TYPE_CHECKING:
     from wrt.cli.signals import Interrupts
@@ -166,15 +166,15 @@ def compile(interrupts: Interrupts, *, general: bool, **arguments: Any) -> int:
     if not options.inputs and not general:
         raise InputError("name a scene, or give --general")
 
-    def compile_for(source: str) -> int:
-        scene = options.load(source)
-        return _print(f"{source}: {precompiled_by(lambda: options.make_renderer(scene))}")
-
-    statuses = [0]
+    highest = 0
     with short_warnings(warn):
         for source in options.inputs:
             name = source if len(options.inputs) > 1 else ""
-            statuses.append(outcome(partial(compile_for, source), name=name))
+            try:
+                scene = options.load(source)
+                _print(f"{source}: {precompiled_by(partial(options.make_renderer, scene))}")
+            except EXPECTED as error:
+                highest = max(highest, failure(error, name=name))
         if general:
             _print(f"general kernels: {compile_general(options.settings['sampler'])}")
-    return max(statuses)
+    return highest
