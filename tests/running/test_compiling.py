@@ -96,7 +96,7 @@ def compile_beside(device: Device) -> None:
 def test_an_interrupt_does_not_wait_for_the_compiler(
     threads: int, begin: Callable[[Device], None], loads: Loads, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("wrt.backend.slices.INTERRUPT_SECONDS", 0.05)
+    monkeypatch.setattr("wrt.slices.INTERRUPT_SECONDS", 0.05)
     release = threading.Event()
     load = loads.__call__
 

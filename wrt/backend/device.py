@@ -12,8 +12,8 @@ from typing import Any
 from wrt.backend import current_backend
 from wrt.backend.cuda.gpus import require_gpus
 from wrt.backend.memory import memory_left
-from wrt.backend.slices import Threads, available_threads, finish, run_slices
 from wrt.errors import InputError, NotEnoughMemory, did_you_mean
+from wrt.slices import Threads, available_threads, finish, run_slices
 from wrt.values import integer
 
 _LOADING: dict[str, threading.Lock] = {}

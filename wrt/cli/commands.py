@@ -67,7 +67,7 @@ def info(
     from wrt.errors import InputError
 
     if system:
-        from wrt.describe.system import system_text
+        from wrt.cli.system import system_text
 
         _print(system_text())
     if source is None:
@@ -114,10 +114,10 @@ def develop(
 ) -> int:
     """Turn a picture of radiance into a PNG or a JPEG."""
     from wrt.develop.exposure import stops
-    from wrt.develop.settings import DEFAULT_TONE, DEVELOPED_SUFFIXES, check_exposure
     from wrt.errors import InputError, one_line
     from wrt.io.images import PICTURE, check_output, read_image, save_image
     from wrt.io.safe_write import free_path
+    from wrt.scene.developing import DEFAULT_TONE, DEVELOPED_SUFFIXES, check_exposure
 
     default = Path(Path(source).stem + ".png")
     path = free_path(default, PICTURE) if output is None else check_output(output, force=force)
@@ -158,8 +158,8 @@ def compile(interrupts: Interrupts, *, general: bool, **arguments: Any) -> int:
     """
     interrupts.unfinished = "before everything was compiled"
     from wrt.cli.options import RenderOptions
-    from wrt.compiling.precompile import compile_general, precompiled_by
     from wrt.errors import InputError
+    from wrt.precompiling import compile_general, precompiled_by
     from wrt.progress.bar import short_warnings
 
     options = RenderOptions.from_arguments(arguments)

@@ -92,8 +92,8 @@ class PictureRender:
         options, output = self.options, self.output
         with no_collections():
             from wrt.develop.picture import require_tone
-            from wrt.develop.settings import DEVELOPED_SUFFIXES
             from wrt.rendering.picture import check_contents
+            from wrt.scene.developing import DEVELOPED_SUFFIXES
 
             scene = options.load(self.source)
             settings = scene.settings

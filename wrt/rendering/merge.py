@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from wrt.backend.device import Device
 from wrt.develop.picture import Developed
-from wrt.develop.settings import DEVELOPED_SUFFIXES, Exposure, names_file
 from wrt.errors import InputError
 from wrt.io.images import picture_path
 from wrt.io.safe_read import PathLike
@@ -20,6 +19,7 @@ from wrt.rendering.film import Film
 from wrt.rendering.part import Part
 from wrt.rendering.picture import Picture
 from wrt.rendering.windows import write_windows
+from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure, names_file
 
 MOST_LISTED = 3
 """Missing parts that a message lists."""
