@@ -54,6 +54,7 @@ def load(
     transparent: bool = False,
     aspect: float | None = None,
     time: float | None = None,
+    point_radius: float | None = None,
     file_type: str | None = None,
 ) -> Scene:
     """Load a scene.
@@ -95,6 +96,8 @@ def load(
         time: the time, seconds, at which the first animation of a glTF file is, or after the first time code of a USD
             file; by default the file is at rest, or at that first time. Studio
             and camera are the same for all times.
+        point_radius: the radius of points of a mesh file or object, which are drawn as spheres, in its units; by
+            default it follows from their distances.
         file_type: type of bytes, or of an open file without a name, such as "glb".
 
     Raises:
@@ -104,7 +107,7 @@ def load(
         raise InputError("a view replaces the source's camera; choose a view or a camera")
     smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
     reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
-    reading["smooth_degrees"] = smooth
+    reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
     stage = Stage(view, frame, material, environment, transparent, aspect, time)
     with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
@@ -175,6 +178,7 @@ _ONLY_FOR = {
     "triangles": "a number of triangles is for scenes with a procedural mesh",
     "up": "an up axis is for meshes, not for scenes",
     "parameters": "parameters are only for Mitsuba scenes (.xml)",
+    "point_radius": "a radius of points is for mesh files and trimesh objects",
     "camera": "a camera is chosen in files that may have several; this has one at most",
     "smooth_degrees": "an angle up to which edges are smooth is for mesh files, not for scenes",
 }
@@ -197,7 +201,8 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
         _require_only(kind, reading)
         source.check()
         return stage.shown(source)
-    _require_only(kind, reading, "up", *(() if isinstance(source, Mesh) else ("smooth_degrees",)))
+    of_files = () if isinstance(source, Mesh) else ("smooth_degrees", "point_radius")
+    _require_only(kind, reading, "up", *of_files)
     if isinstance(source, Mesh):
         from wrt.io.mesh.repair import bare_shape
 
@@ -205,7 +210,8 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
         return stage.present(source, Scene(shapes), reading["up"] or "y")
     from wrt.io.load_mesh import load_object
 
-    scene = load_object(source, smooth_degrees=reading["smooth_degrees"], standalone=True)
+    surface: dict[str, Any] = {name: reading[name] for name in of_files}
+    scene = load_object(source, standalone=True, **surface)
     from wrt.io.trimesh_objects import file_type
 
     return _present(source, scene, reading["up"], file_type(source), stage)
@@ -225,7 +231,8 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
     elif path.is_dir():
         found: list[str] = []
         with contextlib.suppress(OSError):
-            found = renderable(path, itertools.islice(path.iterdir(), MOST_NAMES))
+            scenes, bare = renderable(path, itertools.islice(path.iterdir(), MOST_NAMES))
+            found = [*scenes, *bare]
         advice = (
             f"name a file in it, such as {path / found[0]}: {first_of(found)}" if found else "nothing in it is rendered"
         )
@@ -246,7 +253,8 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         loaded = load_scene(path, triangles=reading["triangles"])
         with naming_file(path):
             return stage.shown(loaded)
-    _require_only(source, reading, "up", "camera", "smooth_degrees")
+    surface = {name: reading[name] for name in ("smooth_degrees", "point_radius")}
+    _require_only(source, reading, "up", "camera", *surface)
     from wrt.io.cameras import note_several, with_camera
     from wrt.io.load_mesh import load_file
 
@@ -255,8 +263,8 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
         from wrt.animation.timeline import reach_of_file
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
-    smooth, up = reading["smooth_degrees"], reading["up"]
-    scene = load_file(path, smooth_degrees=smooth, time=stage.time, standalone=stage.time is None)
+    up = reading["up"]
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, **surface)
     scene = with_camera(path, scene, camera)
     if camera is None and stage.view is None:
         note_several(path, list(scene.cameras))

@@ -24,7 +24,7 @@ def two_cameras(folder: Path) -> Path:
     tree["nodes"] += [
         {"name": "front", "camera": 0, "translation": [0.5, 0.5, 2]},
         {"name": "front", "camera": 0, "translation": [0.5, 0.5, 1]},
-        {"camera": 1, "translation": [9, 0, 9]},
+        {"camera": 1, "translation": [9, 0, 9], "rotation": [0, 0.6, 0, 0.8]},
     ]
     tree["cameras"] = LENSES
     sampler = {"input": add(tree, [0, 1]), "output": add(tree, [[9, 0, 9], [0.5, 0.5, 4]])}
@@ -44,6 +44,10 @@ def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path, capsys: pytest.Cap
         assert wrt.load(path, camera=choice).camera == scene.cameras[name]
     far = wrt.load(path, camera=2)  # it shows the mesh small, and is kept because it was chosen
     assert isinstance(far.camera, wrt.OrthographicCamera)
+    far.environment = None
+    wrt.save_scene(tmp_path / "out.glb", far)  # the one that is taken is the first, as readers take that
+    with pytest.warns(UserWarning, match="of its cameras, 0 'camera', 1 'front', 2 'front_1', the first"):
+        wrt.load(tmp_path / "out.glb", frame=False)
     for choice in ("fronts", 3, -1):
         with pytest.raises(
             wrt.InputError, match=r"a\.gltf: there is no camera .*; it has 0 'front', 1 'front_1', 2 'c"

@@ -114,8 +114,12 @@ def test_instances_and_hidden_nodes(tmp_path):
         {"children": [2], "extensions": {"KHR_node_visibility": {"visible": False}}},
         {"mesh": 0},
     ]
+    tree["nodes"][2] |= light(0)
+    tree["extensions"] = {"KHR_lights_punctual": {"lights": LIGHTS}}
     tree["extensionsRequired"] = ["EXT_mesh_gpu_instancing", "KHR_node_visibility"]
-    shapes = load_file(saved(tmp_path, tree)).shapes
+    scene = load_file(saved(tmp_path, tree))
+    assert not scene.lights
+    shapes = scene.shapes
     assert len({id(shape.mesh) for shape in shapes}) == 1
     bounds = sorted(tuple(shape.mesh_at(0.0).bounds.ravel()) for shape in shapes)
     assert bounds == [(0, 7, 1, 2, 9, 1), (5, 0, 1, 6, 1, 1)]

@@ -263,15 +263,14 @@ def test_cameras_and_lights_of_a_scene():
 
 
 def test_objects_without_triangles_or_uvs_are_warned_of():
-    cloud = trimesh.PointCloud(np.zeros((3, 3)))
+    line = trimesh.load_path(np.eye(3))
     scene = trimesh.Scene(box())
-    scene.add_geometry(cloud, geom_name="dust")
-    dust = r"trimesh: 'dust' is left out: a PointCloud has no triangles; wrt\.spheres shows points$"
-    with pytest.warns(InputWarning, match=dust):
+    scene.add_geometry(line, geom_name="wire")
+    with pytest.warns(InputWarning, match=r"trimesh: 'wire' is left out: a Path3D has no triangles$"):
         assert len(from_trimesh(scene)) == 1
-    with pytest.raises(wrt.InputError, match="a PointCloud has no triangles"):
+    with pytest.raises(wrt.InputError, match="a Path3D has no triangles"):
         wrt.load(scene, strict=True)
-    for empty in (cloud, trimesh.Scene([cloud])):
+    for empty in (line, trimesh.Scene([line])):
         with pytest.warns(InputWarning), pytest.raises(wrt.InputError, match="no triangles in it"):
             wrt.load(empty)
     mesh = box()

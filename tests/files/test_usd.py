@@ -202,6 +202,26 @@ def test_time_samples_are_those_of_a_time_and_by_default_of_the_first(tmp_path):
     check_refused("it has no animation", partial(load_file, time=0.0), write(tmp_path, "a.usda", BALL))
 
 
+def test_instances_have_colors_of_their_own(tmp_path):
+    instancer = """def PointInstancer "p"
+    {
+        int[] protoIndices = [0, 0, 0]
+        point3f[] positions = [(0, 0, 0), (5, 0, 0), (9, 0, 0)]
+        color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (1, 0, 0)] (
+            interpolation = "vertex"
+        )
+        rel prototypes = </p/s>
+        def Cube "s" {}
+    }
+    """
+    shapes = load_file(write(tmp_path, "p.usda", BALL.replace('def Sphere "s" {}', instancer))).shapes
+    found = {tuple(shape.mesh.colors[0]): 0 for shape in shapes}
+    for shape in shapes:
+        found[tuple(shape.mesh.colors[0])] += 1
+    assert found == {(1, 0, 0): 2, (0, 1, 0): 1}
+    assert len({id(shape.mesh) for shape in shapes}) == 2
+
+
 def test_images_are_black_beyond_their_edges_unless_they_continue(folder):
     wrt.save_image(folder / "red.png", np.full((32, 32, 3), 1.0))
     for wrap, expected in (("black", 0.0), ("useMetadata", 0.0), ("clamp", 1.0), ("repeat", 1.0)):
@@ -240,6 +260,32 @@ def test_colors_are_those_that_a_material_reads_and_fallbacks_stand_for_what_is_
     np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
     missing = USD.replace("asset inputs:file = @red.png@", "float3 inputs:fallback = (0, 0, 1)")
     assert square_of(load_file(write(folder, "b.usda", missing))).material.base_color == (0, 0, 1)
+    opaque = USD.replace("float inputs:metallic = 1", "float inputs:opacity.connect = </World/Red/Image.outputs:a>")
+    assert square_of(load_file(write(folder, "d.usda", opaque))).material.opacity == 1.0  # of an image without alpha
     shown = USD.replace(ST, f"        float[] primvars:displayOpacity = [0.25]\n{ST}")
     shown = shown.replace("rel material:binding = </World/Red>", "")
     assert square_of(load_file(write(folder, "c.usda", shown))).mesh.colors[0, 3] == 0.25
+
+
+def test_native_instances_inherit_materials_and_colors_of_their_own(folder):
+    asset = """
+class Xform "Asset"
+{
+    def Cube "cube" {}
+}
+"""
+    inherited = (
+        "color3f[] primvars:displayColor = [(1, 0, 0)]",
+        "color3f[] primvars:displayColor = [(0, 1, 0)]",
+        "color3f[] primvars:displayColor = [(0, 1, 0)]",
+        "rel material:binding = </World/Glossy>",
+    )
+    head = "(\n    instanceable = true\n    inherits = </Asset>\n)"
+    roots = "".join(f'def Xform "i{k}" {head}\n{{\n{text}\n}}\n' for k, text in enumerate(inherited))
+    shapes = load_file(write(folder, "n.usda", USD + asset + roots)).shapes
+    cubes = [shape for shape in shapes if shape.name.endswith("/cube")]
+    found = [
+        shape.material.coat if shape.mesh.colors is None else tuple(shape.mesh.colors[0].tolist()) for shape in cubes
+    ]
+    assert sorted(map(str, found)) == sorted(map(str, [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 0.5]))
+    assert len({id(shape.mesh) for shape in cubes}) == 3

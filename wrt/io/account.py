@@ -6,7 +6,7 @@ What has no effect on a picture stands in a table of the reader, with the reason
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Set
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -34,39 +34,52 @@ def warn_of_unused(source: object, unused: Iterable[str], without_effect: Mappin
 
 
 class TrackedObject(dict[str, Any]):
-    """An object of a JSON file that records which of its keys are asked for."""
+    """An object of a JSON file that records which of its keys are asked for; it takes the place of a plain one.
 
-    def __init__(self, *items: Any, **named: Any) -> None:
-        super().__init__(*items, **named)
-        self.asked: set[str] = set()
+    Attributes:
+        asked: the keys that were asked for, whether the object has them or not.
+    """
+
+    asked: Set[str] = frozenset()  # of the class until a key is asked for: a file may have millions of objects
+
+    def _ask(self, key: object) -> None:
+        if not isinstance(self.asked, set):
+            self.asked = set()
+        self.asked.add(str(key))
 
     def __getitem__(self, key: str) -> Any:
-        self.asked.add(key)
+        self._ask(key)
         return super().__getitem__(key)
 
     def __contains__(self, key: object) -> bool:
-        self.asked.add(str(key))
+        self._ask(key)
         return super().__contains__(key)
 
     def get(self, key: str, default: Any = None) -> Any:
         """Return the value of a key, or the default."""
-        self.asked.add(key)
+        self._ask(key)
         return super().get(key, default)
 
 
-def unused_keys(value: Any, place: str = "") -> Iterator[str]:
+def unused_keys(value: Any, place: str = "", containers: Container[str] = ()) -> Iterator[str]:
     """Yield the path of each key below a JSON value that nobody asked for, such as "materials.alphaMode".
 
     Numbers of arrays are left out of paths. What stands below a key that nobody asked for is not yielded, and neither
-    are objects that nobody has looked into: they are not reached.
+    are objects in arrays that nobody has looked into: they are not reached.
+
+    Args:
+        value: the JSON value.
+        place: its path.
+        containers: keys such as "extensions", whose contents are yielded in their place.
     """
     if isinstance(value, TrackedObject):
-        if not value.asked:
-            return
-        for key in value.keys() - value.asked:
-            yield f"{place}.{key}" if place else key
-        for key in value.asked & value.keys():
-            yield from unused_keys(dict.__getitem__(value, key), f"{place}.{key}" if place else key)
+        for key, inner in value.items():
+            path = f"{place}.{key}" if place else key
+            if key in value.asked or (key in containers and isinstance(inner, TrackedObject)):
+                yield from unused_keys(inner, path, containers)
+            else:
+                yield path
     elif isinstance(value, list):
         for each in value:
-            yield from unused_keys(each, place)
+            if isinstance(each, list) or (isinstance(each, TrackedObject) and each.asked):
+                yield from unused_keys(each, place, containers)

@@ -167,7 +167,8 @@ def _refuse_nested(path: Path, file: Path) -> None:
 
 def _chosen(path: Path, folder: Path, wanted: str) -> Path:
     """Return the file of an archive that is wanted, or the only one that can be rendered."""
-    found = renderable(folder, folder.rglob("*"))
+    scenes, meshes = renderable(folder, folder.rglob("*"))
+    found = scenes or meshes  # a scene names its meshes
     if wanted:
         file = folder / wanted
         if not Path(os.path.realpath(file)).is_relative_to(folder) or not file.is_file():

@@ -129,9 +129,10 @@ def advice_on(path: Path) -> str | None:
     return f"it is {known}" if known else hint(path)
 
 
-def renderable(folder: Path, files: Iterable[Path]) -> list[str]:
-    """Return the names of those files in a folder that can be rendered: the scenes, or if there are none the meshes."""
-    scenes, meshes = [], []
+def renderable(folder: Path, files: Iterable[Path]) -> tuple[list[str], list[str]]:
+    """Return the names of those files in a folder that can be rendered: the scenes and the meshes."""
+    scenes: list[str] = []
+    meshes: list[str] = []
     for file in sorted(each for each in files if each.is_file()):
         name, suffix = str(file.relative_to(folder)), file.suffix.lower()
         if name.startswith("__MACOSX/") or file.name.startswith("."):  # what macOS adds to archives
@@ -142,7 +143,7 @@ def renderable(folder: Path, files: Iterable[Path]) -> list[str]:
             with suppress(InputError):
                 if (found := looks_like(read_file(file, HEAD))) and "scene file" in found[0]:
                     scenes.append(name)
-    return scenes or meshes
+    return scenes, meshes
 
 
 @contextmanager

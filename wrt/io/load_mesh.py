@@ -27,6 +27,7 @@ from wrt.io.file_type import (
 from wrt.io.mesh.parts import NO_ANIMATION, Contents
 from wrt.io.mesh.repair import bare_shape, near_origin, to_shapes
 from wrt.io.safe_read import PathLike, naming_file, read_file, require_file
+from wrt.scene.exact.spheres import Spheres
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.scene import Scene, Shape, bake_transforms
 
@@ -54,7 +55,10 @@ def load_mesh(source: Any, *, smooth_degrees: float | None = None, file_type: st
                 kind = f"the path or the content of a mesh file or a trimesh object, not {type(source).__name__}"
                 raise InputError(f"load_mesh expects {kind}; wrt.Mesh takes arrays of vertices and faces")
             shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), OF_TRIMESH
-    return merge([shape.mesh for shape in shapes], name)
+    meshes = [shape.mesh for shape in shapes if not isinstance(shape.mesh, Spheres)]
+    if not meshes:
+        raise InputError(f"{name}: it has points and no triangles; wrt.load makes spheres of them")
+    return merge(meshes, name)
 
 
 def load_shapes(path: PathLike, *, smooth_degrees: float | None = None) -> list[Shape]:
@@ -70,6 +74,7 @@ def load_file(
     smooth_degrees: float | None = None,
     time: float | None = None,
     standalone: bool = False,
+    point_radius: float | None = None,
 ) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
 
@@ -86,6 +91,7 @@ def load_file(
             then moved there unless it has lights or cameras: positions are exact to a part of its size, not of the
             distance.
             Arrays have the material of mesh files instead of a shape's default.
+        point_radius: the radius of points, in the file's units; by default it follows from their distances.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -103,14 +109,15 @@ def load_file(
 
         with naming_file(file):
             contents, environment = read_usd(file, time)
-            scene = _scene(str(file), contents, smooth_degrees)
+            scene = _scene(str(file), contents, smooth_degrees, point_radius=point_radius)
             scene.environment = environment
             return scene
     if suffix not in MESH_SUFFIXES:
         unknown = f"not a known mesh format; the name must end in {', '.join(MESH_SUFFIXES)}"
         raise InputError(f"{file}: {advice_on(file) or unknown}")
     with naming_file(file), hinting(file):
-        return _scene(str(file), _contents(file, read_file(file), time), smooth_degrees, standalone=standalone)
+        contents = _contents(file, read_file(file), time)
+        return _scene(str(file), contents, smooth_degrees, standalone=standalone, point_radius=point_radius)
 
 
 def _contents(file: Path, data: bytes, time: float | None) -> Contents:
@@ -167,16 +174,24 @@ def animation_of(path: PathLike) -> tuple[float, float] | None:
         return animation_ends(file, read_file(file))
 
 
-def load_object(source: Any, *, smooth_degrees: float | None = None, standalone: bool = False) -> Scene:
+def load_object(
+    source: Any,
+    *,
+    smooth_degrees: float | None = None,
+    standalone: bool = False,
+    point_radius: float | None = None,
+) -> Scene:
     """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file; see `wrt.io.trimesh_objects`.
 
     Instances become shapes that share a mesh, each with a transform; all others are in world space. Vertex and face
     colours are sRGB, or linear if the object was loaded from glTF or has a PBRMaterial. Given normals are kept; normals
-    that trimesh computes are not, because they smooth every edge. Points and paths are left out with a warning.
+    that trimesh computes are not, because they smooth every edge. Points are drawn as
+    spheres, and paths left out with a warning.
     """
     from wrt.io.trimesh_objects import read_object
 
-    return _scene(OF_TRIMESH, read_object(source), smooth_degrees, standalone=standalone)
+    contents = read_object(source)
+    return _scene(OF_TRIMESH, contents, smooth_degrees, standalone=standalone, point_radius=point_radius)
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = None) -> list[Shape]:
@@ -184,9 +199,16 @@ def from_trimesh(source: Any, *, smooth_degrees: float | None = None) -> list[Sh
     return load_object(source, smooth_degrees=smooth_degrees).shapes
 
 
-def _scene(path: str, contents: Contents, smooth_degrees: float | None, *, standalone: bool = False) -> Scene:
+def _scene(
+    path: str,
+    contents: Contents,
+    smooth_degrees: float | None,
+    *,
+    standalone: bool = False,
+    point_radius: float | None = None,
+) -> Scene:
     movable = standalone and not (contents.lights or contents.cameras)
-    shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees)
+    shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees, point_radius)
     names = unique(name for name, _ in contents.cameras)
     cameras = dict(zip(names, (camera for _, camera in contents.cameras), strict=True))
     return Scene(shapes, contents.lights, camera=next(iter(cameras.values()), None), cameras=cameras)

@@ -22,7 +22,7 @@ from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import GltfMaterials
 from wrt.io.gltf.scene import light_of
 from wrt.io.mesh.mtl import MtlMaterials
-from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed, viewpoint
+from wrt.io.mesh.parts import Contents, Part, decoded, matching, placed, points_of, viewpoint
 from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.stl import colors_of
 from wrt.io.mesh.trimesh_loaders import is_stand_in
@@ -160,9 +160,14 @@ class _Reader:
         import trimesh
         from trimesh.visual.material import MultiMaterial, PBRMaterial
 
+        if isinstance(mesh, trimesh.PointCloud):
+            part = points_of(name, np.asarray(mesh.vertices, np.float64).reshape(-1, 3))
+            if np.size(mesh.colors):
+                self._take_colors(part, mesh.colors)
+            self._account(mesh)
+            return [part]
         if not isinstance(mesh, trimesh.Trimesh):
-            instead = "; wrt.spheres shows points" if isinstance(mesh, trimesh.PointCloud) else ""
-            warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles{instead}")
+            warn(f"{self._name}: {name!r} is left out: a {type(mesh).__name__} has no triangles")
             return []
         smoothing = 0 if self._is_gltf else None
         part = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh), smoothing=smoothing)
@@ -208,8 +213,8 @@ class _Reader:
 
     def _account(self, mesh: Any) -> None:
         """Warn of what a mesh carries and the reader does not use."""
-        kinds = [f"vertex attribute {name!r}" for name in mesh.vertex_attributes]
-        kinds += [f"face attribute {name!r}" for name in mesh.face_attributes]
+        kinds = [f"vertex attribute {name!r}" for name in getattr(mesh, "vertex_attributes", ())]
+        kinds += [f"face attribute {name!r}" for name in getattr(mesh, "face_attributes", ())]
         if mesh.visual.kind == "texture":
             names = set(mesh.visual.vertex_attributes.keys()) - {"uv", "color"}
             kinds += [f"vertex attribute {name!r} of its texture" for name in sorted(names)]

@@ -286,4 +286,4 @@ def _meshes(source: Any) -> list[Any]:
         )
     from wrt.io.load_mesh import from_trimesh
 
-    return [shape.mesh_at(0.0) for shape in from_trimesh(source)]
+    return [_triangles(shape.mesh_at(0.0)) for shape in from_trimesh(source)]

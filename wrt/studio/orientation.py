@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.linalg import product
+from wrt.scene.exact.spheres import Spheres
 from wrt.scene.scene import Shape
 
 # Measured: standing objects (scanned busts and animals, a teapot, a bottle) cover 0.26 to 0.97 of their outline and
@@ -76,6 +77,8 @@ def _surface(shapes: list[Shape]) -> tuple[NDArray[np.float64], NDArray[np.float
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
     total = float(areas.sum())
+    if total == 0.0 and all(isinstance(shape.mesh, Spheres) for shape in shapes):
+        return corners.mean(axis=(0, 1)), np.zeros(3)
     if not 0.0 < total < np.inf:
         return None
     return product(areas, corners.mean(axis=1)) / total, normals.sum(axis=0) / total

@@ -114,6 +114,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "smooth edges that are folded by up to this angle in meshes without normals; 0 is flat (default: what the "
         "format says, or 60)", dest="smooth_degrees"),
     "--up": _value("AXIS", choice(AXES), "axis of a mesh that points up: x, y, z, -x, -y or -z", choices=AXES),
+    "--point-radius": _value("R", types.positive, "radius of the spheres that a file's points are drawn as, in its "
+        "units (default: by their distances)"),
 }  # fmt: skip
 
 ALIASES = {"--output": "-o", "--define": "-D", "--camera": "--sensor"}
@@ -121,7 +123,7 @@ ALIASES = {"--output": "-o", "--define": "-D", "--camera": "--sensor"}
 
 STUDIO = "--size --crop --view --frame --material --environment --transparent --layers --triangles"
 INTEGRATION = "--sampler --integrator --clamp-indirect --regularization"
-READING = "--define --camera --confined --strict --up --crease"
+READING = "--define --camera --confined --strict --up --crease --point-radius"
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:

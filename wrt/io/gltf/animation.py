@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError, warn
+from wrt.errors import InputError
 from wrt.io.gltf.buffers import Buffers, Tree
 from wrt.linalg import norm, product
 
@@ -53,8 +53,6 @@ def pose(tree: Tree, buffers: Buffers, seconds: float) -> None:
             raise InputError(f"{buffers.path}: keyframes of a {name} are not finite")
         value = interpolated(times, keys, method, seconds, rotation=name == "rotation")
         node[name] = value.tolist()
-    if any(channel["target"].get("path") == "pointer" for channel in _first(tree).get("channels", [])):
-        warn(f"{buffers.path}: what it animates by KHR_animation_pointer stays as it is at rest")
 
 
 def interpolated(times: Array, keys: Array, method: str, seconds: float, *, rotation: bool = False) -> Array:
@@ -115,18 +113,13 @@ def _unit(quaternion: Array) -> Array:
     return quaternion / length if length > 0.0 else np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def _first(tree: Tree) -> Tree:
-    animations = tree.get("animations", [])
-    return dict(animations[0]) if animations else {}
-
-
 def _channels(tree: Tree) -> list[tuple[int, str, Tree]]:
     """Return the node's number, the property and the sampler of each channel that is followed."""
-    animation = _first(tree)
+    animation: Tree = next(iter(tree.get("animations", [])), {})
     return [
         (channel["target"]["node"], channel["target"]["path"], animation["samplers"][channel["sampler"]])
         for channel in animation.get("channels", [])
-        if "node" in channel["target"] and channel["target"]["path"] in (*_PLACE, "weights")
+        if channel["target"]["path"] in (*_PLACE, "weights") and "node" in channel["target"]
     ]
 
 

@@ -87,9 +87,9 @@ class GltfImages:
         for name in ("EXT_texture_webp", "EXT_texture_avif"):
             number = extensions.get(name, {}).get("source", number)
         if number is None and "KHR_texture_basisu" in extensions:
+            number = extensions["KHR_texture_basisu"]["source"]
             if not self._has_ktx2:
                 return None
-            number = extensions["KHR_texture_basisu"]["source"]
         if number is None:
             formats = ", ".join(extensions) or "no source"
             reason = f"its image is in a format not supported ({formats})"

@@ -156,8 +156,6 @@ class _Reader:
 
     def material(self) -> Material:
         description, attributes = self._description, self._attributes
-        if "KHR_materials_diffuse_transmission" in description.extensions:
-            warn(f"{self._path}: diffuse transmission of {self._name} is left out")
         if not (attributes.uvs or attributes.second_uvs) and description.textures:
             warn(f"{self._path}: the textures of {self._name} are left out: its mesh has no texture coordinates")
         opacity = self._opacity()

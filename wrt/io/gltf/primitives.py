@@ -5,6 +5,7 @@ Format: Khronos Group 2021, "glTF 2.0 Specification", section 3.7; KHR_draco_mes
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,9 +27,6 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 _DRACO = "KHR_draco_mesh_compression"
 _WIDTHS = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD": (2,), "COLOR": (3, 4)}
 """Numbers of an attribute at each vertex (section 3.7.2.1)."""
-
-_MOST_SETS = 8
-"""Sets of four joints that are looked for; files have one or two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +137,9 @@ class Primitive:
         except Exception as error:  # noqa: BLE001 - the decoder's exceptions on damaged data are not documented
             raise InputError(f"{path}: data of Draco cannot be decoded: {first_line(error)}") from None
         by_number = {each["unique_id"]: np.asarray(each["data"]) for each in mesh.attributes}
-        for name, number in packed["attributes"].items():
-            if name in accessors and number in by_number:
+        for name in accessors:
+            number = packed["attributes"].get(name)
+            if number in by_number:
                 values = by_number[number]
                 memory_limits.take(memory_limits.MESHES, 4 * values.size)
                 accessor = buffers.accessor(accessors[name])
@@ -188,7 +187,7 @@ class Primitive:
     def _blend(self, joints: Array, count: int) -> Array:
         """Return (N, 3, 4) the weighted sum of joints for each vertex."""
         blend, total = np.zeros((count, 3, 4)), np.zeros(count)
-        for number in range(_MOST_SETS):
+        for number in itertools.count():  # sets of four joints
             indices, weights = self._rows(f"JOINTS_{number}"), self._rows(f"WEIGHTS_{number}")
             if indices is None or weights is None:
                 break

@@ -16,12 +16,14 @@ import numpy as np
 
 from wrt.errors import InputError, warn
 from wrt.io import memory_limits
+from wrt.io.account import TrackedObject, unused_keys, warn_of_unused
 from wrt.io.gltf.animation import ends_of, pose
 from wrt.io.gltf.buffers import MESHOPT, Buffers, Tree
 from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import EXTENSIONS, GltfMaterials
 from wrt.io.gltf.primitives import FAN, STRIP, TRIANGLES, Deformation, Primitive, joint_matrices
-from wrt.io.gltf.scene import Matrix, cameras_of, lights_of, local_matrix, nodes_of
+from wrt.io.gltf.scene import Matrix, cameras_of, lights_of, local_matrix, nodes_of, visible_nodes_of
+from wrt.io.gltf.without_effect import WITHOUT_EFFECT
 from wrt.io.mesh.parts import NO_ANIMATION, Contents, Part, as_specified, placed
 from wrt.linalg import product
 
@@ -68,7 +70,9 @@ def read_gltf(path: Path, data: bytes, seconds: float | None = None) -> Contents
             pose(tree, buffers, seconds)
         _warn_of_variants(path, tree)
         lights, cameras = lights_of(tree), cameras_of(tree)
-        return Contents(_parts(tree, buffers), lights, cameras)
+        contents = Contents(_parts(tree, buffers), lights, cameras)
+        warn_of_unused(path, unused_keys(tree, containers=("extensions",)), WITHOUT_EFFECT)
+        return contents
 
 
 def animation_ends(path: Path, data: bytes) -> tuple[float, float] | None:
@@ -87,13 +91,14 @@ def _opened(path: Path, data: bytes) -> tuple[Tree, Buffers]:
     if data[:4] == b"glTF":
         (_, text), *chunks = _chunks(data)
         binary = next((content for kind, content in chunks if kind == b"BIN\0"), b"")
-    tree = json.loads(text)
+    tree = json.loads(text, object_pairs_hook=TrackedObject)
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
         raise InputError(f"{path}: not a glTF file: it names no asset")
     version = "1.0" if isinstance(tree.get("meshes"), dict) else _unsupported_version(tree["asset"])
     if version is not None:
         raise InputError(f"{path}: a file of glTF {version}, which is not supported; convert it to glTF 2.0")
-    children = Counter(child for node in tree.get("nodes", []) for child in node.get("children", []))
+    # By dict.get, since a node outside of the scene does not count as reached.
+    children = Counter(child for node in tree.get("nodes", []) for child in dict.get(node, "children", []))
     if children and max(children.values()) > 1:  # paths to a node may be exponentially many
         raise InputError("nodes share a child; each may have one parent at most")
     if not tree.get("scenes"):
@@ -133,11 +138,12 @@ def _warn_of_variants(path: Path, tree: Tree) -> None:
 def _parts(tree: Tree, buffers: Buffers) -> list[Part]:
     """Return a part for each primitive of each mesh that is shown; places of one mesh share its parts."""
     materials = GltfMaterials(buffers.path, tree.get("materials", []), GltfImages(buffers.path, tree, buffers))
-    meshes = _triangle_primitives(buffers.path, tree.get("meshes", []))
+    nodes = [each for each in visible_nodes_of(tree, last_child_first=True) if "mesh" in each[1]]
+    meshes = _triangle_primitives(buffers.path, tree.get("meshes", []), {node["mesh"] for _, node, _ in nodes})
     world: dict[int, Matrix] = {}
     places: dict[tuple[int, int | None], list[Matrix]] = {}
     deformations: dict[tuple[int, int | None], Deformation | None] = {}
-    for number, matrix in _mesh_places(tree, buffers):
+    for number, matrix in _mesh_places(nodes, buffers):
         node = tree["nodes"][number]
         memory_limits.take(memory_limits.SHAPES, len(meshes[node["mesh"]]) * memory_limits.BYTES_PER_SHAPE)
         if "skin" in node and not world:
@@ -155,14 +161,14 @@ def _parts(tree: Tree, buffers: Buffers) -> list[Part]:
     return parts
 
 
-def _triangle_primitives(path: Path, meshes: list[Tree]) -> list[list[tuple[str, Tree]]]:
-    """Return the names and the JSON of the primitives of each mesh that are triangles; warns of the rest."""
-    found: list[list[tuple[str, Tree]]] = []
+def _triangle_primitives(path: Path, meshes: list[Tree], shown: set[int]) -> dict[int, list[tuple[str, Tree]]]:
+    """Return the names and the JSON of the primitives of each shown mesh that are triangles; warns of the rest."""
+    found: dict[int, list[tuple[str, Tree]]] = {}
     names: Counter[str] = Counter()
     left_out: set[str] = set()
     without_positions = 0
-    for mesh in meshes:
-        found.append([])
+    for number in sorted(shown):
+        mesh, found[number] = meshes[number], []
         name = str(mesh.get("name") or "GLTF")
         for primitive in mesh["primitives"]:
             mode = primitive.get("mode", TRIANGLES)
@@ -171,7 +177,7 @@ def _triangle_primitives(path: Path, meshes: list[Tree]) -> list[list[tuple[str,
             elif mode not in (TRIANGLES, STRIP, FAN):
                 left_out.add(_OTHER_MODES.get(mode, "primitives of unknown modes"))
             else:
-                found[-1].append((f"{name}_{names[name]}" if names[name] else name, primitive))
+                found[number].append((f"{name}_{names[name]}" if names[name] else name, primitive))
                 names[name] += 1
     if without_positions:
         warn(f"{path}: primitives without positions are left out ({without_positions})")
@@ -180,21 +186,15 @@ def _triangle_primitives(path: Path, meshes: list[Tree]) -> list[list[tuple[str,
     return found
 
 
-def _mesh_places(tree: Tree, buffers: Buffers) -> Iterator[tuple[int, Matrix]]:
-    """Yield the number of each node with a visible mesh and a transform of that mesh to the world.
+def _mesh_places(nodes: list[tuple[int, Tree, Matrix]], buffers: Buffers) -> Iterator[tuple[int, Matrix]]:
+    """Yield the number of each of some nodes with meshes, last child first, and a transform of the mesh to the world.
 
     Pictures depend on the order of shapes: `_parts` turns this one round, in which children come last first.
     """
-    nodes = list(nodes_of(tree, last_child_first=True))
-    hidden: set[int] = set()
-    for number, node, _ in nodes:
-        if number in hidden or not node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True):
-            hidden |= {number, *node.get("children", [])}
-    visible = [(number, node, world) for number, node, world in nodes if "mesh" in node and number not in hidden]
     # A skin moves its mesh into the world, so that the place of the node does not count.
-    for number in sorted((number for number, node, _ in visible if "skin" in node), reverse=True):
+    for number in sorted((number for number, node, _ in nodes if "skin" in node), reverse=True):
         yield number, np.eye(4)
-    for number, node, world in visible:
+    for number, node, world in nodes:
         if "skin" in node:
             continue
         instances = node.get("extensions", {}).get("EXT_mesh_gpu_instancing")

@@ -49,6 +49,17 @@ def nodes_of(tree: Tree, *, last_child_first: bool = False) -> Iterator[tuple[in
         waiting += [(child, world) for child in node.get("children", [])[::order]]
 
 
+def visible_nodes_of(tree: Tree, *, last_child_first: bool = False) -> Iterator[tuple[int, Tree, Matrix]]:
+    """Yield what `nodes_of` does, without nodes that are hidden and all below them (KHR_node_visibility)."""
+    hidden: set[int] = set()
+    for number, node, world in nodes_of(tree, last_child_first=last_child_first):
+        is_visible = node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True)
+        if number in hidden or not is_visible:
+            hidden.update(node.get("children", []))
+        else:
+            yield number, node, world
+
+
 def local_matrix(node: Tree) -> Matrix:
     """Return a node's local transform: a column-major matrix, or translation times rotation times scale."""
     if "matrix" in node:
@@ -84,9 +95,11 @@ def cameras_of(tree: Tree) -> list[tuple[str, Camera]]:
 
 
 def lights_of(tree: Tree) -> list[Light]:
-    """Return the scene's punctual lights in node order."""
+    """Return the scene's visible punctual lights in node order."""
     lights = tree.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", [])
-    found = ((node.get("extensions", {}).get("KHR_lights_punctual"), world) for _, node, world in nodes_of(tree))
+    found = (
+        (node.get("extensions", {}).get("KHR_lights_punctual"), world) for _, node, world in visible_nodes_of(tree)
+    )
     return [light_of(lights[reference["light"]], world) for reference, world in found if reference is not None]
 
 

@@ -93,7 +93,12 @@ class _Writer(Store):
             # A black lamp, as wrt and other programs light scenes that have no lamp; here meshes give the light.
             nodes.append(self._placed_light({"type": "point", "intensity": 0.0}, (0.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
         if scene.camera is not None:
-            nodes += self._camera(scene.camera, scene.settings.width / scene.settings.height)
+            # Readers take the first camera.
+            cameras = sorted(scene.cameras.items(), key=lambda each: each[1] is not scene.camera)
+            if not cameras or cameras[0][1] is not scene.camera:
+                cameras.insert(0, ("camera", scene.camera))
+            for name, camera in cameras:
+                nodes += self._camera(name, camera, scene.settings.width / scene.settings.height)
         if scene.environment is not None:
             self.note("the environment")
         if scene.medium is not None:
@@ -215,7 +220,7 @@ class _Writer(Store):
         reference = {"KHR_lights_punctual": {"light": len(lights) - 1}}
         return {"matrix": _looking(rows, position), "extensions": reference}
 
-    def _camera(self, camera: Camera, aspect: float) -> list[Tree]:
+    def _camera(self, name: str, camera: Camera, aspect: float) -> list[Tree]:
         """Return the node of a camera, if glTF has its kind."""
         if getattr(camera, "aperture_radius", 0.0) > 0.0:
             self.note("depth of field")
@@ -234,7 +239,7 @@ class _Writer(Store):
             self.note(f"cameras of the type {camera.type_name!r}")
             return []
         number = self.once("cameras", described)
-        return [{"name": "camera", "camera": number, "matrix": _looking(camera.frame(), camera.origin)}]
+        return [{"name": name, "camera": number, "matrix": _looking(camera.frame(), camera.origin)}]
 
 
 def _uses_vertex_colors(value: ColorSource, *, alpha: bool) -> bool:

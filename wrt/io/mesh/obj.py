@@ -13,7 +13,7 @@ import numpy as np
 from wrt.errors import InputError, warn
 from wrt.io.account import warn_of_unused
 from wrt.io.mesh.mtl import MtlMaterials, Statements, plain_name, statements_of
-from wrt.io.mesh.parts import Part, only_points
+from wrt.io.mesh.parts import Part, as_specified, decoded, points_of
 from wrt.io.mesh.sidecars import Sidecars, in_any_case
 from wrt.io.mesh.trimesh_loaders import load, part_of
 from wrt.io.safe_read import as_text, naming_file, read_file
@@ -67,8 +67,12 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
         part.vertex_format = "a vertex"  # trimesh has renumbered them
         parts.append(materials.dressed(part, name, statements) if statements else part)
     materials.warn_of_unused()
-    if not parts and (count := text.counts["v"]):
-        raise only_points(path, count)
+    if not parts and text.counts["v"]:
+        rows = [line.split()[1:7] for run in text.lines for line in run.split("\n") if line.startswith("v ")]
+        with as_specified(path, "OBJ"):
+            wide = min(map(len, rows)) == 6
+            numbers = np.array([row if wide else row[:3] for row in rows], np.float64)
+            parts = [points_of(path.stem, numbers[:, :3], decoded(numbers[:, 3:]) if wide else None)]
     return parts
 
 

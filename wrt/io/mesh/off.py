@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.io.mesh.parts import Part, as_specified, decoded, only_points
+from wrt.io.mesh.parts import Part, as_specified, decoded
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.safe_read import as_text
 
@@ -28,10 +28,10 @@ _Polygons = tuple[_Int, _Int]
 
 
 def read_off(path: Path, data: bytes) -> list[Part]:
-    """Return the one part of the file, or none if it has no triangles.
+    """Return the one part of the file, of triangles or of points; none if it has neither.
 
     Raises:
-        InputError: on a damaged file, on one of points alone, and on points with four or n coordinates.
+        InputError: on a damaged file, and on points with four or n coordinates.
     """
     binary = _BINARY.match(data)
     text = binary[1].decode() if binary else re.sub(r"#[^\n]*", "", as_text(data))
@@ -47,7 +47,7 @@ def read_off(path: Path, data: bytes) -> list[Part]:
         else:
             rows, (corners, counts) = _from_text(text[header.end() :])
     if len(rows) and not len(counts):
-        raise only_points(path, len(rows))
+        return [_part(path, rows, np.arange(len(rows))[:, None], header)]
     triangles, _ = triangulate(path, rows[:, :3], corners, counts)
     return [_part(path, rows, corners[triangles], header)] if len(triangles) else []
 

@@ -39,7 +39,7 @@ class Part:
     Attributes:
         name: for messages.
         vertices: (N, 3) positions.
-        faces: (M, 3) vertex indices.
+        faces: (M, 3) vertex indices, or (M, 1) of points, which are drawn as spheres.
         normals: (N, 3) or None; need not be unit or finite.
         uvs: (N, 2), (N, 4) for two sets, or None; v up.
         colors: (N, 3), (N, 4) with alpha, or None; linear Rec. 709; need not be finite.
@@ -47,6 +47,7 @@ class Part:
         tangents: (N, 4) or None, as in `wrt.Mesh`; need not be unit.
         reflectance: an image mapped by `uvs`, if the file names one.
         material: the material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
+        radius: of points; readers leave it at 0.
         two_sided: whether emission is two-sided.
         smoothing: what the file says of a surface without normals (docs/foreign-files.md): 0 for flat triangles, or
             (M,) smoothing groups of faces as in OBJ, 0 for none; None if it does not say.
@@ -66,6 +67,7 @@ class Part:
     material: Material | None = None
     places: list[NDArray[np.float64]] = field(default_factory=list)
     two_sided: bool = False
+    radius: float = 0.0
     smoothing: IntArray | int | None = None
     vertex_format: str = "vertex {} (counted from 0)"
 
@@ -102,10 +104,9 @@ def as_specified(path: str | Path, kind: str, *errors: type[Exception]) -> Itera
         raise InputError(f"{path}: the {kind} file is damaged or not as specified ({reason})") from None
 
 
-def only_points(path: str | Path, count: int) -> InputError:
-    """Return the error of a file that has points and no faces."""
-    hint = "only triangles are rendered: reconstruct a surface of them first"
-    return InputError(f"{path}: it has {count} points and no faces; {hint}")
+def points_of(name: str, vertices: FloatArray, colors: FloatArray | None = None) -> Part:
+    """Return a part of (N, 3) points, with (N, 3) or (N, 4) linear colours or None."""
+    return Part(name, vertices, np.arange(len(vertices))[:, None], colors=colors)
 
 
 def placed(part: Part, places: list[NDArray[np.float64]]) -> Part:

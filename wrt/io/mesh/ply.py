@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.mesh.parts import Part, only_points, split_vertices
+from wrt.io.mesh.parts import Part, decoded, matching, points_of, split_vertices
 from wrt.io.mesh.polygons import split_strips, triangulate
 from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.trimesh_loaders import Fields, load, part_of
@@ -88,9 +88,9 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         fields["faces"] = np.concatenate([faces, strips]) if faces.shape[1:] == (3,) else strips
     part = part_of(path, path.stem, fields)
     if part is None:
-        if count := len(fields.get("vertices", ())):
-            raise only_points(path, count)
-        return []
+        vertices = fields.get("vertices", ())
+        colors = matching(fields.get("vertex_colors"), len(vertices))
+        return [points_of(path.stem, vertices, None if colors is None else decoded(colors))] if len(vertices) else []
     if part.uvs is not None and (names := _TEXTURE_FILE.findall(header)):
         name = names[-1].strip().decode("utf-8", "surrogateescape")
         pixels = TextureImages(path).pixels(0, "color", f"texture {name}", lambda: Sidecars(path).find(name))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, rows_of
+from wrt.io.mesh.points import is_cloud, spheres_of, with_radii
 from wrt.linalg import norm, product
 from wrt.scene.materials import Diffuse, Material
 from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, VERTEX_ATTRIBUTES, Mesh, box_around, far_away, merge
@@ -19,7 +20,9 @@ from wrt.scene.scene import Shape
 from wrt.scene.textures import ColorSource, VertexColor
 
 
-def to_shapes(path: str, parts: list[Part], smooth_degrees: float | None = None) -> list[Shape]:
+def to_shapes(
+    path: str, parts: list[Part], smooth_degrees: float | None = None, point_radius: float | None = None
+) -> list[Shape]:
     """Check and repair parts, give them normals, and return a shape for each that has triangles.
 
     Args:
@@ -27,18 +30,20 @@ def to_shapes(path: str, parts: list[Part], smooth_degrees: float | None = None)
         parts: the output of the reader.
         smooth_degrees: the largest fold that is smooth in parts without normals (see `wrt.scene.normals.with_normals`);
             0 leaves meshes as they are, None is what the file says.
+        point_radius: the radius of points; by default it follows from their distances.
 
     Raises:
         InputError: on vertices that are not finite, invalid indices, sizes beyond single precision, or no triangles.
     """
-    total = sum(len(part.faces) for part in parts)
+    total = sum(len(part.faces) for part in parts if not is_cloud(part))
     repaired = [_repaired(path, part) for part in parts if len(part.faces)]
-    dropped = total - sum(len(part.faces) for part in repaired)
+    dropped = total - sum(len(part.faces) for part in repaired if not is_cloud(part))
     repaired = [part for part in repaired if len(part.faces)]
     if not repaired:
         raise InputError(f"{path}: no triangles in it; there is nothing to render")
     if dropped:
         warn(f"{path}: {dropped} of {total} triangles are left out: they have corners at one place, and so no area")
+    repaired = with_radii(path, repaired, _extent(repaired)[2], point_radius)
     _check_size(path, repaired)
     repaired = _visible(path, repaired)
     meshes = [_mesh(path, part) for part in repaired]
@@ -101,7 +106,8 @@ def _extent(parts: list[Part]) -> tuple[FloatArray, FloatArray, float, float]:
 
 def _box_corners(part: Part) -> NDArray[np.float64]:
     """Return (P, 3) corners of the bounding boxes of all instances of a repaired part."""
-    corners = np.stack(np.meshgrid(*box_around(part.vertices).T, indexing="ij"), axis=-1).reshape(-1, 3)
+    box = box_around(part.vertices) + [[-part.radius], [part.radius]]
+    corners = np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
     return np.concatenate([product(corners, m[:3, :3].T) + m[:3, 3] for m in part.places] or [corners])
 
 
@@ -110,6 +116,8 @@ def _repaired(path: str, part: Part) -> Part:
     count = len(rows_of(path, part.vertices, "vertices", 3))
     indices = np.ascontiguousarray(part.faces)  # once, since rows of files are strided
     checked_faces(path, indices, count)
+    if is_cloud(part):
+        indices = _finite(path, part, indices)
     faces = indices.astype(np.int32, copy=False)
     vertices = _positions(path, part, faces)
     solid = _solid(vertices, faces)
@@ -148,6 +156,18 @@ def _reads_tangents(material: Material | None) -> bool:
     return material.needs_tangents or material.normal_map is not None or any(map(_reads_tangents, material.parts))
 
 
+def _finite(path: str, part: Part, points: NDArray[Any]) -> NDArray[Any]:
+    """Return the points at finite positions; scanners write others where they see nothing."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        positions = np.asarray(part.vertices, np.float32)[points[:, 0]]
+    finite = np.asarray(np.isfinite(positions).all(axis=1))
+    if not finite.all():
+        warn(
+            f"{path}: {np.count_nonzero(~finite)} of {len(points)} points are left out: their positions are not finite"
+        )
+    return np.asarray(points[finite])
+
+
 def _positions(path: str, part: Part, faces: NDArray[np.int32]) -> NDArray[np.float32]:
     """Return positions in single precision, or raise InputError where a vertex that is used is not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
@@ -171,7 +191,9 @@ def _used(faces: NDArray[np.int32], count: int) -> tuple[NDArray[np.bool_], NDAr
 
 def _solid(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Return (M,) whether the corners of each face are at three positions. Thin triangles with an area are kept."""
-    solid = np.empty(len(faces), bool)
+    solid = np.ones(len(faces), bool)
+    if faces.shape[1] == 1:
+        return solid
     for start in range(0, len(faces), CHUNK):
         part = slice(start, start + CHUNK)
         a, b, c = vertices.take(faces[part], axis=0).transpose(1, 2, 0)
@@ -182,6 +204,8 @@ def _solid(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[n
 
 def _mesh(path: str, part: Part) -> Mesh:
     """Return a repaired part as a mesh; normals may still be zero."""
+    if is_cloud(part):
+        return spheres_of(part, f"{Path(path).name}: {part.name}")
     normals = part.normals
     if normals is not None:
         with np.errstate(over="ignore", invalid="ignore"):

@@ -106,13 +106,17 @@ def light_of(values: Values, kind: str, matrix: Matrix) -> Light:
 
 def camera_of(values: Values, matrix: Matrix, scale: float) -> Camera:
     """Return a camera that looks along −z of its node; its apertures and focal length are in tenths of a unit."""
-    place = viewpoint(matrix)
     height = values.number("verticalAperture")
+    right, upwards = (values.number(f"{axis}ApertureOffset") for axis in ("horizontal", "vertical"))
     if values.word("projection") == "orthographic":
-        return OrthographicCamera(**place, view_height=0.1 * height * scale)
+        move = np.eye(4)
+        move[:2, 3] = 0.1 * right, 0.1 * upwards
+        return OrthographicCamera(**viewpoint(product(matrix, move)), view_height=0.1 * height * scale)
     focal = values.number("focalLength", above=0.0)
     f_stop, distance = values.number("fStop"), values.number("focusDistance")
-    lens: dict[str, Any] = {}
+    lens: dict[str, Any] = viewpoint(matrix)
+    if height > 0.0:
+        lens |= {"shift_x": right / height, "shift_y": upwards / height}
     if f_stop > 0.0 and distance > 0.0:
-        lens = {"aperture_radius": 0.05 * focal * scale / f_stop, "focus_distance": distance * scale}
-    return PerspectiveCamera(**place, **lens, fov_degrees=math.degrees(2.0 * math.atan(0.5 * height / focal)))
+        lens |= {"aperture_radius": 0.05 * focal * scale / f_stop, "focus_distance": distance * scale}
+    return PerspectiveCamera(**lens, fov_degrees=math.degrees(2.0 * math.atan(0.5 * height / focal)))

@@ -201,6 +201,12 @@ class UsdMaterials:
         """Return the pixels of an image, or None with a warning."""
         return self._images.pixels(name, kind, f"image {_file_name(name)}", lambda: self._located(name))
 
+    def has_alpha(self, name: str) -> bool:
+        """Return whether an image may have an alpha channel; without one it is 1."""
+        if Path(name).suffix.lower() in FLOAT_SUFFIXES:
+            return True
+        return self._images.has_alpha(name, f"image {_file_name(name)}", lambda: self._located(name))
+
     def bordered(
         self, pixels: NDArray[np.float32], black: list[bool], move: _Move
     ) -> tuple[NDArray[np.float32], _Move]:
@@ -245,7 +251,7 @@ class _Inputs:
         if reader["id"] == _COLOR_READER and reader["inputs"].get("varname") == self._owner.color_primvar_of(
             self._shader
         ):
-            fallback = _numbers(reader, "fallback", default)
+            fallback = _numbers(reader, "fallback", (0.0,) * 3)
             return VertexColor() if self._has_colors else vec3(np.maximum(fallback, 0.0))
         texture = self.texture(name, "color")
         if isinstance(texture, ImageTexture):
@@ -277,6 +283,8 @@ class _Inputs:
         fallback = image["inputs"].get("fallback")
         coordinates = self._owner.coordinates(image)
         kind = "alpha" if channel == "a" else _SPACES[space] or kind
+        if file and channel == "a" and not self._owner.has_alpha(file):
+            return np.ones(3) * scale + bias
         pixels = self._owner.pixels(file, kind) if file else None
         if pixels is None:
             values = _numbers(image, "fallback", (0.0, 0.0, 0.0))  # some have three numbers

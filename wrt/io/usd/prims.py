@@ -31,7 +31,10 @@ _OF_LIGHTS = tuple(
 _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "Mesh": ("points", "faceVertexCounts", "faceVertexIndices", "orientation", "holeIndices"),
     "PointInstancer": ("protoIndices",),
-    "Camera": ("verticalAperture", "projection", "focalLength", "fStop", "focusDistance"),
+    "Camera": (
+        *("verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"),
+        *("projection", "focalLength", "fStop", "focusDistance"),
+    ),
     "Cube": ("size",),
     "Sphere": ("radius",),
     "Plane": ("width", "length", "axis"),
@@ -49,6 +52,9 @@ _OF_INSTANCES = (*("positions", "orientations", "orientationsf", "scales", "ids"
 
 _READ_BY_LIBRARY = ("xformOp:", "!invert!xformOp:", "material:binding")
 """Beginnings of the names of other properties that the library reads."""
+
+_SHORT = 16
+"""Elements of a value up to which instances are compared by it, and not by where it is."""
 
 _BYTES_PER_PLACE = 16 * 8
 
@@ -126,6 +132,7 @@ class Description:
         self._classes: dict[str, tuple[bool, bool]] = {}
         self._unused: Counter[str] = Counter()
         self._described: set[str] = set()
+        self._inherited_by: dict[str, str] = {}
         self.content: dict[str, Any] = {"shapes": {}, "prototypes": {}, "materials": {}, "nodes": {}, "left_out": []}
         self.content["animation"] = [0.0, (times[1] - times[0]) / times[2]] if times and times[1] > times[0] else None
         self.content["up"] = str(UsdGeom.GetStageUpAxis(stage))
@@ -224,7 +231,7 @@ class Description:
 
     def _shape(self, prim: _Prim, kind: str) -> str:
         """Describe a mesh or a solid, unless it has been, and return its key, which instances of it have too."""
-        key = _key(prim.prim)
+        key = _key(prim.prim) + self._inherited(prim.prim)
         if key not in self.content["shapes"]:
             primvars = UsdGeom.PrimvarsAPI(prim.prim)
             shape: dict[str, Any] = {
@@ -237,6 +244,25 @@ class Description:
             }
             self.content["shapes"][key] = shape | (self._of_mesh(prim, primvars) if kind == "Mesh" else {})
         return key
+
+    def _inherited(self, prim: Any) -> str:
+        """Return a text of what a prim inherits from beyond the prototype that instances share: material and values."""
+        root = prim
+        while root.IsInstanceProxy():
+            root = root.GetParent()
+        if root == prim:
+            return ""
+        path = str(root.GetPath())
+        if path not in self._inherited_by:
+            materials = _bound_to(root)
+            values = {}
+            for each in UsdGeom.PrimvarsAPI(root).FindInheritablePrimvars():
+                value = each.Get(self._time)
+                is_short = len(value) <= _SHORT if hasattr(value, "__len__") else True
+                values[str(each.GetName())] = str(value) if is_short else str(each.GetAttr().GetPath())
+            found = [_key(each.GetPrim()) for each in materials], values
+            self._inherited_by[path] = f" {found}" if materials or values else ""
+        return self._inherited_by[path]
 
     def _of_mesh(self, prim: _Prim, primvars: Any) -> dict[str, Any]:
         scheme = prim.attribute("subdivisionScheme")
@@ -266,14 +292,12 @@ class Description:
         """Return the places of a point instancer, the prototype of each, and which of them are shown."""
         instancer = UsdGeom.PointInstancer(prim.prim)
         prim.use(*_OF_INSTANCES)
-        color = UsdGeom.PrimvarsAPI(prim.prim).GetPrimvar("displayColor")
-        if color and color.HasValue() and str(color.GetInterpolation()) != "constant":
-            self._unused["a color for each instance of a PointInstancer"] += 1
         exclude, all_of_them = UsdGeom.PointInstancer.ExcludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
         places = instancer.ComputeInstanceTransformsAtTime(self._time, self._time, exclude, all_of_them)
         return {
             "values": self._values(prim, "PointInstancer"),
             "instances": self._plain(places),
+            "colors": self._primvar(UsdGeom.PrimvarsAPI(prim.prim).GetPrimvar("displayColor")),
             "shown": [bool(each) for each in instancer.ComputeMaskAtTime(self._time)],
             "prototypes": [self._prototype(prim.prim, root) for root in instancer.GetPrototypesRel().GetTargets()],
         }
@@ -297,9 +321,7 @@ class Description:
 
     def _material(self, prim: Any) -> str | None:
         """Describe the material that is bound to a prim, and return its path; None if there is none."""
-        purposes = (UsdShade.Tokens.full, UsdShade.Tokens.preview)
-        api = UsdShade.MaterialBindingAPI(prim)
-        materials = [each for purpose in purposes if (each := api.ComputeBoundMaterial(purpose)[0])]
+        materials = _bound_to(prim)
         if not materials:
             return None
         previews = (each for each in materials if _identity(each.ComputeSurfaceSource()[0]) == PREVIEW)
@@ -337,6 +359,12 @@ class Description:
 def _key(prim: Any) -> str:
     """Return the path of a prim, or of what instances of it share."""
     return str((prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath())
+
+
+def _bound_to(prim: Any) -> list[Any]:
+    """Return the materials that are bound to a prim for final pictures and for previews."""
+    api, purposes = UsdShade.MaterialBindingAPI(prim), (UsdShade.Tokens.full, UsdShade.Tokens.preview)
+    return [bound for purpose in purposes if (bound := api.ComputeBoundMaterial(purpose)[0])]
 
 
 def _identity(shader: Any) -> str:

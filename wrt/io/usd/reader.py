@@ -27,6 +27,7 @@ from wrt.linalg import inverse, product
 from wrt.scene.camera import Camera
 from wrt.scene.environment import Environment
 from wrt.scene.lights import Light
+from wrt.values import vec3
 
 Matrix = NDArray[np.float64]
 
@@ -77,6 +78,11 @@ WITHOUT_EFFECT = {
 }
 """Content that does not change a picture, and why."""
 
+Color = tuple[float, float, float]
+
+MOST_COLORS = 256
+"""Maximum number of colours of a point instancer's instances, since each is a mesh of its own."""
+
 _MISSING = re.compile(r"Could not open asset @([^@]*)@")
 
 
@@ -125,8 +131,8 @@ class _Reader:
         if content["up"] == "Z":
             self._world = product(np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]]), self._world)
         self._materials = UsdMaterials(path, content)
-        self._parts: dict[str, list[Part]] = {}
-        self._places: dict[str, list[Matrix]] = {}
+        self._parts: dict[tuple[str, Color | None], list[Part]] = {}
+        self._places: dict[tuple[str, Color | None], list[Matrix]] = {}
         self._lights: list[Light] = []
         self._cameras: list[tuple[str, Camera]] = []
         self._dome: Environment | None = None
@@ -137,20 +143,25 @@ class _Reader:
             warn(f"{self._path}: {text}")
         unused = [kind for kind, count in self._content["unused"].items() for _ in range(count)]
         warn_of_unused(self._path, [*unused, *self._materials.unused()], WITHOUT_EFFECT)
-        cages = sum(1 for key in self._parts if self._content["shapes"][key].get("subdivided"))
+        cages = sum(1 for key in {path for path, _ in self._parts} if self._content["shapes"][key].get("subdivided"))
         if cages:
             warn(f"{self._path}: subdivision surfaces are rendered as their cages, smoothed ({cages})")
         parts = [placed(part, self._places[key]) for key, made in self._parts.items() for part in made]
         return Contents(parts, self._lights, self._cameras), self._dome
 
-    def _read(self, prims: list[dict[str, Any]], world: Matrix, prototypes: tuple[str, ...]) -> None:
-        """Add prims, transformed by a matrix; `prototypes` are those of point instancers that they are within."""
+    def _read(
+        self, prims: list[dict[str, Any]], world: Matrix, prototypes: tuple[str, ...], color: Color | None = None
+    ) -> None:
+        """Add prims, transformed by a matrix.
+
+        `prototypes` are those of point instancers that they are within, `color` that of their instance.
+        """
         for prim in prims:
             kind, name = prim["kind"], f"{self._path}: {prim['path']}"
             matrix = product(world, self._place(prim["place"]))
             with np.errstate(all="ignore"):  # what is not finite is refused where it is used
                 if kind == "Shape":
-                    self._add(prim["shape"], matrix)
+                    self._add(prim["shape"], matrix, color)
                 elif kind == "PointInstancer":
                     self._add_instances(prim, name, matrix, prototypes)
                 elif kind == "Camera":
@@ -168,10 +179,14 @@ class _Reader:
         place: Matrix = self._content["places"].reshape(-1, 4, 4)[number].T
         return place
 
-    def _add(self, key: str, matrix: Matrix) -> None:
-        """Add a mesh at a place; instances of one prototype share their triangles."""
+    def _add(self, path: str, matrix: Matrix, color: Color | None) -> None:
+        """Add a mesh at a place; instances of one prototype and colour share their triangles."""
+        key = path, color
         if key not in self._parts:
-            shape = self._content["shapes"][key]
+            shape = self._content["shapes"][path]
+            if color is not None:  # a mesh has its own first
+                own = [each for each in shape["colors"] if each[0] == "displayColor"]
+                shape = {**shape, "colors": own or [["displayColor", [np.array([color]), "constant"]]]}
             if shape["kind"] == "Mesh":
                 self._parts[key] = parts_of_mesh(self._path, shape, self._materials)
             else:
@@ -190,6 +205,7 @@ class _Reader:
             return
         if beyond := int(((numbers < 0) | (numbers >= len(prim["prototypes"]))).sum()):
             warn(f"{name}: {beyond} of its instances are of no prototype; left out")
+        colors = self._colors(prim["colors"], len(numbers), name)
         for number, path in enumerate(prim["prototypes"]):
             instances = np.flatnonzero(is_shown & (numbers == number)).tolist()
             if path is None or not instances:
@@ -205,4 +221,17 @@ class _Reader:
             for instance in instances:
                 # Its prims have their places in the stage.
                 world = product(product(matrix, places[instance].T), above)
-                self._read(prototype["prims"], world, (*within, path))
+                self._read(prototype["prims"], world, (*within, path), colors[instance] if colors else None)
+
+    def _colors(self, primvar: list[Any] | None, count: int, name: str) -> list[Color] | None:
+        """Return the colour of each instance, or None if there are none."""
+        if primvar is None or primvar[1] == "constant":  # which prims below an instancer inherit
+            return None
+        rows = primvar[0]
+        if not isinstance(rows, np.ndarray) or rows.shape != (count, 3):
+            warn(f"{name}: its displayColor has not a colour for each instance; left out")
+            return None
+        if len(np.unique(rows, axis=0)) > MOST_COLORS:
+            warn(f"{name}: its instances have more than {MOST_COLORS} colours; left out")
+            return None
+        return [vec3(row) for row in rows]

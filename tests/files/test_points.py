@@ -1,0 +1,100 @@
+"""Points of files and objects are spheres in their colours, of a radius that follows from their spacing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from support.mesh_files import ORDERS, XYZ, ply
+from support.meshes import write
+
+import wrt
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import from_trimesh, load_mesh, load_shapes
+from wrt.scene.exact.spheres import Spheres
+from wrt.scene.srgb import linear_from_srgb
+
+DRAWN = "points are drawn as spheres of radius"
+GRID = np.stack(np.meshgrid(np.arange(40.0), np.arange(30.0), [2.0]), axis=-1).reshape(-1, 3) * 0.5
+CODES = np.random.default_rng(0).integers(0, 256, (len(GRID), 3))
+RGB = "uchar red", "uchar green", "uchar blue"
+
+
+def files() -> dict[str, str | bytes]:
+    rows = [(*place, *code) for place, code in zip(GRID.tolist(), CODES.tolist(), strict=True)]
+    floats = [(*row[:3], *(code / 255.0 for code in row[3:])) for row in rows]
+    return {
+        **{f"{order}.ply": ply(order, ("vertex", (*XYZ, *RGB), rows)) for order in ORDERS},
+        "a.off": f"COFF\n{len(rows)} 0 0\n" + "".join(" ".join(map(str, (*row, 255))) + "\n" for row in rows),
+        "a.obj": "".join("v {} {} {} {} {} {}\n".format(*row) for row in floats),
+    }
+
+
+def test_points_of_every_format_are_spheres_in_their_colors(tmp_path):
+    cloud = trimesh.PointCloud(GRID, CODES.astype(np.uint8))
+    sources = [cloud, *(write(tmp_path, name, data) for name, data in files().items())]
+    for source in sources:
+        with pytest.warns(UserWarning, match=f"its 1200 {DRAWN} 0.375;"):
+            (shape,) = from_trimesh(source) if source is cloud else load_shapes(source)
+        assert isinstance(shape.mesh, Spheres), source
+        np.testing.assert_allclose(shape.mesh.centers, GRID, atol=1e-5)
+        np.testing.assert_allclose(shape.mesh.radii, 0.375, atol=1e-5)  # three quarters of the spacing
+        np.testing.assert_allclose(shape.mesh.colors[::3], linear_from_srgb(CODES / 255.0), rtol=1e-5, atol=1e-6)
+        assert shape.material == wrt.Diffuse(wrt.VertexColor())
+        with pytest.warns(UserWarning, match=f"{DRAWN} 0.1$"):  # nothing is lost: no error with strict
+            radii = wrt.load(source, strict=True, up="y", point_radius=0.1).shapes[0].mesh.radii
+        np.testing.assert_allclose(radii, 0.1, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("points", "expected"),
+    [
+        (np.full((1, 3), 7.0), 1.0),
+        (np.full((9, 3), 7.0), 1.0),  # all in one place
+        (np.array([[0.0, 0.0, 0.0], [0.0, 4.0, 0.0]]), 3.0),
+        (np.concatenate([GRID, GRID, GRID[:100] + 1e6]), 0.375),  # twice, and outliers
+        (np.random.default_rng(1).random((70_000, 3)) * [300.0, 200.0, 0.0], 0.75),
+    ],
+    ids=["one", "one place", "two", "outliers", "many"],
+)
+@pytest.mark.filterwarnings("ignore:.*in single precision:wrt.errors.InputWarning")
+def test_the_radius_follows_from_the_spacing(points, expected):
+    with pytest.warns(UserWarning, match=DRAWN):
+        (shape,) = from_trimesh(trimesh.PointCloud(points))
+    assert shape.mesh.radii.mean() == pytest.approx(expected, rel=0.05)
+
+
+def test_points_that_a_scanner_did_not_see_are_left_out():
+    cloud = trimesh.PointCloud(np.concatenate([np.full((50, 3), np.nan), GRID]))
+    lost = pytest.warns(InputWarning, match="50 of 1250 points are left out: their positions are not finite")
+    with lost, pytest.warns(UserWarning, match=DRAWN):
+        (shape,) = from_trimesh(cloud)
+    np.testing.assert_allclose(shape.mesh.centers, GRID, atol=1e-5)
+
+
+def test_radii_are_for_points_and_meshes_for_triangles():
+    ball, cloud = trimesh.creation.icosphere(subdivisions=1), trimesh.PointCloud(GRID)
+    with pytest.raises(wrt.InputError, match="it has no points that a radius is for"):
+        wrt.load(ball, point_radius=1.0)
+    with pytest.raises(wrt.InputError, match="the radius of points must be a positive number, not -1"):
+        wrt.load(cloud, point_radius=-1.0)
+    with pytest.raises(wrt.InputError, match="a radius of points is for mesh files"):
+        wrt.load("cornell-box", point_radius=1.0)
+    scene = trimesh.Scene([ball, cloud])
+    with pytest.warns(UserWarning, match=DRAWN):
+        assert [type(shape.mesh) for shape in wrt.load(scene).shapes[:2]] == [wrt.Mesh, Spheres]
+    with pytest.warns(UserWarning, match=DRAWN):
+        assert len(load_mesh(scene).faces) == 80
+    with pytest.warns(UserWarning, match=DRAWN), pytest.raises(wrt.InputError, match="points and no triangles"):
+        load_mesh(cloud)
+    with (
+        pytest.warns(UserWarning, match=DRAWN),
+        pytest.raises(wrt.InputError, match="an intersector has triangles only"),
+    ):
+        wrt.Intersector(cloud)
+    cloud.colors = np.zeros((7, 4), np.uint8)
+    with (
+        pytest.warns(UserWarning, match=DRAWN),
+        pytest.warns(InputWarning, match="the 7 colours of 'trimesh' are left out"),
+    ):
+        from_trimesh(cloud)
