@@ -231,8 +231,8 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
     elif path.is_dir():
         found: list[str] = []
         with contextlib.suppress(OSError):
-            scenes, bare = renderable(path, itertools.islice(path.iterdir(), MOST_NAMES))
-            found = [*scenes, *bare]
+            scenes, mesh_files = renderable(path, itertools.islice(path.iterdir(), MOST_NAMES))
+            found = [*scenes, *mesh_files]
         advice = (
             f"name a file in it, such as {path / found[0]}: {first_of(found)}" if found else "nothing in it is rendered"
         )

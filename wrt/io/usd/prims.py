@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 from collections import Counter
 from collections.abc import Iterator
@@ -53,6 +54,12 @@ _OF_INSTANCES = (*("positions", "orientations", "orientationsf", "scales", "ids"
 _READ_BY_LIBRARY = ("xformOp:", "!invert!xformOp:", "material:binding")
 """Beginnings of the names of other properties that the library reads."""
 
+_CODES_PER_SECOND = 24.0
+"""Time codes in a second where a file gives none."""
+
+_ALL_AROUND = 180.0
+"""Degrees from the axis of a light's cone up to which it lights everything."""
+
 _SHORT = 16
 """Elements of a value up to which instances are compared by it, and not by where it is."""
 
@@ -97,20 +104,23 @@ class _Prim:
                 yield f"{kind}.{name}"
             else:
                 value = attribute.Get(time)
+                if name.endswith("shaping:cone:angle") and isinstance(value, float) and value >= _ALL_AROUND:
+                    continue
                 if value is not None and value != prim.GetPrimDefinition().GetAttributeFallbackValue(name):
                     yield f"{kind}.{name}"
 
 
 def times_of(stage: Any, layers: list[Any]) -> tuple[float, float, float] | None:
     """Return the first and the last time code of a stage and their number in a second, or None if nothing changes."""
-    samples = {time for layer in layers for time in layer.ListAllTimeSamples()}
+    samples = {time for layer in layers for time in layer.ListAllTimeSamples() if math.isfinite(time)}
     if not samples:
         return None
     first, last = min(samples), max(samples)
-    if stage.HasAuthoredTimeCodeRange():
-        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    given = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    if stage.HasAuthoredTimeCodeRange() and all(map(math.isfinite, given)):
+        first, last = given
     rate = stage.GetTimeCodesPerSecond()
-    return first, max(first, last), rate if rate > 0.0 else 24.0
+    return first, max(first, last), rate if 0.0 < rate < math.inf else _CODES_PER_SECOND
 
 
 class Description:
@@ -270,7 +280,10 @@ class Description:
         interpolation = str(UsdGeom.Mesh(prim.prim).GetNormalsInterpolation())
         subsets = []
         for subset in UsdShade.MaterialBindingAPI(prim.prim).GetMaterialBindSubsets():
-            part = _Prim(subset.GetPrim(), "familyName", "elementType", "familyType")
+            part = _Prim(subset.GetPrim(), "familyName", "familyType")
+            if str(subset.GetElementTypeAttr().Get(self._time)) != "face":
+                self._account(part)
+                continue
             subsets.append([self._plain(part.attribute("indices").Get(self._time)), self._material(part.prim)])
             self._account(part)
         return {
