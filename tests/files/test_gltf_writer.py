@@ -124,7 +124,7 @@ def test_geometry_lights_and_camera_come_back(tmp_path: Path) -> None:
     assert messages == []
     np.testing.assert_allclose(found.camera.frame(), scene.camera.frame(), atol=1e-6)
     assert found.camera.fov_degrees == pytest.approx(33.0)
-    found.camera = scene.camera  # whose target may lie farther away
+    found.camera, found.cameras = scene.camera, scene.cameras  # whose target may lie farther away
     assert {name: amount for name, amount in differences(scene, found).items() if amount > 1e-5} == {}
 
 

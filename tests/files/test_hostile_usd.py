@@ -13,7 +13,7 @@ from support.meshes import write
 
 import wrt
 from wrt.errors import InputWarning
-from wrt.io.load_mesh import load_file
+from wrt.io.load_mesh import animation_of, load_file
 from wrt.io.usd import process
 
 pytest.importorskip("pxr")
@@ -114,6 +114,22 @@ def test_layers_in_archives_and_in_other_files_are_composed(tmp_path):
     for file in (path, tmp_path / "whole.usdz", outer):
         assert [len(shape.mesh.faces) for shape in load_file(file).shapes] == [1]
         assert len(wrt.load(file, confined=True, frame=False).shapes) >= 1
+
+
+@pytest.mark.parametrize("key", ["startTimeCode", "endTimeCode", "timeCodesPerSecond"])
+def test_times_that_are_no_numbers_are_those_of_the_samples(key, tmp_path):
+    points = (
+        "point3f[] points.timeSamples = {2: [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 26: [(0, 0, 0), (1, 0, 0), (0, 9, 0)]}"
+    )
+    prims = "\n".join(points if "points" in line else line for line in MESH.splitlines())
+    for value in ("nan", "inf", "-inf", "0"):
+        both = {"startTimeCode": "2", "endTimeCode": "26", "timeCodesPerSecond": "24", key: value}
+        lines = [f"{name} = {text}" for name, text in both.items()]
+        path = write(tmp_path, f"{value}.usda", usd(*lines, prims=prims))
+        begin, end = animation_of(path) or (0.0, 0.0)
+        assert begin == 0.0
+        assert np.isfinite(end)
+        assert len(load_file(path).shapes) == 1
 
 
 def multiplied(*, instances: bool) -> str:

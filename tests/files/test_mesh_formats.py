@@ -248,7 +248,7 @@ def test_obj_reads_what_is_found_in_the_wild(tmp_path):
         "windows": quad.replace("\n", "\r\n"),
         "old mac": quad.replace("\n", "\r"),
         "weights": quad.replace(" 0\n", " 0 1\n"),
-        "groups": SQUARE + "o one\ng a\ns 1\nf 1 2 3\ng b\nusemtl x\nf 1 3 4\nl 1 2\np 1\n",
+        "groups": SQUARE + "o one\ng a\ns 1\nf 1 2 3\ng b\nusemtl x\nf 1 3 4\n",
     }
     for name, text in cases.items():
         mesh = load_mesh(write(tmp_path, "mesh.obj", text))

@@ -265,3 +265,27 @@ def test_colors_are_those_that_a_material_reads_and_fallbacks_stand_for_what_is_
     shown = USD.replace(ST, f"        float[] primvars:displayOpacity = [0.25]\n{ST}")
     shown = shown.replace("rel material:binding = </World/Red>", "")
     assert square_of(load_file(write(folder, "c.usda", shown))).mesh.colors[0, 3] == 0.25
+
+
+def test_native_instances_inherit_materials_and_colors_of_their_own(folder):
+    asset = """
+class Xform "Asset"
+{
+    def Cube "cube" {}
+}
+"""
+    inherited = (
+        "color3f[] primvars:displayColor = [(1, 0, 0)]",
+        "color3f[] primvars:displayColor = [(0, 1, 0)]",
+        "color3f[] primvars:displayColor = [(0, 1, 0)]",
+        "rel material:binding = </World/Glossy>",
+    )
+    head = "(\n    instanceable = true\n    inherits = </Asset>\n)"
+    roots = "".join(f'def Xform "i{k}" {head}\n{{\n{text}\n}}\n' for k, text in enumerate(inherited))
+    shapes = load_file(write(folder, "n.usda", USD + asset + roots)).shapes
+    cubes = [shape for shape in shapes if shape.name.endswith("/cube")]
+    found = [
+        shape.material.coat if shape.mesh.colors is None else tuple(shape.mesh.colors[0].tolist()) for shape in cubes
+    ]
+    assert sorted(map(str, found)) == sorted(map(str, [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 0.5]))
+    assert len({id(shape.mesh) for shape in cubes}) == 3

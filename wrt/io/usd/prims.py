@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 from collections import Counter
 from collections.abc import Iterator
@@ -53,6 +54,15 @@ _OF_INSTANCES = (*("positions", "orientations", "orientationsf", "scales", "ids"
 _READ_BY_LIBRARY = ("xformOp:", "!invert!xformOp:", "material:binding")
 """Beginnings of the names of other properties that the library reads."""
 
+_CODES_PER_SECOND = 24.0
+"""Time codes in a second where a file gives none."""
+
+_ALL_AROUND = 180.0
+"""Degrees from the axis of a light's cone up to which it lights everything."""
+
+_SHORT = 16
+"""Elements of a value up to which instances are compared by it, and not by where it is."""
+
 _BYTES_PER_PLACE = 16 * 8
 
 _BYTES_PER_PRIM = 1024
@@ -94,20 +104,23 @@ class _Prim:
                 yield f"{kind}.{name}"
             else:
                 value = attribute.Get(time)
+                if name.endswith("shaping:cone:angle") and isinstance(value, float) and value >= _ALL_AROUND:
+                    continue
                 if value is not None and value != prim.GetPrimDefinition().GetAttributeFallbackValue(name):
                     yield f"{kind}.{name}"
 
 
 def times_of(stage: Any, layers: list[Any]) -> tuple[float, float, float] | None:
     """Return the first and the last time code of a stage and their number in a second, or None if nothing changes."""
-    samples = {time for layer in layers for time in layer.ListAllTimeSamples()}
+    samples = {time for layer in layers for time in layer.ListAllTimeSamples() if math.isfinite(time)}
     if not samples:
         return None
     first, last = min(samples), max(samples)
-    if stage.HasAuthoredTimeCodeRange():
-        first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    given = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    if stage.HasAuthoredTimeCodeRange() and all(map(math.isfinite, given)):
+        first, last = given
     rate = stage.GetTimeCodesPerSecond()
-    return first, max(first, last), rate if rate > 0.0 else 24.0
+    return first, max(first, last), rate if 0.0 < rate < math.inf else _CODES_PER_SECOND
 
 
 class Description:
@@ -129,6 +142,7 @@ class Description:
         self._classes: dict[str, tuple[bool, bool]] = {}
         self._unused: Counter[str] = Counter()
         self._described: set[str] = set()
+        self._inherited_by: dict[str, str] = {}
         self.content: dict[str, Any] = {"shapes": {}, "prototypes": {}, "materials": {}, "nodes": {}, "left_out": []}
         self.content["animation"] = [0.0, (times[1] - times[0]) / times[2]] if times and times[1] > times[0] else None
         self.content["up"] = str(UsdGeom.GetStageUpAxis(stage))
@@ -227,7 +241,7 @@ class Description:
 
     def _shape(self, prim: _Prim, kind: str) -> str:
         """Describe a mesh or a solid, unless it has been, and return its key, which instances of it have too."""
-        key = _key(prim.prim)
+        key = _key(prim.prim) + self._inherited(prim.prim)
         if key not in self.content["shapes"]:
             primvars = UsdGeom.PrimvarsAPI(prim.prim)
             shape: dict[str, Any] = {
@@ -241,13 +255,35 @@ class Description:
             self.content["shapes"][key] = shape | (self._of_mesh(prim, primvars) if kind == "Mesh" else {})
         return key
 
+    def _inherited(self, prim: Any) -> str:
+        """Return a text of what a prim inherits from beyond the prototype that instances share: material and values."""
+        root = prim
+        while root.IsInstanceProxy():
+            root = root.GetParent()
+        if root == prim:
+            return ""
+        path = str(root.GetPath())
+        if path not in self._inherited_by:
+            materials = _bound_to(root)
+            values = {}
+            for each in UsdGeom.PrimvarsAPI(root).FindInheritablePrimvars():
+                value = each.Get(self._time)
+                is_short = len(value) <= _SHORT if hasattr(value, "__len__") else True
+                values[str(each.GetName())] = str(value) if is_short else str(each.GetAttr().GetPath())
+            found = [_key(each.GetPrim()) for each in materials], values
+            self._inherited_by[path] = f" {found}" if materials or values else ""
+        return self._inherited_by[path]
+
     def _of_mesh(self, prim: _Prim, primvars: Any) -> dict[str, Any]:
         scheme = prim.attribute("subdivisionScheme")
         normals = self._plain(prim.attribute("normals").Get(self._time))
         interpolation = str(UsdGeom.Mesh(prim.prim).GetNormalsInterpolation())
         subsets = []
         for subset in UsdShade.MaterialBindingAPI(prim.prim).GetMaterialBindSubsets():
-            part = _Prim(subset.GetPrim(), "familyName", "elementType", "familyType")
+            part = _Prim(subset.GetPrim(), "familyName", "familyType")
+            if str(subset.GetElementTypeAttr().Get(self._time)) != "face":
+                self._account(part)
+                continue
             subsets.append([self._plain(part.attribute("indices").Get(self._time)), self._material(part.prim)])
             self._account(part)
         return {
@@ -298,9 +334,7 @@ class Description:
 
     def _material(self, prim: Any) -> str | None:
         """Describe the material that is bound to a prim, and return its path; None if there is none."""
-        purposes = (UsdShade.Tokens.full, UsdShade.Tokens.preview)
-        api = UsdShade.MaterialBindingAPI(prim)
-        materials = [each for purpose in purposes if (each := api.ComputeBoundMaterial(purpose)[0])]
+        materials = _bound_to(prim)
         if not materials:
             return None
         previews = (each for each in materials if _identity(each.ComputeSurfaceSource()[0]) == PREVIEW)
@@ -338,6 +372,12 @@ class Description:
 def _key(prim: Any) -> str:
     """Return the path of a prim, or of what instances of it share."""
     return str((prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath())
+
+
+def _bound_to(prim: Any) -> list[Any]:
+    """Return the materials that are bound to a prim for final pictures and for previews."""
+    api, purposes = UsdShade.MaterialBindingAPI(prim), (UsdShade.Tokens.full, UsdShade.Tokens.preview)
+    return [bound for purpose in purposes if (bound := api.ComputeBoundMaterial(purpose)[0])]
 
 
 def _identity(shader: Any) -> str:
