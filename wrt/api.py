@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.develop.settings import names_file
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
 from wrt.io.archives import first_of, unpacked
 from wrt.io.file_type import renderable
 from wrt.io.safe_read import PathLike, confined_to, confinement_folder
+from wrt.scene.developing import names_file
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh
@@ -231,8 +231,8 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
     elif path.is_dir():
         found: list[str] = []
         with contextlib.suppress(OSError):
-            scenes, bare = renderable(path, itertools.islice(path.iterdir(), MOST_NAMES))
-            found = [*scenes, *bare]
+            scenes, mesh_files = renderable(path, itertools.islice(path.iterdir(), MOST_NAMES))
+            found = [*scenes, *mesh_files]
         advice = (
             f"name a file in it, such as {path / found[0]}: {first_of(found)}" if found else "nothing in it is rendered"
         )

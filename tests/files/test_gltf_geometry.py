@@ -326,7 +326,7 @@ def test_versions(tmp_path):
         check_refused(f"a file of glTF {refused}, which is not supported", load_file, path)
 
 
-@pytest.mark.parametrize("node", [{"camera": 3}, light(9), {"camera": 0, "scale": [0, 0, 0]}, light(4)])
+@pytest.mark.parametrize("node", [{"camera": 3}, light(9), {"camera": 0, "scale": [0, 0, 0]}, light(4), light(5)])
 def test_mistakes_are_told_in_one_line(tmp_path, node):
-    lights = [*LIGHTS, {"type": "spot", "intensity": "much"}]
+    lights = [*LIGHTS, {"type": "spot", "intensity": "much"}, {"type": "area"}]
     check_refused("a.gltf: ", load_file, saved(tmp_path, tree_with([node], lights)))

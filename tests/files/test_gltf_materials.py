@@ -91,6 +91,8 @@ RED, GREEN, BLUE = np.moveaxis(NUMBERS, 2, 0)
         ({"emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": IMAGE}, {"emission": COLORS * [1.0, 0.5, 0.0]}),
         ({"emissiveFactor": [1.0, 0.5, 0.25], **STRONG}, {"emission": (4.0, 2.0, 1.0)}),
         (extensions(ior={"ior": 1.33}), {"ior": 1.33}),
+        (extensions(ior={"ior": 0}), {"ior": 1.5, "specular_color": (25.0,) * 3}),
+        (extensions(ior={"ior": 0}, specular=SPECULAR), {"ior": 1.5, "specular_color": (50.0, 25.0, 12.5)}),
         (extensions(specular=SPECULAR), {"specular": 0.8 * ALPHA, "specular_color": (2.0, 1.0, 0.5)}),
         (extensions(clearcoat=COAT), {"coat": 0.5, "coat_roughness": 0.2 * GREEN}),
         (extensions(sheen=SHEEN), {"sheen_color": COLORS * [0.1, 0.2, 0.3], "sheen_roughness": 0.6}),
@@ -168,6 +170,33 @@ def test_one_transform_of_all_textures_moves_the_coordinates_of_the_mesh(tmp_pat
         shape = shape_of(tmp_path, tree)
         np.testing.assert_allclose(shape.mesh.uvs, expected, atol=1e-6)
         assert shape.material.base_color.offset == (0.0, 0.0)
+
+
+def test_a_transform_of_the_normal_texture_alone_has_coordinates_of_its_own(tmp_path):
+    """The first set is the transformed one, which tangents follow; the other textures lie by the second."""
+    moved = {"index": 0, "extensions": {"KHR_texture_transform": {"offset": [0.25, 0.5], "scale": [4.0, 2.0]}}}
+    for number in (0, 1):
+        normal = {**moved, "texCoord": number}
+        pbr = {"baseColorTexture": {"index": 0, "texCoord": number}, "metallicRoughnessTexture": normal}
+        tree = file_with({"pbrMetallicRoughness": pbr, "normalTexture": normal}, uvs=False)
+        attributes(tree)[f"TEXCOORD_{number}"] = add(tree, UVS)
+        shape = shape_of(tmp_path, tree)
+        expected = np.concatenate([UVS * (4, 2) + (0.25, 0.5), UVS], axis=1) * (1, -1, 1, -1) + (0, 1, 0, 1)
+        np.testing.assert_allclose(shape.mesh.uvs, expected, atol=1e-6)
+        base, roughness = shape.material.base_color, shape.material.roughness
+        assert (base.uv_set, roughness.uv_set) == (1, 1)
+        np.testing.assert_allclose(base.placement, np.eye(2, 3), atol=1e-12)
+        np.testing.assert_allclose(roughness.placement, [[4, 0, 0.25], [0, 2, -1.5]], atol=1e-12)
+        assert shape.material.normal_map is not None
+
+
+def test_a_clear_coat_has_the_normals_of_its_base(tmp_path):
+    bumps, coat = {"index": 1, "scale": 0.5}, {**COAT, "clearcoatNormalTexture": {"index": 1, "scale": 0.5}}
+    assert made(tmp_path, {"normalTexture": bumps, **extensions(clearcoat=coat)}).normal_map is not None
+    made(tmp_path, extensions(clearcoat={**coat, "clearcoatFactor": 0.0}))
+    for described in ({"normalTexture": bumps, **extensions(clearcoat=COAT)}, extensions(clearcoat=coat)):
+        with pytest.warns(InputWarning, match="the clear coat of material 0 has the normals of its base"):
+            made(tmp_path, described)
 
 
 def test_what_cannot_be_read_is_told_and_left_out(tmp_path):

@@ -49,42 +49,37 @@ def unpacked(source: Any, file_type: str | None = None) -> Iterator[Any]:
 
     Args:
         source: any source of `wrt.load`. `model.zip/part.obj` is a file in an archive.
-        file_type: the type of bytes or of an open file, such as "glb"; by default that of the open file's name.
+        file_type: the type of bytes or of an open file, such as "glb"; by default the suffix of its name.
 
     Raises:
         InputError: if it cannot be unpacked, has no type, or holds no or several files that can be rendered.
     """
-    path, wanted, data = _divided(source, file_type)
+    path, inner, data = _divided(source, file_type)
     if path is None:
         yield source
         return
     import tempfile
 
-    suffix = path.suffix.lower()
     with tempfile.TemporaryDirectory(prefix="wrt-unpacked-") as name:
         folder = Path(os.path.realpath(name))
-        plain = folder / path.name
-        with contextlib.ExitStack() as stack:
+        file = folder / (path.stem if path.suffix.lower() in COMPRESSED else path.name)
+        with shown_as(file, path), shown_as(folder, path):
             with memory_limits.one_load(), naming_file(path):
                 data = read_file(path) if data is None else memory_limits.counted(data)
-                if suffix in ZIPS:
-                    stack.enter_context(shown_as(folder, path))
+                if path.suffix.lower() in ZIPS:
                     _unzip(path, data, folder)
-                    plain = _chosen(path, folder, wanted)
-                elif suffix in COMPRESSED:
-                    plain = folder / path.stem
-                    stack.enter_context(shown_as(plain, path))
-                    opened = importlib.import_module(COMPRESSED[suffix]).open(io.BytesIO(data))
-                    with as_specified(path, "compressed", OSError, zlib.error), opened, open(plain, "xb") as file:
-                        _copy(opened, file)
-                    _refuse_nested(path, plain)
+                    file = _chosen(path, folder, inner)
+                elif path.suffix.lower() in COMPRESSED:
+                    _decompress(path, data, file)
                 else:
-                    stack.enter_context(shown_as(plain, path))
-                    plain.write_bytes(data)
+                    file.write_bytes(data)
             token = UNPACKED.set(Unpacked(str(folder), len(data)))
-            stack.callback(UNPACKED.reset, token)
-            stack.enter_context(confined_to(folder, leniently=True))
-            yield plain
+            del data
+            try:
+                with confined_to(folder, leniently=True):
+                    yield file
+            finally:
+                UNPACKED.reset(token)
 
 
 def unpacking(read: Callable[Concatenate[PathLike, P], T]) -> Callable[Concatenate[PathLike, P], T]:
@@ -126,7 +121,7 @@ def _divided(source: Any, file_type: str | None) -> tuple[Path | None, str, byte
 
 
 def _unzip(path: Path, data: bytes, folder: Path) -> None:
-    """Unpack a ZIP archive; what it holds is counted as it is unpacked, whatever it promises."""
+    """Unpack a ZIP archive; sizes are counted while unpacking, since headers may promise less."""
     import zipfile
 
     with (
@@ -153,6 +148,13 @@ def _unzip(path: Path, data: bytes, folder: Path) -> None:
                 _copy(stream, file)
 
 
+def _decompress(path: Path, data: bytes, target: Path) -> None:
+    stream = importlib.import_module(COMPRESSED[path.suffix.lower()]).open(io.BytesIO(data))
+    with as_specified(path, "compressed", OSError, zlib.error), stream, open(target, "xb") as file:
+        _copy(stream, file)
+    _refuse_nested(path, target)
+
+
 def _copy(stream: IO[bytes], file: IO[bytes]) -> None:
     """Copy a stream to a file, as far as the memory limit of unpacked files allows."""
     while chunk := stream.read(_CHUNK):
@@ -165,14 +167,14 @@ def _refuse_nested(path: Path, file: Path) -> None:
         raise InputError(f"{path}: {file.name!r} in it is an archive, too; unpack it first")
 
 
-def _chosen(path: Path, folder: Path, wanted: str) -> Path:
-    """Return the file of an archive that is wanted, or the only one that can be rendered."""
+def _chosen(path: Path, folder: Path, inner: str) -> Path:
+    """Return the file of a path within an archive, or the only file that can be rendered."""
     scenes, meshes = renderable(folder, folder.rglob("*"))
     found = scenes or meshes  # a scene names its meshes
-    if wanted:
-        file = folder / wanted
+    if inner:
+        file = folder / inner
         if not Path(os.path.realpath(file)).is_relative_to(folder) or not file.is_file():
-            raise InputError(f"{path}: there is no file {wanted!r} in it{did_you_mean(wanted, found)}")
+            raise InputError(f"{path}: there is no file {inner!r} in it{did_you_mean(inner, found)}")
         _refuse_nested(path, file)
         return file
     if len(found) == 1:

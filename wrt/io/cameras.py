@@ -20,31 +20,31 @@ def unique(names: Iterable[str]) -> list[str]:
     return list(found)
 
 
-def number_of(source: object, names: Sequence[str], wanted: int | str) -> int:
+def number_of(source: object, names: Sequence[str], choice: int | str) -> int:
     """Return which of the cameras with these names has a name, or a number counted from 0.
 
     Raises:
         InputError: where there is none; the message lists the cameras of `source`.
     """
-    if wanted in names:
-        return names.index(str(wanted))
-    number = int(wanted) if str(wanted).isdecimal() else -1
+    if choice in names:
+        return names.index(str(choice))
+    number = int(choice) if str(choice).isdecimal() else -1
     if 0 <= number < len(names):
         return number
     reason = f"it has {listed(names)}" if names else "it has none"
-    raise InputError(f"{source}: there is no camera {wanted!r}; {reason}{did_you_mean(wanted, names)}")
+    raise InputError(f"{source}: there is no camera {choice!r}; {reason}{did_you_mean(choice, names)}")
 
 
-def with_camera(source: object, scene: Scene, wanted: int | str | None) -> Scene:
-    """Return a scene with the camera of its file that has a name or number; unchanged if that is None."""
-    if wanted is None:
+def with_camera(source: object, scene: Scene, choice: int | str | None) -> Scene:
+    """Return a scene with another camera of its file, by name or number; None keeps the first."""
+    if choice is None:
         return scene
     names = list(scene.cameras)
-    return dataclasses.replace(scene, camera=scene.cameras[names[number_of(source, names, wanted)]])
+    return dataclasses.replace(scene, camera=scene.cameras[names[number_of(source, names, choice)]])
 
 
 def note_several(source: object, names: Sequence[str]) -> None:
-    """Tell that the first of several cameras is taken. No InputWarning, as nothing is wrong with such a file."""
+    """Warn that the first of several cameras is taken; `strict` allows it, as nothing is wrong with such a file."""
     if len(names) > 1:
         warn(f"{source}: of its cameras, {listed(names)}, the first is taken; --camera chooses another", UserWarning)
 

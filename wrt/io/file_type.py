@@ -125,8 +125,8 @@ def hint(path: Path) -> str | None:
 
 def advice_on(path: Path) -> str | None:
     """Return what a file that is not rendered is and what to do; None if that is unknown."""
-    known = _NOT_RENDERED.get(path.suffix.lower())
-    return f"it is {known}" if known else hint(path)
+    kind = _NOT_RENDERED.get(path.suffix.lower())
+    return f"it is {kind}" if kind else hint(path)
 
 
 def renderable(folder: Path, files: Iterable[Path]) -> tuple[list[str], list[str]]:

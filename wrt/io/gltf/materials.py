@@ -44,6 +44,9 @@ EXTENSIONS = (
 )
 """The extensions KHR_materials_... that are read."""
 
+_USUAL_REFLECTANCE = 0.04
+"""Of an index of 1.5, at normal incidence."""
+
 _LEAST_TRANSMITTANCE = 1e-6
 """Of a medium; 0 would need infinite absorption."""
 
@@ -79,9 +82,16 @@ class _Description:
         self.has_alpha = tree.get("alphaMode", "OPAQUE") in ("MASK", "BLEND")  # section 3.9.4
         self.textures = _texture_references(tree)
         # The normal texture, whose tangents follow its coordinates, has the first set.
-        first = tree.get("normalTexture") or self.pbr.get("baseColorTexture")
+        normal = tree.get("normalTexture")
+        first = normal or self.pbr.get("baseColorTexture")
         by_rank = sorted(self.textures, key=lambda info: info is not first)
         self.uv_sets = list(dict.fromkeys(_uv_set(info) for info in by_rank))
+        self.normal_placement = placement_of(normal or {})
+        is_moved = self.normal_placement != placement_of({})
+        if is_moved and len(self.uv_sets) == 1 and self.shared_placement is None:
+            # The coordinates that it transforms are the first, and those in the file the second, for the others.
+            self.uv_sets *= 2
+            self.shared_placement = _matrix(self.normal_placement)
 
     @functools.cached_property
     def shared_placement(self) -> NDArray[np.float64] | None:
@@ -92,7 +102,7 @@ class _Description:
         placements = [placement_of(info) for info in self.textures if [_uv_set(info)] != self.uv_sets[1:2]]
         if any(placement != placements[0] for placement in placements):
             return None
-        return ImageTexture(np.zeros((1, 1, 3), np.float32), **placements[0]).placement if placements else np.eye(2, 3)
+        return _matrix(placements[0]) if placements else np.eye(2, 3)
 
 
 class GltfMaterials:
@@ -152,6 +162,7 @@ class _Reader:
     ) -> None:
         self._path, self._images, self._name = path, images, f"material {number}"
         self._description, self._attributes = description, attributes
+        self._normal: Tree | None = description.tree.get("normalTexture")
         self._placed = description.shared_placement is None  # textures then apply their own transforms
 
     def material(self) -> Material:
@@ -174,15 +185,15 @@ class _Reader:
         factor = np.asarray(description.tree.get("emissiveFactor", BLACK), np.float64) * strength
         if factor.any():
             values["emission"] = self._color(description.tree.get("emissiveTexture"), factor)
-        normal = description.tree.get("normalTexture")
-        if normal and attributes.uvs:
-            values["normal_map"] = self._normal_map(normal)
+        if self._normal and attributes.uvs:
+            values["normal_map"] = self._normal_map(self._normal)
         return Principled(**values)
 
     def _normal_map(self, info: Tree) -> NormalMap | None:
         pixels = self._images.pixels(info, "data")
-        if self._placed and placement_of(info) != placement_of({}):
-            warn(f"{self._path}: the transform of the normal texture of {self._name} is left out")
+        if self._placed and self._description.normal_placement != placement_of({}):
+            reason = "its textures lie by two sets of coordinates and unlike transforms"
+            warn(f"{self._path}: the transform of the normal texture of {self._name} is left out: {reason}")
         if pixels is None:
             return None
         label, wrap = self._images.label(info), self._images.wrap(info)
@@ -208,7 +219,7 @@ class _Reader:
     def _specular_glossiness(self, gloss: Tree) -> dict[str, Any]:
         """Return a dielectric of index 1.5 whose reflectance of 0.04 at normal incidence is tinted."""
         info = gloss.get("specularGlossinessTexture")
-        tint = np.asarray(gloss.get("specularFactor", WHITE), np.float64) / 0.04
+        tint = np.asarray(gloss.get("specularFactor", WHITE), np.float64) / _USUAL_REFLECTANCE
         factor = float(np.clip(gloss.get("glossinessFactor", 1.0), 0.0, 1.0))
         texture = self._texture(info, "alpha", channel="r")
         return {
@@ -226,17 +237,22 @@ class _Reader:
     def _extended(self) -> dict[str, Any]:
         """Return what extensions add to the metallic-roughness material."""
         values: dict[str, Any] = {}
-        if "ior" in (found := self._extension("ior")):
-            values["ior"] = found["ior"]
+        ior = self._extension("ior").get("ior", 1.5)
+        is_full = ior == 0.0  # reflects all light at normal incidence, but for its tint
+        values["ior"] = 1.5 if is_full else ior
         for extension, rows in TEXTURED.items():
             found = self._extension(extension)
-            for attribute, key, channels, default in rows if found else ():
+            for attribute, key, channels, default in rows if found or (is_full and extension == "specular") else ():
                 factor, info = found.get(f"{key}Factor", default), found.get(f"{key}Texture")
                 if channels == "rgb":
                     limit = 1.0 if attribute == "sheen_color" else math.inf
-                    values[attribute] = self._color(info, np.minimum(factor, limit))
+                    share = _USUAL_REFLECTANCE if is_full and attribute == "specular_color" else 1.0
+                    values[attribute] = self._color(info, np.minimum(factor, limit) / share)
                 else:
                     values[attribute] = self._number(info, channels, factor)
+        normals_of_coat = self._extension("clearcoat").get("clearcoatNormalTexture")
+        if self._attributes.uvs and values.get("coat") and normals_of_coat != self._normal:
+            warn(f"{self._path}: the clear coat of {self._name} has the normals of its base instead of its own")
         if film := values.pop("film", None):
             values |= {"film": film, **self._film(self._extension("iridescence"))}
         if "transmission" in values:
@@ -301,6 +317,11 @@ def _interior(volume: Tree) -> Medium | None:
     if not math.isfinite(distance) or (color == 1.0).all():
         return None
     return Medium.from_color(tuple(color.tolist()), distance)
+
+
+def _matrix(placement: Tree) -> NDArray[np.float64]:
+    """Return the (2, 3) matrix of what `placement_of` returns."""
+    return ImageTexture(np.zeros((1, 1, 3), np.float32), **placement).placement
 
 
 def _uv_set(info: Tree) -> int:

@@ -240,7 +240,7 @@ def _part(
             f"{buffers.path}: textures of material {number} lie by more than two sets of coordinates; all but those of "
             f"set {uv_sets[1]} are laid by set {uv_sets[0]}"
         )
-    if len(uv_sets) > 1 and f"TEXCOORD_{uv_sets[1]}" not in primitive["attributes"]:
+    if len(set(uv_sets)) > 1 and f"TEXCOORD_{uv_sets[1]}" not in primitive["attributes"]:
         warn(f"{buffers.path}: there is no TEXCOORD_{uv_sets[1]}, by which textures of material {number} lie")
     part, second_uvs = Primitive(primitive, buffers).part(name, uv_sets[:2], deformation)
     if number is not None:

@@ -115,4 +115,6 @@ def light_of(light: Tree, world: Matrix) -> Light:
         outer = math.degrees(cone.get("outerConeAngle", math.pi / 4.0))
         spot: dict[str, Any] = {"inner_degrees": inner, "outer_degrees": outer, "falloff": "gltf"}
         return SpotLight(position, direction, intensity=strength, **spot)
+    if light["type"] != "point":
+        raise InputError(f"a light is of type {light['type']!r}, which glTF does not have")
     return PointLight(position, intensity=strength)

@@ -36,15 +36,16 @@ _REASONS: dict[str, tuple[str, ...]] = {
         *("meshes.primitives.attributes.JOINTS_*", "meshes.primitives.attributes.WEIGHTS_*"),
         *("meshes.primitives.attributes._*", "nodes.extensions.EXT_mesh_gpu_instancing.attributes._*"),
     ),
-    "tangents are across the normals": (
+    "a primitive without normals is flat, and its tangents are ignored (3.7.2.1)": (
         *("meshes.primitives.attributes.TANGENT", "meshes.primitives.targets.TANGENT"),
+        "meshes.primitives.targets.NORMAL",
     ),
-    "normals are made from the moved triangles": ("meshes.primitives.targets.NORMAL",),
     "the picture has its own shape, and shows what is near and far": (
         *("cameras.perspective.aspectRatio", "cameras.orthographic.xmag"),
         *("cameras.*.znear", "cameras.*.zfar"),
     ),
     "it is a hint where the light may be taken as dark": ("extensions.KHR_lights_punctual.lights.range",),
+    "it names forms with less detail": ("nodes.extensions.MSFT_lod", "materials.extensions.MSFT_lod"),
     "it is for interaction": (
         *("extensions.KHR_interactivity", "nodes.extensions.KHR_node_hoverability"),
         *("nodes.extensions.KHR_node_selectability",),

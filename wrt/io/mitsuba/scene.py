@@ -81,11 +81,11 @@ def _sensors(plugins: list[Plugin]) -> dict[str, Plugin]:
     return dict(zip(unique(each.element.attributes.get("id", "") for each in cameras), cameras, strict=True))
 
 
-def _chosen(document: Document, sensors: dict[str, Plugin], wanted: int | str | None) -> Plugin | None:
+def _chosen(document: Document, sensors: dict[str, Plugin], choice: int | str | None) -> Plugin | None:
     """Return the sensor of an id or a number, or the first."""
     names = list(sensors)
-    if wanted is not None:
-        return sensors[names[number_of(document.path, names, wanted)]]
+    if choice is not None:
+        return sensors[names[number_of(document.path, names, choice)]]
     note_several(document.path, names)
     return next(iter(sensors.values()), None)
 
