@@ -218,15 +218,20 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
         ("a.obj", f"v 0 0 0\nv 1 {word} 0\nv 1 1 0\nf 1 2 3\n", r"a vertex is at 1 \S+ 0; positions must be finite")
         for word in ("nan", "1e39")
     ),
-    ("a.obj", SQUARE + "f 1 2 9\n", r"a face names something that is not there \(index 8 is out of bounds .* size 4\)"),
-    ("a.obj", SQUARE + "f 0 1 2\n", r"line 5: face corner '0' names a 'v' that is not there \(4 are\)"),
-    ("a.obj", SQUARE + "f -1 -2 -9\n", r"line 5: face corner '-9' names a 'v'"),
+    ("a.obj", SQUARE + "f 1 2 9\n", "a face names 'v' 9, but there are 4"),
+    ("a.obj", SQUARE + "f 0 1 2\n", r"line 5: a face names a 'v' that is not there \(4 are\)"),
+    ("a.obj", SQUARE + "f -1 -2 -9\n", "line 5: a face names a 'v'"),
     ("a.off", OFF + "3 0 1 3\n", "names vertex 3, but there are 3"),
     # No triangles
     ("a.obj", SQUARE + "f 1 1 2\n", "no triangles"),
     ("a.stl", bytes(range(128, 208)) + bytes(4), "no triangles in it"),  # its header is text in no encoding
     # Words and numbers
-    ("a.obj", "v 0 0 0\nv 1 a 0\nv 1 1 0\nf 1 2 3\n", "something else where a number should be"),
+    ("a.obj", "v 0 0 0\nv 1 a 0\nv 1 1 0\nf 1 2 3\n", "something else where a number of 'v' should be"),
+    ("a.obj", SQUARE + "v\nf 1 2 3\n", "'v' has no numbers"),
+    ("a.obj", SQUARE + "v 1 2\nf 1 2 3\n", "line 5: 'v' has 2 numbers instead of 3"),
+    ("a.obj", SQUARE + "f 1 2 3/1/1/1\n", "something in a face that is no index, from line 5 on"),
+    ("a.obj", SQUARE + "f 1 2 x\n", "something in a face that is no index"),
+    ("a.obj", SQUARE + "f 1 2 99999999999999999999\n", "a face names 'v' 2147483647, but there are 4"),
     ("a.ply", "ply\nformat ascii 1.0\n\nend_header\n", r"not a whole PLY file .* not as specified \(list index"),
     ("a.off", OFF.replace("1 0 0\n", "1 x 0\n") + "3 0 1 2\n", "the OFF file is damaged or not as specified"),
 ]

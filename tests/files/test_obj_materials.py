@@ -145,6 +145,7 @@ def test_maps_that_cannot_be_used_are_told_once_and_left_out(tmp_path):
         assert material_of(tmp_path, "Kd 0 0 0\nmap_Kd none.png") == wrt.Diffuse(DEFAULT_REFLECTANCE)
 
 
+@pytest.mark.filterwarnings("ignore:.*a face names 'vt' 9, but there are 3; such faces have none")
 @pytest.mark.parametrize("corners", ["1 2 3", "1/1 2/1 3/9"])
 def test_without_coordinates_maps_are_left_out_and_the_color_is_the_mean(tmp_path, corners):
     text = "Kd 0.5 0.5 0.5\nmap_Kd rgb.png\nmap_d rgb.png\nbump rgb.png"

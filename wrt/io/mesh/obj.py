@@ -1,4 +1,4 @@
-"""Wavefront OBJ: its faces, loaded by trimesh from text that it reads right, with the materials of MTL files.
+"""Wavefront OBJ: its faces, with the materials of MTL files.
 
 Format: Wavefront, "Advanced Visualizer Manual", appendix B1.
 """
@@ -6,77 +6,133 @@ Format: Wavefront, "Advanced Visualizer Manual", appendix B1.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io.account import warn_of_unused
-from wrt.io.mesh.mtl import MtlMaterials, Statements, plain_name, statements_of
-from wrt.io.mesh.parts import Part, as_specified, decoded, points_of
+from wrt.io.mesh.mtl import MtlMaterials, Statements, statements_of
+from wrt.io.mesh.obj_text import ObjText
+from wrt.io.mesh.parts import FloatArray, Part, decoded, points_of
+from wrt.io.mesh.polygons import triangulate
 from wrt.io.mesh.sidecars import Sidecars, in_any_case
-from wrt.io.mesh.trimesh_loaders import load, part_of
-from wrt.io.safe_read import as_text, naming_file, read_file
+from wrt.io.safe_read import as_text, as_utf8, naming_file, read_file
 
-_INTEGER = re.compile(r"[-+]?[0-9]{1,18}")
 _BETWEEN_FILES = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
 
-
-def _lines(line: str) -> str:
-    """Return the pattern of some hundred lines; the engine remembers each, so not of as many as there are."""
-    return rf"(?:{line}\n){{1,500}}"
-
-
-_INDEX = "[1-9][0-9]*"
-_CORNERS = (f" {_INDEX}", f" {_INDEX}/{_INDEX}", f" {_INDEX}//{_INDEX}", f" {_INDEX}/{_INDEX}/{_INDEX}")
-_FACES = {f"f{size}{chr(97 + i)}": (size, corner) for size in (3, 4) for i, corner in enumerate(_CORNERS)}
-"""Corners of faces, and the pattern of one, by the group of _RUN that is such faces."""
-
-# Lines that trimesh takes as they are, many at once, by far the most of large files; or any one line.
-_RUN = re.compile(
-    "|".join(
-        [
-            *(f"(?P<{key}>{_lines(key + ' .*')})" for key in ("v", "vt", "vn")),
-            *(f"(?P<{name}>{_lines('f' + size * corner)})" for name, (size, corner) in _FACES.items()),
-            r"(?P<line>.*(?:\n|\Z))",
-        ]
-    )
-)
+WITHOUT_EFFECT = {
+    "[go]": "names",
+    "mg": "of free-form surfaces",
+    "bevel": "how other renderers interpolate over faces",
+    "[cd]_interp": "the same",
+    "lod": "the level of detail of a display",
+}
+"""Statements that do not change a picture, and the reason."""
 
 
 def read_obj(path: Path, data: bytes) -> list[Part]:
-    """Return a part for each material and kind of face, in the order of the file.
+    """Return a part for each material, and for faces with and without texture coordinates and normals.
 
     Raises:
-        InputError: on what trimesh cannot read and on indices that name nothing.
+        InputError: on what is no number where one should be, and on faces that name nothing.
     """
-    text = _PlainText(path, as_text(data))
-    loaded = load(path, "\n".join(text.lines), "obj", split_groups=True, skip_materials=True)
+    text = ObjText(path, as_utf8(data))
     sidecars = Sidecars(path)
     described = _materials(path, text, sidecars)
     materials = MtlMaterials(path, sidecars.find)
     parts, names = [], list(text.materials)
-    for group, fields in reversed(list(loaded.get("geometry", {}).items())):  # trimesh takes the last one first
-        if text.smoothing_groups:
-            fields["face_smoothing"] = np.concatenate([np.full(n, of) for n, of in text.smoothing[group]])
-        name = names[int(group.partition(" ")[0])]
-        statements = described.get(name, {})
-        part = part_of(path, name if statements else path.stem, fields)
-        if part is None:
-            continue
-        part.vertex_format = "a vertex"  # trimesh has renumbered them
-        parts.append(materials.dressed(part, name, statements) if statements else part)
+    for number, part in _parts(path, text):
+        part.name = names[number] if names[number] in described else path.stem
+        statements = described.get(names[number])
+        parts.append(materials.dressed(part, names[number], statements) if statements else part)
     materials.warn_of_unused()
-    if not parts and text.counts["v"]:
-        rows = [line.split()[1:7] for run in text.lines for line in run.split("\n") if line.startswith("v ")]
-        with as_specified(path, "OBJ"):
-            wide = min(map(len, rows)) == 6
-            numbers = np.array([row if wide else row[:3] for row in rows], np.float64)
-            parts = [points_of(path.stem, numbers[:, :3], decoded(numbers[:, 3:]) if wide else None)]
+    if not parts and len(text.rows["v"]):
+        parts = [points_of(path.stem, text.rows["v"][:, :3], _colors(path, text))]
+    if parts:
+        warn_of_unused(path, text.others.elements(), WITHOUT_EFFECT)
     return parts
 
 
-def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, Statements]:
+def _parts(path: Path, text: ObjText) -> Iterator[tuple[int, Part]]:
+    """Yield the number of a material and its triangles, in the order of the file."""
+    if short := np.count_nonzero(text.counts < 3) + text.others.pop("f", 0):
+        warn(f"{path}: {short} face(s) with fewer than 3 corners left out")
+    if not len(text.counts):
+        return
+    # A face has texture coordinates or normals if all of its corners have.
+    starts, groups = np.cumsum(text.counts) - text.counts, text.face_materials * 4
+    for column in (1, 2):
+        named = np.logical_and.reduceat(text.corners[:, column] >= 0, starts)
+        if not named.all():
+            text.corners[~np.repeat(named, text.counts), column] = -1
+        groups += column * named
+    corners, sources = _vertices(text.corners, len(text.rows["v"]))
+    rows = {kind: values.take(sources[k], axis=0) for k, (kind, values) in enumerate(text.rows.items()) if len(values)}
+    positions, colors = rows["v"][:, :3], _colors(path, text)
+    if colors is not None:
+        colors = colors.take(sources[0], axis=0)
+    uvs = rows.get("vt")
+    if uvs is not None and uvs.shape[1] == 1:
+        uvs = np.pad(uvs, ((0, 0), (0, 1)))
+    triangles, owners = triangulate(path, positions, corners, text.counts)
+    faces, of_faces = corners[triangles], groups[owners]
+    present, first = np.unique(of_faces, return_index=True)
+    order = np.argsort(of_faces, kind="stable") if len(present) > 1 else None
+    ends = np.searchsorted(of_faces[order], present, side="right") if order is not None else [len(of_faces)]
+    pieces = zip(first.tolist(), present.tolist(), [0, *ends[:-1]], ends, strict=True)
+    for _, group, begin, end in sorted(pieces):
+        used: Any = slice(None)
+        chosen: Any = slice(None)
+        if order is None:
+            part = Part(path.stem, positions, faces)
+        else:
+            chosen = order[begin:end]
+            used, some = np.unique(faces[chosen], return_inverse=True)
+            part = Part(path.stem, positions[used], some.reshape(-1, 3))
+        if text.face_smoothing is not None:
+            part.smoothing = text.face_smoothing[owners[chosen]]
+        part.vertex_format = "a vertex"
+        part.uvs = uvs[used] if uvs is not None and group & 1 else None
+        part.normals = rows["vn"][used] if group & 2 else None
+        part.colors = None if colors is None else colors[used]
+        yield group >> 2, part
+
+
+def _colors(path: Path, text: ObjText) -> FloatArray | None:
+    """Return the colours of positions, if all have one."""
+    if text.colors_are_partial:
+        warn(f"{path}: vertex colours are left out, as some vertices have none")
+    return decoded(text.rows["v"][:, 3:6]) if text.rows["v"].shape[1] >= 6 else None
+
+
+def _vertices(corners: NDArray[np.int32], count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return (C,) a vertex for each corner, and (3, V) what each vertex is made of: position, coordinates, normal.
+
+    Vertices of `count` positions keep their numbers. Where corners at a position name different coordinates or normals,
+    trimesh makes further vertices.
+    """
+    position, *others = corners.T
+    example = np.zeros(count, np.int32)
+    example[position] = np.arange(len(position), dtype=np.int32)
+    sources = np.stack([np.arange(count, dtype=np.int32), *(each[example] for each in others)])
+    different = np.zeros(len(position), bool)
+    for own, found in zip(others, sources[1:], strict=True):
+        different |= own != found[position]
+    vertices = np.ascontiguousarray(position)
+    if different.any():
+        from trimesh.visual.texture import unmerge_faces
+
+        further, *made = unmerge_faces(*(each[different][:, None] for each in corners.T))
+        vertices[different] = count + further.reshape(-1)
+        sources = np.concatenate([sources, np.stack(made).astype(np.int32)], axis=1)
+    return vertices, sources
+
+
+def _materials(path: Path, text: ObjText, sidecars: Sidecars) -> dict[str, Statements]:
     """Return the statements of each material that an OBJ file uses, from the files that it names or the one like it."""
     own_name = f"{path.stem}.mtl"  # people rename a mesh file and forget the name in it
     names: list[str] = []
@@ -112,107 +168,8 @@ def _materials(path: Path, text: _PlainText, sidecars: Sidecars) -> dict[str, St
     missing = [name for name in used if name not in found and name not in others]
     if files and missing:
         warn(f"{path}: no material file describes {_and_more(missing)}; the default material is taken")
-    return {name: found[others.get(name, name)] for name in used if name not in missing}
+    return {name: found[others.get(name, name)] for name in used if name in found or name in others}
 
 
 def _and_more(names: list[str]) -> str:
     return f"{names[0]!r} and {len(names) - 1} more" if len(names) > 1 else repr(names[0])
-
-
-class _PlainText:
-    """An OBJ file in the plain form that trimesh 5.2 takes, and what else it says.
-
-    trimesh looks for statements at the very beginning of a line and for a space after them, takes comments after a face
-    for corners, counts relative indices from the end of the file instead of from the line they are on, takes index 0
-    for 1, drops coordinates and normals where faces differ in their number of corners or in which indices they give,
-    and cuts such faces into fans. So faces of each material and kind get a group of their own, which makes trimesh
-    separate them.
-
-    Attributes:
-        lines: vertices, faces, and their groups, whose names begin with the number of a material.
-        materials: the numbers of materials by name; 0 is "", of faces without one.
-        libraries: statements for material files, each one or several names.
-        counts: vertices, texture coordinates and normals.
-        smoothing_groups: the numbers of smoothing groups (s) by name; 0 is none. Empty if the file has none.
-        smoothing: for the name of each group of lines, how many faces come next and their smoothing group.
-    """
-
-    def __init__(self, path: Path, text: str) -> None:
-        self._path = path
-        self.lines: list[str] = []
-        self.materials = {"": 0}
-        self.libraries: list[str] = []
-        self.counts = {"v": 0, "vt": 0, "vn": 0}
-        self.smoothing_groups: dict[str, int] = {}
-        self.smoothing: dict[str, list[tuple[int, int]]] = {}
-        self._smoothing = 0
-        self._material = 0
-        self._group: tuple[int, int, int, bool] | None = None
-        text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\\\n", " ").replace("\t", " ")
-        text = re.sub(r"#.*", "", text) if "#" in text else text
-        number, short = 1, 0
-        for run in _RUN.finditer(text):
-            lines, kind = run[0], run.lastgroup
-            if kind in self.counts:
-                self.counts[kind] += lines.count("\n")
-                if "  " in lines or " \n" in lines:
-                    lines = "\n".join(" ".join(line.split()) for line in lines.split("\n"))
-                self.lines.append(lines.rstrip("\n"))
-            elif kind in _FACES:
-                size, corner = _FACES[kind]
-                self._add_faces(lines.rstrip("\n"), size, size * corner.count("/"), "//" in corner)
-            else:
-                short += self._add_line(number, lines.split())
-            number += run[0].count("\n")
-        if short:
-            warn(f"{path}: {short} face(s) with fewer than 3 corners left out")
-
-    def _add_line(self, number: int, words: list[str]) -> int:
-        """Add any statement, and return how many faces are left out."""
-        match words:
-            case ["v" | "vt" | "vn" as key, *_]:
-                self.counts[key] += 1
-                self.lines.append(" ".join(words))
-            case ["f", *corners]:
-                if len(corners) < 3:
-                    return 1
-                self._add_face(number, corners)
-            case ["s", name, *_]:
-                number_of = 0 if name in ("off", "0", "null") else len(self.smoothing_groups) + 1
-                self._smoothing = self.smoothing_groups.setdefault(name, number_of)
-            case ["usemtl", *name]:
-                self._material = self.materials.setdefault(plain_name(name), len(self.materials))
-            case ["mtllib", name, *more]:
-                self.libraries.append(" ".join([name, *more]))
-        return 0
-
-    def _add_face(self, number: int, corners: list[str]) -> None:
-        slashes, skipping = [corner.count("/") for corner in corners], ["//" in corner for corner in corners]
-        if len({*slashes}) > 1 or slashes[0] > 2 or len({*skipping}) > 1:
-            corners = [corner.partition("/")[0] for corner in corners]
-            slashes, skipping = [0] * len(corners), [False]
-        line = " ".join(["f", *corners])
-        if "-" in line or " 0" in line or "/0" in line:
-            line = " ".join(["f", *(self._absolute(number, corner) for corner in corners)])
-        self._add_faces(line, len(corners), sum(slashes), skipping[0])
-
-    def _add_faces(self, lines: str, corners: int, slashes: int, skips_uvs: bool) -> None:
-        group = self._material, corners, slashes, skips_uvs
-        name = "{} {} {} {}".format(*group)
-        if group != self._group:
-            self.lines.append(f"g {name}")
-            self._group = group
-        self.smoothing.setdefault(name, []).append((lines.count("\n") + 1, self._smoothing))
-        self.lines.append(lines)
-
-    def _absolute(self, number: int, corner: str) -> str:
-        """Return a face corner on a line, whose indices count from the beginning."""
-        indices = []
-        for word, (key, count) in zip(corner.split("/"), self.counts.items(), strict=False):
-            index = int(word) if _INTEGER.fullmatch(word) else None
-            absolute = index if index is None or index > 0 else index + count + 1
-            if absolute is not None and (index == 0 or absolute < 1):
-                reason = f"face corner {corner!r} names a {key!r} that is not there ({count} are)"
-                raise InputError(f"{self._path}: line {number}: {reason}")
-            indices.append(word if absolute is None else str(absolute))
-        return "/".join(indices)

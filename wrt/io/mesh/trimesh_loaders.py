@@ -87,8 +87,7 @@ def part_of(path: Path, name: str, fields: Fields) -> Part | None:
         corners = faces.reshape(-1)
         triangles, owner = triangulate(path, vertices, corners, np.full(count, size))
         faces = corners[triangles]
-    smoothing = fields.get("face_smoothing")  # of the reader of OBJ files
-    part = Part(name, vertices, faces, smoothing=None if smoothing is None else smoothing[owner])
+    part = Part(name, vertices, faces)
     part.normals = matching(fields.get("vertex_normals"), len(vertices))
     part.uvs = matching(getattr(fields.get("visual"), "uv", None), len(vertices))
     colors = matching(fields.get("vertex_colors"), len(vertices))
