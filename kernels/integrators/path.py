@@ -30,7 +30,7 @@ from wrt.kernels.integrators.path_surface import (
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.integrators.sides import make_hit_shown
 from wrt.kernels.lights.shapes import make_closest_hit
-from wrt.kernels.media.skin import no_skin, or_skin
+from wrt.kernels.media.skin import hit_or_skin, no_skin
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_sample_4d, passed_block, vertex_block
 
 
@@ -67,7 +67,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             if wp.static(features.single_sided):
                 hit = hit_shown(scene, path.ray, hit, not path.was_blurred)
             if wp.static(scattering):
-                hit = or_skin(path.skin, path.ray, hit)
+                hit = hit_or_skin(path.skin, path.ray, hit)
             path.rays += 1
             u_more = wp.vec4()
             if wp.static(draws_more):
