@@ -46,7 +46,7 @@ def compare_films(device: str, quick: bool) -> list[Results]:
 
 def run_tests(quick: bool) -> Results:
     """Run the kernel tests on the GPU, whose name for them is cuda:0; return how many passed and which failed."""
-    from wrt.backend.slices import available_threads
+    from wrt.slices import available_threads
 
     command = f"-m pytest -q -n {min(available_threads(), 16)} --dist loadfile --device cuda -k cuda:0"
     command += "" if quick else " --all"

@@ -162,7 +162,7 @@ def render_kernels_when_launched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have renderers compile no kernel before they launch it: many tests make renderers and trace nothing."""
     from wrt.rendering.render_kernel import RenderKernel
 
-    monkeypatch.setattr(RenderKernel, "compile", lambda *_: None)
+    monkeypatch.setattr(RenderKernel, "to_compile", lambda _: [])
 
 
 @pytest.fixture(scope="session")

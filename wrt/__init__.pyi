@@ -5,8 +5,6 @@ from wrt.animation.turntable import turntable as turntable
 from wrt.animation.video import save_video as save_video
 from wrt.api import load as load
 from wrt.api import render as render
-from wrt.compiling.precompile import Precompiled as Precompiled
-from wrt.compiling.precompile import precompile as precompile
 from wrt.develop.picture import develop_image as develop_image
 from wrt.errors import InputError as InputError
 from wrt.errors import InputWarning as InputWarning
@@ -18,6 +16,8 @@ from wrt.io.toml.writer import save_scene as save_scene
 from wrt.io.volume.read import load_density as load_density
 from wrt.memory_needed import DeviceMemory as DeviceMemory
 from wrt.memory_needed import device_memory as device_memory
+from wrt.precompiling import Precompiled as Precompiled
+from wrt.precompiling import precompile as precompile
 from wrt.registering import register_camera as register_camera
 from wrt.registering import register_light as register_light
 from wrt.registering import register_material as register_material

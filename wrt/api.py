@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.develop.settings import names_file
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
 from wrt.io.archives import first_of, unpacked
 from wrt.io.file_type import renderable
 from wrt.io.safe_read import PathLike, confined_to, confinement_folder
+from wrt.scene.developing import names_file
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh

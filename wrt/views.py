@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.backend.slices import INTERRUPT_SECONDS, Threads
 from wrt.errors import InputError
 from wrt.scene.camera import Camera, require_camera
+from wrt.slices import INTERRUPT_SECONDS, Threads
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer

@@ -65,7 +65,7 @@ class Tables:
 
 @wp.struct
 class Viewed:
-    """The viewer as the tables see it: `signs` turn directions into the part of the circle that was measured."""
+    """The viewer in the tables: `signs` mirror directions into the measured part of the circle."""
 
     wo: wp.vec3
     signs: wp.vec2
@@ -122,14 +122,14 @@ def angle_of(w: wp.vec3) -> float:
 
 
 @wp.func
-def turned(w: wp.vec3, signs: wp.vec2) -> wp.vec3:
-    """Return a direction in the part of the circle that was measured, or one of these as it was."""
+def mirrored(w: wp.vec3, signs: wp.vec2) -> wp.vec3:
+    """Return a direction with x and y multiplied by `signs`: into the measured part of the circle, or back."""
     return wp.vec3(w[0] * signs[0], w[1] * signs[1], w[2])
 
 
 @wp.func
 def view_of(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
-    """Return the viewer, by its direction, as the tables see it."""
+    """Return the viewing direction mirrored into the measured part of the circle, and its place in the tables."""
     v = Viewed()
     v.signs = wp.vec2(1.0, 1.0)
     # A half of the circle was measured where half a turn changes nothing, a quarter where both axes mirror the surface.
@@ -138,7 +138,7 @@ def view_of(bsdf: Bsdf, t: Tables, wo: wp.vec3) -> Viewed:
         v.signs = wp.vec2(sign, sign)
     if t.reduction == 4:
         v.signs = wp.vec2(wp.where(wo[0] < 0.0, 1.0, -1.0), wp.where(wo[1] < 0.0, 1.0, -1.0))
-    v.wo = turned(wo, v.signs)
+    v.wo = mirrored(wo, v.signs)
     # −π, not π, where the viewer is at the end of a half.
     v.azimuth = -arc_tangent(-v.wo[1], v.wo[0])
     angle = angle_of(v.wo)
@@ -177,7 +177,7 @@ def _channel_at(bsdf: Bsdf, t: Tables, v: Viewed, cell: Cell, channel: int) -> f
 
 @wp.func
 def color_at(bsdf: Bsdf, t: Tables, v: Viewed, u: wp.vec2) -> wp.vec3:
-    """Return M at a point of the square."""
+    """Return the measured rest M at the point `u` of the unit square (see above)."""
     cell = cell_at(t.brightness.width, t.brightness.width, u)
     return wp.vec3(_channel_at(bsdf, t, v, cell, 0), _channel_at(bsdf, t, v, cell, 1), _channel_at(bsdf, t, v, cell, 2))
 
@@ -202,7 +202,7 @@ def _place_of(t: Tables, v: Viewed, m: wp.vec3) -> wp.vec2:
 
 @wp.func
 def _solid_angle(v: Viewed, facet: wp.vec2, m: wp.vec3) -> float:
-    """Return the solid angle of mirrored directions to the area of the square of normals.
+    """Return the ratio of the solid angle of reflected directions to the area of the square of normals.
 
     dω_m = sinθ dθ dφ with θ = π/2 x² and φ = π (2y − 1); dω_i = 4 (o·m) dω_m.
     """
@@ -218,7 +218,7 @@ def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         return wp.vec3(0.0)
     t = tables_of(bsdf)
     v = view_of(bsdf, t, wo)
-    facet = _place_of(t, v, wp.normalize(v.wo + turned(wi, v.signs)))
+    facet = _place_of(t, v, wp.normalize(v.wo + mirrored(wi, v.signs)))
     u = invert_grid(bsdf.tables, t.visible, v.blend, facet)
     return color_at(bsdf, t, v, wp.vec2(u[0], u[1])) * factor_at(bsdf, t, v, facet)
 
@@ -230,7 +230,7 @@ def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
         return 0.0
     t = tables_of(bsdf)
     v = view_of(bsdf, t, wo)
-    m = wp.normalize(v.wo + turned(wi, v.signs))
+    m = wp.normalize(v.wo + mirrored(wi, v.signs))
     facet = _place_of(t, v, m)
     u = invert_grid(bsdf.tables, t.visible, v.blend, facet)
     brightness = density_at(bsdf.tables, t.brightness, v.blend, wp.vec2(u[0], u[1]))
@@ -239,7 +239,7 @@ def pdf(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> float:
 
 @wp.func
 def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-    """Return the mirrored direction of a normal that both warps find; none where it points below the surface."""
+    """Return `wo` reflected at a normal that both warps sample, or no sample if that points below the surface."""
     if wo[2] <= 0.0:
         return no_sample()
     t = tables_of(bsdf)
@@ -256,7 +256,7 @@ def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
     if wi[2] <= 0.0 or density <= 0.0:
         return no_sample()
     s = no_sample()
-    s.wi = wp.normalize(turned(wi, v.signs))
+    s.wi = wp.normalize(mirrored(wi, v.signs))
     s.weight = color_at(bsdf, t, v, warped) * (factor_at(bsdf, t, v, facet) / density)
     s.pdf = density
     return s

@@ -29,7 +29,7 @@ from wrt.kernels.integrators.path_surface import (
 )
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.lights.shapes import make_closest_hit
-from wrt.kernels.media.skin import no_skin, or_skin
+from wrt.kernels.media.skin import hit_or_skin, no_skin
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_sample_4d, passed_block, vertex_block
 
 
@@ -63,7 +63,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
             hit = closest_hit(scene, path.ray)
             if wp.static(scattering):
-                hit = or_skin(path.skin, path.ray, hit)
+                hit = hit_or_skin(path.skin, path.ray, hit)
             path.rays += 1
             u_more = wp.vec4()
             if wp.static(draws_more):

@@ -1,7 +1,5 @@
 """Integrators by name: what a camera ray becomes."""
 
-import importlib
-
 import warp as wp
 
 from wrt.kernels.core.features import Features
@@ -23,24 +21,19 @@ def trace_nothing(
     return result
 
 
-INTEGRATORS = {
-    "path": ("wrt.kernels.integrators.path", "make_trace_path"),
-    "whitted": ("wrt.kernels.integrators.whitted", "make_trace_tree"),
-    "ao": ("wrt.kernels.integrators.ambient_occlusion", "make_trace_occlusion"),
-    "aov": ("wrt.kernels.integrators.registry", "make_trace_nothing"),
-}
-"""Module and factory of each; imported when asked for, as most pictures need one of them."""
-
-
-def make_trace_nothing(features: Features) -> wp.Function:
-    """Return the device function that traces no paths, whatever the scene has."""
-    del features
-    return trace_nothing
+INTEGRATORS = ("path", "whitted", "ao", "aov")
 
 
 @specialised()
 def make_trace(features: Features) -> wp.Function:
     """Return the device function (scene, camera_ray, pixel_angle, sampler, settings) -> PathResult."""
-    module, factory = INTEGRATORS[features.integrator]
-    function: wp.Function = getattr(importlib.import_module(module), factory)(features)
-    return function
+    if features.integrator == "aov":
+        return trace_nothing
+    # Imported when used, as most pictures need one of them.
+    if features.integrator == "path":
+        from wrt.kernels.integrators.path import make_trace_path as make
+    elif features.integrator == "whitted":
+        from wrt.kernels.integrators.whitted import make_trace_tree as make
+    else:
+        from wrt.kernels.integrators.ambient_occlusion import make_trace_occlusion as make
+    return make(features)

@@ -16,7 +16,7 @@ from wrt.kernels.materials.choice import MOST_PASSED
 from wrt.kernels.materials.values import make_share_passed
 from wrt.kernels.media.bodies import Crossing, crossed, is_same_crossing, is_there
 from wrt.kernels.media.grids import make_shadow_in_media
-from wrt.kernels.media.skin import Skin, no_skin, or_skin
+from wrt.kernels.media.skin import Skin, hit_or_skin, no_skin
 from wrt.kernels.textures.normal_maps import apply_normal_map
 
 ATTENUATING = ("models", "composite", "nested")
@@ -87,7 +87,7 @@ def make_transmission(features: Features) -> wp.Function:
         surfaces_passed = int(0)
         hit = intersect.closest_hit_before(scene, ray, distance)
         if wp.static(features.media == "scattering"):
-            hit = or_skin(skin, ray, hit)
+            hit = hit_or_skin(skin, ray, hit)
         while surfaces_passed < MOST_PASSED:
             if wp.static(features.media != "none"):
                 share = wp.cw_mul(share, shadow_in_media(scene, ray, t_before, hit.t, stack, u, surfaces_passed))
@@ -134,7 +134,7 @@ def make_unblocked(features: Features) -> wp.Function:
             if light_shapes.blocks(scene, ray, distance, light_point):
                 return wp.vec3(0.0)
         if wp.static(features.media == "scattering"):
-            if or_skin(skin, ray, no_skin().hit).triangle != NO_HIT:
+            if hit_or_skin(skin, ray, no_skin().hit).triangle != NO_HIT:
                 return wp.vec3(0.0)
         if occluded(scene, ray, distance):
             return wp.vec3(0.0)

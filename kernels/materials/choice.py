@@ -96,9 +96,9 @@ def leaves_of(material: int) -> Leaves:
 
 @specialised()
 def make_next_leaf(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Function:
-    """Return the device function (scene, leaves, surface) -> Leaves with the next leaf.
+    """Return the device function (scene, leaves, surface) -> Leaves, moved on to the next leaf.
 
-    Parts that remain after the last leaf turn out to have no weight.
+    The leaf's share may be 0, and is 0 if no leaf was left.
     """
     slot_value = make_slot_value(uv2_alpha, mipmapped)
 

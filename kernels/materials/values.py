@@ -16,10 +16,10 @@ from wrt.kernels.textures.textures import make_slot_value
 
 @specialised()
 def make_with_indices(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function (bsdf, index, indices) -> Bsdf, where `indices` are those of the channels.
+    """Return the device function (bsdf, index, indices) -> Bsdf with its refractive index, inside over outside.
 
-    Models without dispersion take the one `index`, inside over outside. Some models need the lower index in front:
-    where it is not, front and back are swapped, for all channels alike.
+    Models with dispersion take `indices`, one for each channel, the others `index`. Some models need the lower index in
+    front: if `index` < 1, front and back are swapped and the indices inverted, for all channels alike.
     """
     if not names:
         return _same_bsdf_of_channels

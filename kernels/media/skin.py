@@ -35,7 +35,7 @@ class Skin:
 
 @wp.func
 def no_skin() -> Skin:
-    """Return that no surface is near."""
+    """Return a Skin without a surface."""
     skin = Skin()
     skin.hit.triangle = NO_HIT
     return skin
@@ -43,7 +43,7 @@ def no_skin() -> Skin:
 
 @specialised()
 def make_skin_near(geometry: str) -> wp.Function:
-    """Return the device function (scene, ray, distance, ahead, behind) -> Skin of the point at a distance along a ray.
+    """Return the device function (scene, ray, distance, ahead, previous) -> Skin of a point on a ray.
 
     `ahead` is the hit in front of the ray and `previous` the one that it left, or NO_HIT. See `Features.geometry`.
     """
@@ -84,8 +84,8 @@ def make_skin_near(geometry: str) -> wp.Function:
 
 
 @wp.func
-def or_skin(skin: Skin, ray: Ray, hit: Hit) -> Hit:
-    """Return the skin as the hit of a ray that leaves through it and missed it, otherwise the ray's own hit."""
+def hit_or_skin(skin: Skin, ray: Ray, hit: Hit) -> Hit:
+    """Return a ray's hit, or the skin if the ray leaves through it and the intersection test missed it."""
     out = wp.dot(ray.direction, skin.normal)
     if skin.hit.triangle < 0 or out <= 0.0:
         return hit

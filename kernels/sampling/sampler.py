@@ -195,13 +195,13 @@ def make_sampler_of_pixel(name: str) -> wp.Function:
 
 @wp.func
 def vertex_block(depth: int, block: wp.uint32) -> wp.uint32:
-    """Return the number of a block of the path vertex at `depth`."""
+    """Return the index, among all blocks of a path, of block `block` (such as BLOCK_LIGHT) of the vertex at `depth`."""
     return BLOCK_VERTICES + wp.uint32(depth) * BLOCKS_PER_VERTEX + block
 
 
 @wp.func
 def passed_block(depth: int, passed: int) -> wp.uint32:
-    """Return the number of the block that chooses the material after `passed` surfaces were passed through.
+    """Return the index of the block that chooses the material after `passed` surfaces were passed through.
 
     All other blocks are those of a path without these surfaces, so passing them changes no other number.
     """

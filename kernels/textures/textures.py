@@ -74,8 +74,8 @@ def bilinear_of_codes(
 
 
 @wp.func
-def inside_image(t: float, mode: int) -> float:
-    """Return the place in [0, 1] of a texture coordinate after wrapping."""
+def wrapped(t: float, mode: int) -> float:
+    """Return a texture coordinate brought into [0, 1] by its wrap mode."""
     if mode == WRAP_CLAMP:
         return wp.clamp(t, 0.0, 1.0)
     if mode == WRAP_MIRROR:
@@ -104,8 +104,8 @@ def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
     u = image.to_u[0] * uv[0] + image.to_u[1] * uv[1] + image.to_u[2]
     v = image.to_v[0] * uv[0] + image.to_v[1] * uv[1] + image.to_v[2]
     # Wrap first: large coordinates would overflow an int.
-    x = inside_image(u, image.wrap_u) * float(image.width) - 0.5
-    y = (1.0 - inside_image(v, image.wrap_v)) * float(image.height) - 0.5
+    x = wrapped(u, image.wrap_u) * float(image.width) - 0.5
+    y = (1.0 - wrapped(v, image.wrap_v)) * float(image.height) - 0.5
     if image.nearest != 0:
         x = wp.floor(x + 0.5)
         y = wp.floor(y + 0.5)
@@ -124,8 +124,8 @@ def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec2
     """Return how the red of `image_color` changes along u and along v."""
     u = image.to_u[0] * uv[0] + image.to_u[1] * uv[1] + image.to_u[2]
     v = image.to_v[0] * uv[0] + image.to_v[1] * uv[1] + image.to_v[2]
-    x = inside_image(u, image.wrap_u) * float(image.width) - 0.5
-    y = (1.0 - inside_image(v, image.wrap_v)) * float(image.height) - 0.5
+    x = wrapped(u, image.wrap_u) * float(image.width) - 0.5
+    y = (1.0 - wrapped(v, image.wrap_v)) * float(image.height) - 0.5
     first_column = wp.floor(x)
     first_row = wp.floor(y)
     columns = neighbors(int(first_column), image.width, image.wrap_u)

@@ -14,7 +14,7 @@ import numpy as np
 
 import wrt
 from benchmarks.measure import Row, table
-from wrt.backend.slices import available_threads
+from wrt.slices import available_threads
 
 KINDS = ("coherent", "incoherent", "diffuse")
 

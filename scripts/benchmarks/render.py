@@ -22,7 +22,7 @@ import wrt
 from benchmarks.agreement import agreement
 from benchmarks.measure import ROOT, Row, gpu
 from benchmarks.scenes import CASES, Budget
-from wrt.backend.slices import available_threads
+from wrt.slices import available_threads
 
 Picture = NDArray[np.float64]
 

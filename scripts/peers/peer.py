@@ -158,7 +158,7 @@ class Session:
         return self._answer()
 
     def render(self, spp: int, seed: int, save: Path | None = None) -> float:
-        """Render a new picture and return the seconds."""
+        """Render a new picture and return its seconds: on the clock, or with `cpus` those of CPU over that number."""
         answer = self.ask(do="render", spp=spp, seed=seed, save=None if save is None else str(save))
         return float(answer["seconds"]) if self.cpus is None else float(answer["cpu_seconds"]) / self.cpus
 

@@ -129,12 +129,12 @@ UVS = [(x / 2, y / 4) for x, y, _ in PLACES]
 
 def ply_house(order: str) -> bytes:
     """Numbers of all kinds in any order, between unknown ones."""
-    kinds = "double x", "uchar flag", "float y", "double z", "float nx", "float ny", "float nz", "float s", "float t"
+    kinds = "double x", "uchar flags", "float y", "double z", "float nx", "float ny", "float nz", "float s", "float t"
     kinds += tuple(f"uchar {name}" for name in ("red", "green", "blue", "alpha"))
     rows = [(x, 7, y, z, 0.0, 0.6, 0.8, *uv, *c, 255) for (x, y, z), uv, c in zip(PLACES, UVS, CODES, strict=True)]
-    faces: Element = ("face", ("short region", "list uchar ushort vertex_index"), [(-3, face) for face in FACES])
-    edges: Element = ("edge", ("int vertex1", "int vertex2"), [(0, 1)])
-    return ply(order, ("vertex", kinds, rows), faces, edges, head="comment by hand\nobj_info none\n")
+    faces: Element = ("face", ("short quality", "list uchar ushort vertex_index"), [(-3, face) for face in FACES])
+    camera: Element = ("camera", ("int view", "int scale"), [(0, 1)])
+    return ply(order, ("vertex", kinds, rows), faces, camera, head="comment by hand\nobj_info none\n")
 
 
 def houses() -> dict[str, str | bytes]:
@@ -316,7 +316,7 @@ def test_ply_coordinates_of_faces_and_an_image_by_the_word_of_meshlab(tmp_path):
         faces = [(0, 1, 2, 3), (3, 2, 4)]
         rows = [(face, [x / 2 for k in face for x in points[k][:2]]) for face in faces]
         kinds = "list uchar int vertex_indices", "list ushort float texcoord"
-        elements = ("edge", ["int vertex1"], [[3]]), ("vertex", XYZ, points), ("face", kinds, rows)
+        elements = ("camera", ["int view"], [[3]]), ("vertex", XYZ, points), ("face", kinds, rows)
         path = write(tmp_path, "red.ply", ply(order, *elements, head="comment TextureFile <this>_A.png\n"))
         shapes = load_shapes(path)
         assert sum(area(shape.mesh) for shape in shapes) == pytest.approx(1.5)
@@ -353,4 +353,3 @@ def test_off_files_of_every_kind_are_the_same_polygons(tmp_path, data):
     (shape,) = load_shapes(write(tmp_path, "a.off", data))
     assert len(shape.mesh.faces) == 3
     np.testing.assert_allclose(area_vector(shape.mesh), [0, 0, 4.0])
-    assert shape.material.reflectance == DEFAULT_REFLECTANCE

@@ -16,7 +16,7 @@ from wrt.backend.device import Device
 from wrt.io.load_mesh import load_shapes
 from wrt.io.toml.reader import load_scene
 from wrt.meshes.many_triangles import terrain
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 PLACES = [
     {"translation": [1.5, 0, 0], "scale": [0.5, 0.25, 0.5]},
@@ -53,7 +53,7 @@ def scene_of(hills: Path, text: str = "") -> wrt.Scene:
 
 def test_a_scene_file_shares_what_its_mesh_file_shares(hills: Path, report: Report) -> None:
     scene, copies = scene_of(hills), wrt.Scene(load_shapes(hills))
-    sizes = [build_scene(each, Device("cpu")).data.indices.size // 3 for each in (scene, copies)]
+    sizes = [SceneUpload(each, Device("cpu")).finish().data.indices.size // 3 for each in (scene, copies)]
     report("triangles on the device: scene file, copies", sizes)
     count = len(scene.shapes[0].mesh.faces)
     assert sizes == [count + 1, 3 * count + 1]

@@ -15,7 +15,7 @@ from wrt.backend.device import Device
 from wrt.io.npy import arrays_of_exact
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 
 def test_scene_files_keep_exact_shapes(tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_what_float32_does_not_resolve_where_it_is_moved_is_triangles(make: Any)
     assert not isinstance(mesh.transformed(far), Quadrics)
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((3e5, 0.5, 3), target=(3e5, 0.5, 0)))
     scene.shapes += [wrt.Shape(mesh, emission=2.0, two_sided_emission=True, transform=far)]
-    built = build_scene(scene, Device("cpu"))
+    built = SceneUpload(scene, Device("cpu")).finish()
     assert built.features.exact == "none"
     assert len(built.data.lights) == len(mesh.tessellated().faces)
 
@@ -173,7 +173,7 @@ def test_a_motion_keeps_all_that_its_keys_keep() -> None:
 def test_what_takes_triangles_only_says_so(mesh: wrt.Mesh, exact: str) -> None:
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     shape = scene.add(mesh)
-    assert build_scene(scene, Device("cpu")).features.exact == exact
+    assert SceneUpload(scene, Device("cpu")).features.exact == exact
     with pytest.raises(wrt.InputError, match="tessellated"):
         wrt.Intersector(scene)
     with pytest.raises(wrt.InputError, match="tessellated"):

@@ -134,7 +134,7 @@ import wrt
 from wrt.backend.arrays import Struct
 from wrt.backend.device import Device
 from wrt.scene.motion import rotation_matrix
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 random = np.random.default_rng(3)
 turns = np.tile(np.eye(4), (9, 1, 1))
@@ -163,7 +163,7 @@ def show(name, value):
         for field, each in value.fields().items():
             show(f"{name}.{field}", each)
 
-show("scene", build_scene(scene, Device("cpu")).data)
+show("scene", SceneUpload(scene, Device("cpu")).finish().data)
 for array in (motion.at(np.linspace(0.0, 8.0, 333)), camera.frame()):
     print(hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest())
 """

@@ -16,7 +16,7 @@ from wrt.backend.device import Device
 from wrt.meshes.many_triangles import terrain
 from wrt.rendering.checkpoint import scene_fingerprint
 from wrt.upload.accel import instancing
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 
 def materials() -> list[wrt.Material]:
@@ -91,7 +91,7 @@ def test_a_mesh_takes_memory_once(device: str, report: Report) -> None:
     for count in (2, 10_000):
         scene = wrt.Scene(camera=wrt.PerspectiveCamera())
         scene.add_instances(mesh, places[:count], material=wrt.Diffuse(0.5))
-        data = build_scene(scene, Device(device)).data
+        data = SceneUpload(scene, Device(device)).finish().data
         placed = data.placed
         arrays = [data.points, data.indices, data.normals, data.triangle_shape, data.shapes]
         arrays += [placed.nodes, placed.instances, placed.meshes]

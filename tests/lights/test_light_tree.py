@@ -29,7 +29,7 @@ from wrt.upload.lights.bounds import LightBounds
 from wrt.upload.lights.choice import FEW_LIGHTS
 from wrt.upload.lights.tree import LightTree as HostTree
 from wrt.upload.lights.tree import build_light_tree
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 ANYWHERE, FRONT, BOTH = (int(r) for r in (RECEIVES_ANYWHERE, RECEIVES_FRONT, RECEIVES_BOTH))
 
@@ -368,7 +368,7 @@ def test_the_tree_shows_what_power_shows(
 
 def test_the_tree_is_for_many_lights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def has_tree(scene: wrt.Scene, choice: str = "auto") -> bool:
-        return build_scene(scene, Device("cpu"), light_choice=choice).features.light_tree
+        return SceneUpload(scene, Device("cpu"), light_choice=choice).features.light_tree
 
     few_lamps, many_lamps = wrt.Scene(), wrt.Scene()
     few_lamps.add(lamps(FEW_LIGHTS, 1), emission=1.0)

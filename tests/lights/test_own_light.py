@@ -23,7 +23,7 @@ from wrt.backend.device import Device
 from wrt.kernels.lights.area_lights import DISK
 from wrt.kernels.lights.shapes import BUILT_IN, LIGHT_SHAPES
 from wrt.scene.lights import LIGHTS
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 pytestmark = pytest.mark.slow
 
@@ -76,7 +76,7 @@ def test_it_is_a_light_like_any_other(ring: Any, tmp_path: Path, device: str) ->
     )
     scene = wrt.load(tmp_path / "scene.toml")
     assert scene.lights[0] == ring((0.0, 2.0, 0.0), (0.0, -1.0, 0.0))
-    assert build_scene(scene, Device("cpu")).features.light_shapes == (*BUILT_IN, "ring")
+    assert SceneUpload(scene, Device("cpu")).features.light_shapes == (*BUILT_IN, "ring")
     means = []
     for choice in ("power", "tree"):
         options = {"device": device, "light_choice": choice, "sampler": "independent", "max_depth": 2}

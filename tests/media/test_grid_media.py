@@ -25,7 +25,7 @@ from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.media.grids import make_fly_in_grid
 from wrt.kernels.sampling.sampler import hash_4d, stream_4d
 from wrt.upload import grids
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 LOWER, UPPER = (-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)
 RNG = np.random.default_rng(5)
@@ -144,7 +144,7 @@ def fly(
     initialize_warp()
     scene = wrt.Scene()
     scene.add(wrt.box(LOWER, UPPER), material=wrt.Null(interior=medium))
-    data = build_scene(scene, Device(device)).data
+    data = SceneUpload(scene, Device(device)).finish().data
     count = len(origins)
     inputs = [wp.array(np.asarray(a, np.float32), dtype=wp.vec3, device=device) for a in (origins, directions)]
     distances = wp.zeros(count, dtype=float, device=device)

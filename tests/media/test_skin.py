@@ -14,7 +14,7 @@ from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.geometry.surface import leave, make_surface_at
 from wrt.kernels.media.skin import make_skin_near
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 
 def make_enter(geometry: str) -> wp.Kernel:
@@ -78,7 +78,7 @@ def test_the_skin_behind_is_where_the_path_came_in(name: str, device: str) -> No
     scene = wrt.Scene()
     for mesh in SHAPES[name]:
         scene.add(mesh)
-    built = build_scene(scene, Device(device), texture_coordinates=True)
+    built = SceneUpload(scene, Device(device), texture_coordinates=True).finish()
     out = rng.standard_normal((n, 3))
     origins = (3.0 * out / np.linalg.norm(out, axis=1, keepdims=True)).astype(np.float32)
     directions = rng.uniform(-0.3, 0.6, (n, 3)) - origins

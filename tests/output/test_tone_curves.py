@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import wrt
-from wrt.develop.settings import TONES
 from wrt.develop.tones import CURVES, agx_contrast
+from wrt.scene.developing import TONES
 from wrt.scene.srgb import srgb_from_linear
 
 CODE = 1.0 / 255.0

@@ -41,7 +41,7 @@ def test_threads_slices_and_seeds(make, expected, monkeypatch):
     for threads in (1, 2, 7):
         np.testing.assert_array_equal(image_of(make(threads=threads), 16), expected)
     assert (image_of(make(seed=8), 16) != expected).any()
-    monkeypatch.setattr("wrt.backend.slices.SLICES_PER_THREAD", 97)
+    monkeypatch.setattr("wrt.slices.SLICES_PER_THREAD", 97)
     np.testing.assert_array_equal(image_of(make(), 16), expected)
 
 

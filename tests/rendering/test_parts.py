@@ -10,7 +10,7 @@ from support.small_scenes import assert_same_arrays, block_scene, finish, image_
 import wrt
 from wrt.cli import main
 from wrt.rendering.part import render_part
-from wrt.rendering.windows import pixels_of, put, take, windows_of_part
+from wrt.rendering.windows import pixels_of, read_windows, windows_of_part, write_windows
 
 SIZE = {"width": 24, "height": 37, "max_depth": 3}
 LAYERS = ("albedo", "depth", "object", "material")
@@ -33,7 +33,7 @@ def test_windows_cover_a_picture_once_and_evenly(crop):
         counts = np.zeros((y1 - y0) * (x1 - x0), np.int32)
         windows = [windows_of_part(crop, number, of) for number in range(1, of + 1)]
         for number, each in enumerate(windows, start=1):
-            put(counts, crop, each, take(counts, crop, each) + number)
+            write_windows(counts, crop, each, read_windows(counts, crop, each) + number)
         sizes = [pixels_of(each) for each in windows]
         assert sorted(np.unique(counts)) == list(range(1, of + 1))
         assert sum(sizes) == counts.size

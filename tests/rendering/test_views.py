@@ -20,8 +20,8 @@ INSIDE = wrt.PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 
 def test_views_are_the_pictures_of_single_renders(monkeypatch):
-    builds, build = [], renderers.build_scene
-    monkeypatch.setattr(renderers, "build_scene", lambda *a, **k: builds.append(1) or build(*a, **k))
+    builds, build = [], renderers.SceneUpload
+    monkeypatch.setattr(renderers, "SceneUpload", lambda *a, **k: builds.append(1) or build(*a, **k))
     views = list(wrt.render_views(block_scene(), iter(CAMERAS), spp=3, layers=LAYERS, **SIZE))
     assert len(builds) == 1
     assert [(view.index, view.camera, view.spp) for view in views] == [(i, c, 3) for i, c in enumerate(CAMERAS)]

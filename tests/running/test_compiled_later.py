@@ -22,10 +22,10 @@ from wrt.backend import cache_folders, current_backend
 from wrt.backend.artefacts import Artefacts
 from wrt.backend.processor import SWITCH as WIDE
 from wrt.cli import main
+from wrt.cli.system import system_text
 from wrt.compiling import kernel, later
 from wrt.compiling.general import general_features, is_general
 from wrt.compiling.later import BEGUN, BUILD_MACHINE, RETRY_SECONDS, SWITCH, is_done
-from wrt.describe.system import system_text
 from wrt.kernels.core.features import Features
 from wrt.rendering.guides import guide_features
 from wrt.spmd.ir import Unsupported

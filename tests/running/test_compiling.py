@@ -56,9 +56,7 @@ def kernel(name: str) -> Kernel:
 
 def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> None:
     device = Device("cpu", threads=2)
-    with device.compiling() as compile:
-        for name in "abcd":
-            compile(kernel(name))
+    with device.compiling(map(kernel, "abcd")):
         for name in "dcb":
             device.launch(kernel(name), 10, [])
     assert sorted(name for name, _ in loads.begun) == sorted(loads.ended) == ["a", "b", "c", "d"]
@@ -68,28 +66,29 @@ def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> No
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_what_does_not_compile_is_told(threads: int, loads: Loads) -> None:
-    with pytest.raises(RuntimeError, match="does not compile"), Device("cpu", threads=threads).compiling() as compile:
-        compile(kernel("broken"))
+    with (
+        pytest.raises(RuntimeError, match="does not compile"),
+        Device("cpu", threads=threads).compiling([kernel("broken")]),
+    ):
+        pass
 
 
 def test_after_an_error_nobody_waits_for_what_was_begun_and_nothing_else_begins(loads: Loads) -> None:
-    def fail(compile: Callable[[object], None]) -> None:
-        for name in "abc":
-            compile(kernel(name))
+    def fail() -> None:
         while not loads.begun:
             time.sleep(0.01)
         raise ZeroDivisionError
 
-    with pytest.raises(ZeroDivisionError), Device("cpu", threads=2).compiling() as compile:
-        fail(compile)
+    with pytest.raises(ZeroDivisionError), Device("cpu", threads=2).compiling(map(kernel, "abc")):
+        fail()
     assert loads.ended == []
     Device("cpu", threads=2).compile(kernel("a"))  # waits for the compile that continues
     assert [name for name, _ in loads.begun] == loads.ended == ["a"]
 
 
 def compile_beside(device: Device) -> None:
-    with device.compiling() as compile:
-        compile(kernel("a"))
+    with device.compiling([kernel("a")]):
+        pass
 
 
 @pytest.mark.parametrize("begin", [lambda device: device.launch(kernel("a"), 10, []), compile_beside])
@@ -97,7 +96,7 @@ def compile_beside(device: Device) -> None:
 def test_an_interrupt_does_not_wait_for_the_compiler(
     threads: int, begin: Callable[[Device], None], loads: Loads, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("wrt.backend.slices.INTERRUPT_SECONDS", 0.05)
+    monkeypatch.setattr("wrt.slices.INTERRUPT_SECONDS", 0.05)
     release = threading.Event()
     load = loads.__call__
 
@@ -131,8 +130,8 @@ device = Device("cpu", threads=2)
 kernel = Kernel("a", "", None)
 
 def work():
-    with device.compiling() as compile:
-        compile(kernel)
+    with device.compiling([kernel]):
+        pass
     device.launch(kernel, 100, [])
 
 Backend.load = Backend.launch = lambda *_: time.sleep(0.01)  # so that all threads have something to do

@@ -15,9 +15,9 @@ import warp as wp
 import wrt
 from wrt.backend.backend import Backend
 from wrt.backend.device import Device
-from wrt.backend.slices import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, Slices
 from wrt.backend.warp_start import initialize_warp
 from wrt.cli import main
+from wrt.slices import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, Slices
 
 
 @wp.kernel(enable_backward=False)

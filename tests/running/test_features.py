@@ -19,7 +19,7 @@ from wrt.backend.device import Device
 from wrt.kernels.core.features import Features, identifier
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.render import make_render_kernel
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 PLAIN = Features(("diffuse",), False, "none")
 
@@ -59,7 +59,7 @@ def test_scenes_state_what_they_use() -> None:
         (PLAIN, scene(wrt.Diffuse(), environment=wrt.ConstantEnvironment(0.0))),
     ]
     for features, target in expected:
-        assert build_scene(target, Device("cpu")).features == features
+        assert SceneUpload(target, Device("cpu")).features == features
 
 
 def loaded() -> set[str]:

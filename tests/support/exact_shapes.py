@@ -15,7 +15,7 @@ from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.geometry.surface import leave, make_add_texture_coordinates, make_surface_at
 from wrt.scene.exact.quadrics import Quadrics
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 
 def local(mesh: Quadrics, v: NDArray) -> NDArray:
@@ -108,7 +108,7 @@ def cast_rays(shapes: list[wrt.Mesh], origins: NDArray, directions: NDArray, dev
     scene = wrt.Scene()
     for mesh in shapes:
         scene.add(mesh)
-    built = build_scene(scene, Device(device), texture_coordinates=True)
+    built = SceneUpload(scene, Device(device), texture_coordinates=True).finish()
     assert built.features.has_exact
     n = len(origins)
     made = [(int, n), (wp.vec2, n), (wp.vec3, (n, 2)), (wp.vec3, n), (wp.vec2, n), (int, (n, 4)), (wp.vec3, (n, 2))]

@@ -16,7 +16,7 @@ import wrt
 from wrt.backend.device import Device
 from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_file
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 
 POINTS = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], "<f4")
 FACES = np.array([0, 1, 2, 0, 2, 3], "<u2")
@@ -89,7 +89,7 @@ def test_samplers_say_whether_they_want_levels(tmp_path: Path, sampler: dict[str
 def test_meshes_without_alpha_and_opaque_materials_are_opaque(tmp_path: Path) -> None:
     mesh = wrt.Mesh(POINTS, FACES.reshape(2, 3))
     scene = wrt.Scene([wrt.Shape(mesh, wrt.Diffuse(opacity=wrt.VertexColor(alpha=True)))])
-    np.testing.assert_array_equal(build_scene(scene, Device("cpu")).data.uv2_alpha.numpy(), [[0, 0, 1]] * 4)
+    np.testing.assert_array_equal(SceneUpload(scene, Device("cpu")).finish().data.uv2_alpha.numpy(), [[0, 0, 1]] * 4)
     unlit = {**textured({}), "extensions": UNLIT}
     material: Any = scene_of(tmp_path, unlit, TEXCOORD_0=UVS, COLOR_0=COLORS).shapes[0].material
     assert material.opacity == 1.0

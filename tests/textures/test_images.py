@@ -26,7 +26,7 @@ from wrt.kernels.textures.textures import filtered_color, make_slot_color
 from wrt.scene.srgb import of_codes
 from wrt.scene.textures import WRAPS
 from wrt.upload.materials import MaterialTable
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 from wrt.upload.textures import texels
 from wrt.upload.textures.pyramid import pyramid
 from wrt.upload.textures.texels import Texels
@@ -326,7 +326,7 @@ def test_levels_are_made_where_they_are_wanted_and_are_there_once() -> None:
         ({"filter": "trilinear"}, True),
         ({"filter": "trilinear", "cutoff": 0.5}, False),  # the mean of a mask is no mask
     ):
-        built = build_scene(floor(checker(), ALONG, **options), Device("cpu"))
+        built = SceneUpload(floor(checker(), ALONG, **options), Device("cpu")).finish()
         assert built.features.mipmapped == has_levels
     # Levels take a third of the texels; without them another record reads the same ones.
     several = [wrt.ImageTexture(clouds(), filter="trilinear", scale=scale) for scale in (1.0, 2.0)]

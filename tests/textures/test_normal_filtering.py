@@ -30,7 +30,7 @@ import wrt
 from wrt.backend.device import Device
 from wrt.kernels.bsdf import filtered_name
 from wrt.kernels.core.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, NORMALS_FILTERED_ALONG_TEXTURE
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 from wrt.upload.textures.pyramid import normals_of
 
 SIZE = 128
@@ -240,7 +240,7 @@ def test_what_has_no_roughness_is_not_filtered() -> None:
         scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
         for material in materials:
             scene.add(wrt.quad(*SQUARE), material=dataclasses.replace(material, normal_map=normal_map))
-        data = build_scene(scene, Device("cpu")).data
+        data = SceneUpload(scene, Device("cpu")).finish().data
         found = data.materials.numpy()["normal_filter"]
         np.testing.assert_array_equal(found, kinds if filtered else [NORMALS_AT_POINT] * 6)
         # All share one image of normals; filtered maps add another one and its pyramid of eight levels.

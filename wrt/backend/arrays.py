@@ -41,6 +41,11 @@ Field = tuple[str, str, int]
 "array", or "struct NAME"."""
 
 
+def attribute_of(module: str, name: str) -> Any:
+    """Return a struct, kernel or function of a module of `kernels/` by name; imports the module, and so Warp."""
+    return getattr(importlib.import_module(module), name)
+
+
 class Layout:
     """The memory layout of a struct or of the arguments of a kernel; calling it creates a struct.
 
@@ -74,7 +79,7 @@ class Layout:
     def warp_struct(self) -> Any:
         """Return Warp's struct of this name."""
         module, _, name = self.name.rpartition(".")
-        return getattr(importlib.import_module(module), name)
+        return attribute_of(module, name)
 
 
 class Struct:

@@ -15,13 +15,14 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from wrt.backend import arrays
-from wrt.backend.arrays import Array, Layout, Struct
+from wrt.backend.arrays import Array, Layout, Struct, attribute_of
 from wrt.backend.artefacts import Artefacts
 from wrt.backend.cache_folders import remove_leftovers
 from wrt.backend.cuda.gpus import CudaVersions
@@ -141,20 +142,16 @@ class Backend:
                     self.artefacts.add("values", f"{module}.{each}", entry)
         if (entry := self.artefacts.get("values", key)) is None:
             raise AttributeError(f"{module} has no constant, struct or kernel {name}")
-        return self._value(entry, lambda: getattr(importlib.import_module(module), name))
+        return self._value(entry, partial(attribute_of, module, name))
 
     def call(self, module: str, function: str, *arguments: Any) -> Any:
         """Call a function of a module of `kernels/` that returns a kernel, a number, a name, or a description."""
-
-        def result() -> Any:
-            return getattr(importlib.import_module(module), function)(*arguments)
-
         name = call_name(module, function, arguments)
         is_shared = not names_user_model(name)
         entry = self.artefacts.get("values", name) if is_shared else None
         if entry is None:
             _ = self._wp
-            value = result()
+            value = attribute_of(module, function)(*arguments)
             entry = self._describe(value)
             if entry is None:
                 return value
@@ -162,7 +159,7 @@ class Backend:
                 self.artefacts.add("values", name, entry)
             elif "kernel" in entry:
                 return self.kernel_of(value)
-        return self._value(entry, result)
+        return self._value(entry, lambda: attribute_of(module, function)(*arguments))
 
     def _describe(self, value: Any) -> dict[str, Any] | None:
         with _DESCRIBING:

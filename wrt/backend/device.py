@@ -5,16 +5,15 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from wrt.backend import current_backend
 from wrt.backend.cuda.gpus import require_gpus
 from wrt.backend.memory import memory_left
-from wrt.backend.slices import Threads, available_threads, finish, run_slices
 from wrt.errors import InputError, NotEnoughMemory, did_you_mean
+from wrt.slices import Threads, available_threads, finish, run_slices
 from wrt.values import integer
 
 _LOADING: dict[str, threading.Lock] = {}
@@ -132,23 +131,22 @@ class Device:
             self.backend.load(kernel, self.name)
 
     @contextmanager
-    def compiling(self) -> Iterator[Callable[[Any], None]]:
-        """Yield a function that compiles a kernel in the background; all are compiled when the context ends.
+    def compiling(self, kernels: Iterable[Any]) -> Iterator[None]:
+        """Compile kernels in the background, in this order; all are compiled when the context ends.
 
         For the CPU another thread compiles, unless the device has a single thread. One is enough: Warp generates code
         in one thread at a time, and the compiler then takes most of the time, without the interpreter lock. For GPUs
         several threads do. After an exception no further compile begins, and the running ones are not waited for.
         """
         if self.is_cpu and self.threads == 1:
-            kernels: list[Any] = []
-            yield kernels.append
+            yield
             for kernel in kernels:
                 self.compile(kernel)
             return
-        workers: set[Future[None]] = set()
+        compilers = _COMPILER if self.is_cpu else _GPU_COMPILERS
+        workers = {compilers.submit(self._load, kernel) for kernel in kernels}
         try:
-            compilers = _COMPILER if self.is_cpu else _GPU_COMPILERS
-            yield lambda kernel: workers.add(compilers.submit(self._load, kernel))
+            yield
             start = time.perf_counter()
             finish(workers)
             self.seconds_compile += time.perf_counter() - start

@@ -7,15 +7,18 @@ Heavy modules are imported only when needed.
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from wrt.cli.arguments.options import make_parser, parse
-from wrt.cli.exit_status import INTERRUPTED, complain, outcome
+from wrt.cli.exit_status import EXPECTED, INTERRUPTED, complain, failure
 from wrt.cli.process import settle_in
 from wrt.cli.streams import final_status, settle_streams
+
+if TYPE_CHECKING:
+    from wrt.cli.signals import Interrupts
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,10 +39,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _status(arguments: list[str], *, own_process: bool) -> int:
     try:
-        return outcome(lambda: _run(arguments, own_process=own_process))
+        return _run(arguments, own_process=own_process)
     except KeyboardInterrupt:
         complain("stopped", "before it was done")
         return INTERRUPTED
+    except EXPECTED as error:
+        return failure(error)
 
 
 def _run(arguments: list[str], *, own_process: bool) -> int:
@@ -52,10 +57,33 @@ def _run(arguments: list[str], *, own_process: bool) -> int:
     from wrt.cli.signals import Interrupts  # not at the top: --help must import little
 
     interrupts = Interrupts("before it was done", own_process=own_process)
-    module, function = options.pop("module"), options.pop("function")
-    status = interrupts.run(lambda: getattr(importlib.import_module(module), function)(interrupts, **options))
+    with interrupts:
+        try:
+            status = _run_command(interrupts, **options)
+        except KeyboardInterrupt:
+            status = interrupts.stopped()
     if "wrt.backend" in sys.modules:
         from wrt.backend import current_backend
 
         current_backend().finish()
+    return status
+
+
+def _run_command(interrupts: Interrupts, *, command: str, **options: Any) -> int:
+    """Run a command, or report its error; return the exit status."""
+    function: Any
+    try:
+        if command == "render":
+            from wrt.cli.render import render as function
+        elif command == "merge":
+            from wrt.cli.parts import merge as function
+        elif command == "view":
+            from wrt.cli.view import view as function
+        else:
+            from wrt.cli import commands
+
+            function = getattr(commands, command)
+        status: int = function(interrupts, **options)
+    except EXPECTED as error:
+        return failure(error)
     return status

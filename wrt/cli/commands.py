@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wrt.cli.exit_status import complain, outcome, warn
+from wrt.cli.exit_status import EXPECTED, complain, failure, warn
 
 if TYPE_CHECKING:
     from wrt.cli.signals import Interrupts
@@ -67,7 +67,7 @@ def info(
     from wrt.errors import InputError
 
     if system:
-        from wrt.describe.system import system_text
+        from wrt.cli.system import system_text
 
         _print(system_text())
     if source is None:
@@ -114,10 +114,10 @@ def develop(
 ) -> int:
     """Turn a picture of radiance into a PNG or a JPEG."""
     from wrt.develop.exposure import stops
-    from wrt.develop.settings import DEFAULT_TONE, DEVELOPED_SUFFIXES, check_exposure
     from wrt.errors import InputError, one_line
     from wrt.io.images import PICTURE, check_output, read_image, save_image
     from wrt.io.safe_write import free_path
+    from wrt.scene.developing import DEFAULT_TONE, DEVELOPED_SUFFIXES, check_exposure
 
     default = Path(Path(source).stem + ".png")
     path = free_path(default, PICTURE) if output is None else check_output(output, force=force)
@@ -158,23 +158,23 @@ def compile(interrupts: Interrupts, *, general: bool, **arguments: Any) -> int:
     """
     interrupts.unfinished = "before everything was compiled"
     from wrt.cli.options import RenderOptions
-    from wrt.compiling.precompile import compile_general, precompiled_by
     from wrt.errors import InputError
+    from wrt.precompiling import compile_general, precompiled_by
     from wrt.progress.bar import short_warnings
 
     options = RenderOptions.from_arguments(arguments)
     if not options.inputs and not general:
         raise InputError("name a scene, or give --general")
 
-    def compile_for(source: str) -> int:
-        scene = options.load(source)
-        return _print(f"{source}: {precompiled_by(lambda: options.make_renderer(scene))}")
-
-    statuses = [0]
+    highest = 0
     with short_warnings(warn):
         for source in options.inputs:
             name = source if len(options.inputs) > 1 else ""
-            statuses.append(outcome(partial(compile_for, source), name=name))
+            try:
+                scene = options.load(source)
+                _print(f"{source}: {precompiled_by(partial(options.make_renderer, scene))}")
+            except EXPECTED as error:
+                highest = max(highest, failure(error, name=name))
         if general:
             _print(f"general kernels: {compile_general(options.settings['sampler'])}")
-    return max(statuses)
+    return highest

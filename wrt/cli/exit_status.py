@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
 
@@ -45,23 +45,22 @@ class Failed(Exception):
     """Work failed after it had begun; the message is one line with the cause and the files that were saved."""
 
 
-def outcome(run: Callable[[], int], *, name: str = "") -> int:
-    """Return the exit status of `run`; if it raises, report the error and return its status.
+EXPECTED = (Failed, InputError, OSError, RuntimeError, MemoryError)
+"""Classes of all errors with an `_expected_cause`."""
 
-    Unexpected exceptions, such as a fault in wrt, are raised.
+
+def failure(error: Exception, *, name: str = "") -> int:
+    """Report one of EXPECTED errors, and return its exit status; raise it if it is a fault in wrt.
 
     Args:
-        run: the work to do.
+        error: the error.
         name: the input, for messages if there are several; otherwise empty.
     """
-    try:
-        return run()
-    except Exception as error:
-        message = _expected_cause(error)
-        if message is None:
-            raise
-        complain("error", message if one_line(name) in one_line(message) else f"{name}: {message}")
-        return UNUSABLE if isinstance(error, InputError) and not isinstance(error, NotEnoughMemory) else FAILED
+    message = _expected_cause(error)
+    if message is None:
+        raise error
+    complain("error", message if one_line(name) in one_line(message) else f"{name}: {message}")
+    return UNUSABLE if isinstance(error, InputError) and not isinstance(error, NotEnoughMemory) else FAILED
 
 
 def _expected_cause(error: BaseException) -> str | None:
@@ -93,7 +92,7 @@ def cause_of(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def failing_in_one_line() -> Iterator[None]:
-    """Within the context, turn exceptions that `outcome` would raise into Failed."""
+    """Within the context, turn exceptions that `failure` would raise into Failed."""
     try:
         yield
     except Exception as error:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wrt.cli.exit_status import Failed, cause_of, complain, failing_in_one_line, warn
+from wrt.cli.exit_status import EXPECTED, Failed, cause_of, complain, failing_in_one_line, failure, warn
 from wrt.cli.options import RenderOptions
 from wrt.cli.output import Output, outputs_of
 from wrt.cli.process import no_collections
@@ -45,7 +44,13 @@ def render(interrupts: Interrupts, **arguments: Any) -> int:
         interrupts.rearm(f"{name}: {unfinished}" if name else unfinished)
         picture = PictureRender(source, options, output, interrupts)
         with short_warnings(once(warn)):  # when there is no progress bar
-            highest = max(highest, interrupts.outcome(partial(picture.run, label), name=name))
+            try:
+                status = picture.run(label)
+            except EXPECTED as error:
+                status = failure(error, name=name)
+            except KeyboardInterrupt:
+                status = interrupts.stopped()
+        highest = max(highest, status)
         # After a signal during the last write this render is complete, but no other input may start.
         if interrupts.is_signalled and number < len(inputs):
             complain("stopped", f"{', '.join(inputs[number:])}: not rendered")
@@ -87,8 +92,8 @@ class PictureRender:
         options, output = self.options, self.output
         with no_collections():
             from wrt.develop.picture import require_tone
-            from wrt.develop.settings import DEVELOPED_SUFFIXES
             from wrt.rendering.picture import check_contents
+            from wrt.scene.developing import DEVELOPED_SUFFIXES
 
             scene = options.load(self.source)
             settings = scene.settings

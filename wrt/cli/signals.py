@@ -11,7 +11,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
-from wrt.cli.exit_status import complain, give_up, outcome
+from wrt.cli.exit_status import complain, give_up
 
 SIGNALS = (
     *(signal.SIGINT, signal.SIGTERM, signal.SIGHUP),
@@ -55,23 +55,10 @@ class Interrupts:
         self.unfinished, self.worth_saving = unfinished, False
         self._armed, self._done = True, False
 
-    def run(self, work: Callable[[], int]) -> int:
-        """Do the work of a command with signals handled, and return `outcome`'s exit status."""
-        with self:
-            return self.outcome(work)
-
-    def outcome(self, work: Callable[[], int], *, name: str = "") -> int:
-        """Do a piece of work, report its error or interrupt, and return the exit status.
-
-        Args:
-            work: the work, which returns the exit status.
-            name: the input, for messages if there are several; otherwise empty.
-        """
-        try:
-            return outcome(work, name=name)
-        except KeyboardInterrupt:
-            complain("stopped", self.unfinished)
-            return self.exit_status
+    def stopped(self) -> int:
+        """Report an interrupt after which there is nothing to save, and return the exit status."""
+        complain("stopped", self.unfinished)
+        return self.exit_status
 
     def __enter__(self) -> Interrupts:
         if threading.current_thread() is threading.main_thread():

@@ -150,13 +150,13 @@ def exercise(device: Device) -> None:
     That uses all functions of `kernels/` that uploads of such scenes need, so that they are compiled and in the table.
     """
     from wrt.upload.camera import build_camera
-    from wrt.upload.scene_data import build_scene
+    from wrt.upload.scene_data import SceneUpload
 
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     normals = np.array([[0.0, 0.0, 1.0]] * 3)
     mesh = Mesh(corners, np.array([[0, 1, 2]]), normals=normals, uvs=corners[:, :2], colors=np.ones((3, 4)))
     shapes = [*(Shape(mesh, material) for material in materials()), Shape(mesh, Diffuse(), emission=1.0)]
     around = ImageEnvironment(np.full((2, 4, 3), 0.5, np.float32))
-    build_scene(Scene(shapes=shapes, lights=lights(), environment=around, camera=None), device)
+    SceneUpload(Scene(shapes=shapes, lights=lights(), environment=around, camera=None), device).finish()
     for camera in (PerspectiveCamera, OrthographicCamera, PanoramaCamera, FisheyeCamera):
         build_camera(camera(), 8, 8, (0, 0, 8, 8), device=device.name)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.develop.settings import AUTO, LIMIT, Exposure
 from wrt.linalg import weighted_sum
+from wrt.scene.developing import AUTO, LIMIT, Exposure
 
 BRIGHT, BRIGHT_PERCENTILE = 0.7, 90.0
 """A tenth of a well exposed picture is brighter than this share of white: lamps, windows, sun and gloss."""

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrt.backend.slices import Threads, available_threads
 from wrt.develop.exposure import peak, stops
 from wrt.develop.ocio import encode, find_view
-from wrt.develop.settings import DEFAULT_TONE, Exposure, check_exposure, check_tone
 from wrt.develop.tones import CURVES
 from wrt.errors import InputError
+from wrt.scene.developing import DEFAULT_TONE, Exposure, check_exposure, check_tone
 from wrt.scene.srgb import srgb_from_linear
+from wrt.slices import Threads, available_threads
 from wrt.values import FLOAT32_MAX, refuse_codes
 
 NOTICEABLE = 0.05

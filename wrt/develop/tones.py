@@ -143,7 +143,7 @@ CURVES: dict[str, Callable[[Colors, float], Colors]] = {
     "agx": _agx,
     "aces": _aces,
 }
-"""The curves that `wrt.develop.settings.TONES` names.
+"""The curves that `wrt.scene.developing.TONES` names.
 
 Each maps (..., 3) linear Rec. 709 radiance, finite and not negative, to the linear light of an sRGB display, 0 to 1.
 The second argument is the radiance of the picture's brightest parts (`wrt.develop.exposure.peak`)."""

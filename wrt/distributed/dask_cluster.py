@@ -11,9 +11,9 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from wrt.backend.slices import available_threads
 from wrt.distributed.crew import ANSWER_SECONDS, DIED, NoAnswer
 from wrt.errors import InputError, one_line
+from wrt.slices import available_threads
 
 CONNECT_SECONDS = 10
 """Time to wait for a scheduler."""

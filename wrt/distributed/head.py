@@ -69,9 +69,7 @@ class DistributedRenderer(Renderer):
         super().__init__(scene, **options)
 
     def _build(self) -> None:
-        film = current_backend().kernels("wrt.kernels.film.film")
-        with self.device.compiling() as compile:
-            compile(film.film_noise)
+        self.device.compile(current_backend().kernels("wrt.kernels.film.film").film_noise)
         self.spread = Spread(self._cluster, self.scene)
         self._kernel, self._guides = _Remote(), None  # type: ignore[assignment]
         options = {name: getattr(self.settings, name) for name in SETTINGS_OF_PICTURE}

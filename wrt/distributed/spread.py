@@ -18,7 +18,7 @@ from wrt.distributed.crew import DIED, MOST_DEATHS, Cluster, Crew, Member, NoAns
 from wrt.distributed.worker import Job, Rendered, render_window
 from wrt.errors import InputError, warn
 from wrt.rendering.film import Film
-from wrt.rendering.windows import grid_cell, pixels_of, put, take
+from wrt.rendering.windows import grid_cell, pixels_of, read_windows, write_windows
 from wrt.scene.scene import Scene
 from wrt.upload.camera import CropWindow
 
@@ -90,13 +90,13 @@ class Pass:
 
     def state(self, window: CropWindow) -> dict[str, NDArray[Any]] | None:
         """Return the film's arrays for a window, None if it has no samples there."""
-        arrays = {name: take(array, self.crop, (window,)) for name, array in self.film.arrays().items()}
+        arrays = {name: read_windows(array, self.crop, (window,)) for name, array in self.film.arrays().items()}
         return arrays if arrays["count"].any() else None
 
     def keep(self, window: CropWindow, rendered: Rendered) -> None:
         """Put a rendered window into the film."""
         for name, array in self.film.arrays().items():
-            put(array, self.crop, (window,), rendered.arrays[name])
+            write_windows(array, self.crop, (window,), rendered.arrays[name])
         first = (window[1] - self.crop[1]) * self.film.width + window[0] - self.crop[0]
         self.film.data.rays.numpy()[first] += rendered.rays  # a statistic of the whole picture
 

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt._version import __version__
-from wrt.develop.settings import DEFAULT_TONE, DEVELOPED_SUFFIXES, Exposure
 from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.npy import read_array
 from wrt.io.safe_read import PathLike, first_line, forget_input, is_input, naming_file, read_file, require_file
 from wrt.io.safe_write import Kind, output_path, require_writable, write_atomically
+from wrt.scene.developing import DEFAULT_TONE, DEVELOPED_SUFFIXES, Exposure
 from wrt.scene.environment import ImageEnvironment
 from wrt.scene.layers import channel_names
 from wrt.scene.srgb import linear_from_srgb, of_codes

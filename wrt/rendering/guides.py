@@ -43,9 +43,8 @@ class Guides:
         self._renderer = renderer
         self._film = Film(renderer.film.width, renderer.film.height, device, LAYERS)
         self._kernel = RenderKernel(device, features, self._film.width, self._film.height, read=built.read)
-        with device.compiling() as compile:
-            self._kernel.compile(compile)
-        self._kernel.start((built.data, self._film.data, self._film.aovs.data))
+        with device.compiling(self._kernel.to_compile()):
+            self._kernel.start((built.data, self._film.data, self._film.aovs.data))
 
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return albedo and normals by name, (H, W, 3) float32, after as many samples as the picture has by now."""

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from wrt.backend.device import Device
 from wrt.develop.picture import Developed
-from wrt.develop.settings import DEVELOPED_SUFFIXES, Exposure, names_file
 from wrt.errors import InputError
 from wrt.io.images import picture_path
 from wrt.io.safe_read import PathLike
@@ -19,7 +18,8 @@ from wrt.rendering.checkpoint import write_checkpoint
 from wrt.rendering.film import Film
 from wrt.rendering.part import Part
 from wrt.rendering.picture import Picture
-from wrt.rendering.windows import put
+from wrt.rendering.windows import write_windows
+from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure, names_file
 
 MOST_LISTED = 3
 """Missing parts that a message lists."""
@@ -125,7 +125,7 @@ def merge(parts: Iterable[PathLike | Part]) -> Merged:
         except InputError as error:
             raise InputError(f"{part.name}: damaged, {error}") from None
         for name, array in state.items():
-            put(array, first.crop, part.windows, part.arrays[name])
+            write_windows(array, first.crop, part.windows, part.arrays[name])
         merged.seconds_render += float(part.header["seconds"])
     merged.film.restore(state)
     return merged

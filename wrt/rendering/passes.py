@@ -9,7 +9,6 @@ as fast.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -176,47 +175,70 @@ def samples_of_next_pass(
     return count - count % SAMPLES_TOGETHER if count > SAMPLES_TOGETHER else count
 
 
-def run_passes(renderer: Renderer, limits: Limits) -> Iterator[Progress]:
-    """Trace passes until the first of the limits is reached; yield after each."""
-    film, estimate = renderer.film, renderer.noise_estimate
-    estimate.begin(limits.noise if limits.adaptive and limits.noise is not None else 0.0)
-    done, is_even = estimate.samples_of_tiles_that_go_on()
-    goal = limits.goal(estimate, done, is_even)
-    rays_before = film.rays
-    seconds, seconds_left = 0.0, 0.0
-    paths, index, step = 0, 0, min(renderer.first_pass, goal.next_stop - done)
-    while done < goal.spp:
-        index += 1
-        done += step
-        elapsed, traced = renderer._trace(done, seconds_left)
-        seconds += elapsed
-        paths += traced
-        goal = limits.goal(estimate, done, estimate.samples_of_tiles_that_go_on()[1])
-        limited = math.inf if limits.time is None else limits.time - seconds
-        to_goal = max(goal.spp - done, 0) * seconds * film.pixels / max(paths, 1) if goal.is_known else math.inf
-        expected = min(to_goal, max(limited, 0.0))
-        yield Progress(
-            pass_index=index,
+class Schedule:
+    """How many samples each pass takes, until the first of the limits is reached.
+
+    Attributes:
+        seconds_left: estimate of the seconds still needed; 0 before the first pass.
+    """
+
+    def __init__(self, limits: Limits, film: Film, estimate: NoiseEstimate, *, first: int, longest: float) -> None:
+        """Take the film that passes fill, the samples per pixel of the first pass, and the most seconds of a pass."""
+        self.seconds_left = 0.0
+        self._limits, self._film, self._estimate = limits, film, estimate
+        self._first, self._longest = first, longest
+        estimate.begin(limits.noise if limits.adaptive and limits.noise is not None else 0.0)
+        self._done, is_even = estimate.samples_of_tiles_that_go_on()
+        self._goal = limits.goal(estimate, self._done, is_even)
+        self._rays_before = film.rays
+        self._seconds = self._per_sample = 0.0
+        self._paths = self._passes = 0
+
+    @property
+    def _time_left(self) -> float:
+        return math.inf if self._limits.time is None else self._limits.time - self._seconds
+
+    def next_target(self, *, short: bool) -> int | None:
+        """Return the samples per pixel after the next pass, or None; a `short` one takes SHORT_PASS at most."""
+        done, goal = self._done, self._goal
+        if done >= goal.spp or self._time_left <= 0.0:
+            return None
+        count = min(self._first, goal.next_stop - done)
+        if self._passes > 0:
+            self.seconds_left = min((goal.spp - done) * self._per_sample, self._time_left)
+            count = samples_of_next_pass(
+                done,
+                goal.next_stop,
+                self._seconds,
+                self._time_left,
+                self._per_sample,
+                pass_seconds=self._limits.pass_seconds,
+                longest=self._longest,
+                short=short,
+            )
+        self._done += count
+        return self._done
+
+    def progress(self, seconds: float, paths: int) -> Progress:
+        """Return the state after a pass that took these seconds and camera paths, and set the next goal."""
+        limits, film, estimate, done = self._limits, self._film, self._estimate, self._done
+        self._passes += 1
+        self._seconds += seconds
+        self._paths += paths
+        self._goal = goal = limits.goal(estimate, done, estimate.samples_of_tiles_that_go_on()[1])
+        self._per_sample = seconds * film.pixels * estimate.share_going_on / max(paths, 1)
+        to_goal = math.inf
+        if goal.is_known:
+            to_goal = max(goal.spp - done, 0) * self._seconds * film.pixels / max(self._paths, 1)
+        expected = min(to_goal, max(self._time_left, 0.0))
+        return Progress(
+            pass_index=self._passes,
             spp=done,
             target_spp=goal.spp if goal.is_known else None,
-            seconds=seconds,
+            seconds=self._seconds,
             seconds_left=None if math.isinf(expected) else expected,
-            paths_per_second=paths / max(seconds, 1e-9),
-            rays_per_second=(film.rays - rays_before) / max(seconds, 1e-9),
+            paths_per_second=self._paths / max(self._seconds, 1e-9),
+            rays_per_second=(film.rays - self._rays_before) / max(self._seconds, 1e-9),
             noise=film.noise() if limits.noise is None else estimate.noise(done),
             target_noise=limits.noise,
-        )
-        if limited <= 0.0:
-            return
-        per_sample = elapsed * film.pixels * estimate.share_going_on / max(traced, 1)
-        seconds_left = min((goal.spp - done) * per_sample, limited)
-        step = samples_of_next_pass(
-            done,
-            goal.next_stop,
-            seconds,
-            limited,
-            per_sample,
-            pass_seconds=limits.pass_seconds,
-            longest=renderer.longest_pass,
-            short=not renderer.device.is_cpu or renderer._kernel.wide.is_being_compiled,
         )

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from wrt._version import __version__
 from wrt.develop.exposure import stops
 from wrt.develop.picture import Developed
-from wrt.develop.settings import DEVELOPED_SUFFIXES, Exposure
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
 from wrt.rendering.film import Film
+from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure
 from wrt.scene.layers import NOISY
 from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import linear_from_srgb

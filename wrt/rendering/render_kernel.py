@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 from typing import Any
 
 from wrt.backend.device import Device
@@ -65,13 +64,14 @@ class RenderKernel:
         call = declaration(self.read, SCALAR) if self._device.is_cpu else (*OF_GPU, self.read, regenerates)
         self.scalar = self._device.backend.call(*call)
 
-    def compile(self, compile: Callable[[Any], None]) -> None:
-        """Compile all kernels that are still needed, with the function of `Device.compiling`."""
+    def to_compile(self) -> list[Any]:
+        """Return the kernels to compile beside the build of the tree: the scalar one if needed, the film's, the tree's.
+
+        The largest is first, then those of the tree from its last on, as the build itself begins with its first.
+        """
         film = self._device.backend.kernels("wrt.kernels.film.film")
-        # The largest first, then from the last on: building the tree compiles its kernels from the first on.
-        for kernel in (self.scalar, film.film_noise, *reversed(kernels_of_building(self._device))):
-            if kernel is not None:
-                compile(kernel)
+        scalar = [] if self.scalar is None else [self.scalar]
+        return [*scalar, film.film_noise, *reversed(kernels_of_building(self._device))]
 
     def start(self, records: tuple[Any, ...]) -> None:
         """Load the kernel that stands in for the scalar one, if it must, now that the arguments are known.

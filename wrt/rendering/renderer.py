@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
 from wrt.rendering.noise import NoiseEstimate
-from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, run_passes
+from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
@@ -31,7 +30,7 @@ from wrt.upload.camera import CropWindow, build_camera, filter_table, outside_ca
 from wrt.upload.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
 from wrt.upload.lights.choice import LIGHT_CHOICES
 from wrt.upload.lights.table import has_light
-from wrt.upload.scene_data import build_scene
+from wrt.upload.scene_data import SceneUpload
 from wrt.upload.vertex_updates import shape_number
 from wrt.values import integer, one_of
 
@@ -100,14 +99,12 @@ class Renderer(Picture):
 
     def _build(self) -> None:
         """Build the scene on the device, and compile its kernel at the same time."""
-        with self.device.compiling() as compile:
-            self._built = build_scene(
-                self.scene,
-                self.device,
-                texture_coordinates="uv" in self.settings.layers,
-                light_choice=self.light_choice,
-                on_features=partial(self._choose_kernel, compile=compile),
-            )
+        has_uv = "uv" in self.settings.layers
+        upload = SceneUpload(self.scene, self.device, texture_coordinates=has_uv, light_choice=self.light_choice)
+        self._choose_kernel(upload.features)
+        with self.device.compiling(self._kernel.to_compile()):
+            self._built = upload.finish(self._kernel.read)
+        del upload  # and with it copies of meshes
         self.film.require_memory()  # check again, now that the scene has taken its memory
         self._start_kernel()
         self._guides = Guides(self) if self.settings.denoise and self.renders_light else None
@@ -131,9 +128,9 @@ class Renderer(Picture):
         renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
         renderer._start_film()
         renderer._guides = None
-        with self.device.compiling() as compile:
-            renderer._choose_kernel(self._built.features, compile, self._built.read)
-        renderer._start_kernel()
+        renderer._choose_kernel(self._built.features, self._built.read)
+        with self.device.compiling(renderer._kernel.to_compile()):
+            renderer._start_kernel()
         renderer._kernel.share_wide(self._kernel)
         return renderer
 
@@ -149,16 +146,11 @@ class Renderer(Picture):
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
 
-    def _choose_kernel(self, features: Any, compile: Callable[[Any], None], read: Any = None) -> Any:
-        """Choose the kernel for a scene with these features, compile all kernels needed, and return what it reads.
-
-        If the scene is uploaded already, `read` are the features for which it was.
-        """
+    def _choose_kernel(self, features: Any, read: Any = None) -> None:
+        """Choose the kernel for a scene with these features; `read` are those for which it was uploaded, if it was."""
         of_picture = {"sampler": self.settings.sampler, "cameras": outside_cameras(self.scene.camera)}
         features = integrator_features(dataclasses.replace(features, **of_picture), self.integrator, self.settings)
         self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height, read=read)
-        self._kernel.compile(compile)
-        return self._kernel.read
 
     def _start_kernel(self) -> None:
         path = path_settings(self.scene, self.settings, self.integrator)
@@ -176,7 +168,7 @@ class Renderer(Picture):
         return self.arguments_for(self.film)
 
     def arguments_for(self, film: Film) -> list[Any]:
-        """Return the arguments of a kernel after the number of samples, for a film of this picture's size."""
+        """Return the kernel's arguments, without the first (the target count), for a film of this picture's size."""
         return [self.seed, *self._shared_inputs, film.data, film.aovs.data]
 
     @property
@@ -249,7 +241,17 @@ class Renderer(Picture):
         """
         limits = Limits.of(self, spp, time, noise, adaptive, pass_seconds)
         self._kernel.expect(limits.least_seconds(self.film))
-        return run_passes(self, limits)
+        return self._run(limits)
+
+    def _run(self, limits: Limits) -> Iterator[Progress]:
+        schedule = Schedule(limits, self.film, self.noise_estimate, first=self.first_pass, longest=self.longest_pass)
+        while (target := schedule.next_target(short=self._passes_are_short)) is not None:
+            yield schedule.progress(*self._trace(target, schedule.seconds_left))
+
+    @property
+    def _passes_are_short(self) -> bool:
+        """Whether passes are short, to switch soon to a wide kernel or as nothing can interrupt one on a GPU."""
+        return not self.device.is_cpu or self._kernel.wide.is_being_compiled
 
     def noise(self) -> float | None:
         """Return the relative noise: the mean standard error of the pixels over their mean radiance, or None.

@@ -87,7 +87,7 @@ class WideKernel:
             if self._compiler is not None:
                 if self._compiler.poll() is None:
                     return
-                self._note_compiled()
+                self._compiler_ended()
             if self.kernel is not None or seconds_left <= LOADING_SECONDS or not self._is_usable():
                 return
             if self._request is not None and later.is_done(self._request):
@@ -175,7 +175,8 @@ class WideKernel:
         self._device.backend.artefacts.folders.append(table)
         return [str(kernels), str(table)]
 
-    def _note_compiled(self) -> None:
+    def _compiler_ended(self) -> None:
+        """Stop the clock, as the compiler has ended, and give up if the table of artefacts lacks the kernel."""
         self._seconds, self._compiling_since = self.seconds, None
         self._compiler = None
         self._device.backend.artefacts.refresh()

@@ -64,10 +64,10 @@ def _view(picture: NDArray[np.generic], crop: CropWindow, window: CropWindow) ->
     return rows[window[1] - crop[1] : window[3] - crop[1], window[0] - crop[0] : window[2] - crop[0]]
 
 
-def put(
+def write_windows(
     picture: NDArray[np.generic], crop: CropWindow, windows: Sequence[CropWindow], pixels: NDArray[np.generic]
 ) -> None:
-    """Set the pixels of windows, one after the other, in an array of a film of `crop`."""
+    """Write `pixels`, those of each window in turn, to their places in `picture`, an array over the film of `crop`."""
     first = 0
     for window in windows:
         view, count = _view(picture, crop, window), pixels_of((window,))
@@ -75,6 +75,6 @@ def put(
         first += count
 
 
-def take(picture: NDArray[np.generic], crop: CropWindow, windows: Sequence[CropWindow]) -> NDArray[np.generic]:
-    """Return the pixels of windows, one after the other, from an array of a film of `crop`."""
+def read_windows(picture: NDArray[np.generic], crop: CropWindow, windows: Sequence[CropWindow]) -> NDArray[np.generic]:
+    """Return the pixels of each window in turn from `picture`, an array over the film of `crop`."""
     return np.concatenate([_view(picture, crop, window).reshape(-1, *picture.shape[1:]) for window in windows])

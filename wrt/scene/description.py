@@ -19,7 +19,7 @@ Check: TypeAlias = Callable[[Any, str], Any]
 
 
 def optional(check: Check) -> Check:
-    """Return a check that also accepts None; the schema of scene files reads its keyword `check`."""
+    """Return a check that also accepts None: a `partial`, whose keyword `check` is read by `wrt/io/toml/schema.py`."""
     return partial(_check_unless_none, check=check)
 
 
@@ -28,7 +28,7 @@ def _check_unless_none(value: Any, name: str, *, check: Check) -> Any:
 
 
 def word_of(words: Sequence[str]) -> Check:
-    """Return a check that a value is one of several words; the schema of scene files reads its keyword `words`."""
+    """Return a check that a value is one of `words`: a `partial`, whose keyword is read by `wrt/io/toml/schema.py`."""
     return partial(_check_word, words=words)
 
 

@@ -51,7 +51,7 @@ class SceneMemory:
     """
 
     def __init__(self, prepared: PreparedScene, *, is_cpu: bool, texture_coordinates: bool = False) -> None:
-        """Add up a scene; on the CPU builders of trees work in larger pieces. See `build_scene` for the option."""
+        """Add up a scene; on the CPU builders of trees work in larger pieces. See `SceneUpload` for the option."""
         materials = prepared.materials
         textured = materials.textured or materials.tangents or texture_coordinates
         self.trees, most, most_if_cut = tree_memory(prepared.layout, is_cpu=is_cpu)

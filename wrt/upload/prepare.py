@@ -49,7 +49,7 @@ class PreparedScene:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Check a scene and prepare its upload; raise InputError as `build_scene` does."""
+        """Check a scene and prepare its upload; raise InputError as `SceneUpload` does."""
         if not scene.shapes:
             raise InputError("the scene has no shapes to render")
         _check_sizes(scene)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,75 +73,84 @@ def _require_memory(prepared: PreparedScene, device: Device, texture_coordinates
     device.require_memory(most, f"building a scene of {triangles:,} triangles", advice=MEMORY_ADVICE)
 
 
-def build_scene(
-    scene: Scene,
-    device: Device,
-    *,
-    texture_coordinates: bool = False,
-    light_choice: str = "auto",
-    on_features: Callable[[Any], Any] = lambda features: features,
-) -> BuiltScene:
-    """Upload a scene to a device and build its ray tree there.
+class SceneUpload:
+    """A scene on its way to a device: its materials, lights and bodies are there, its meshes are not yet.
 
-    Args:
-        scene: the scene.
-        device: the device.
-        texture_coordinates: whether to upload these even if no material needs them.
-        light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
-        on_features: called with the features as soon as they are known, before the tree is built; returns those of the
-            kernel that will read the scene, which may have more (see `Features.covers`).
-
-    Raises:
-        InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
+    Attributes:
+        features: the features of the scene, which choose its kernel. That can be compiled while `finish` runs.
     """
-    backend = current_backend()
-    scene_data = backend.kernels("wrt.kernels.core.scene_data")
 
-    from wrt.kernels.core.features import Features
+    def __init__(
+        self, scene: Scene, device: Device, *, texture_coordinates: bool = False, light_choice: str = "auto"
+    ) -> None:
+        """Upload all but the meshes.
 
-    prepared = PreparedScene(scene)
-    scene, layout, materials = prepared.scene, prepared.layout, prepared.materials
-    _require_memory(prepared, device, texture_coordinates)
-    data = scene_data.SceneData()
-    places = _Places(layout)
-    materials.upload(data, device)
-    bodies = BodyTable(scene)
-    bodies.upload(data, device)
+        Args:
+            scene: the scene.
+            device: the device.
+            texture_coordinates: whether to upload these even if no material needs them.
+            light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
 
-    data.environment, flux = upload_environment(prepared.environment, device.name)
-    slots = dict(zip(prepared.textures, materials.emission_slots[len(scene.shapes) :], strict=True))
-    table = LightTable(scene.shapes, prepared.lights, layout, places.of_shapes, flux, slots)
-    light_tree = upload_lights(data, table, device, light_choice)
-    records = _shape_records(scene, materials, bodies, table, places.of_shapes)
-    data.shapes = backend.array(records, scene_data.ShapeRecord, device.name)
+        Raises:
+            InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
+        """
+        scene_data = current_backend().kernels("wrt.kernels.core.scene_data")
 
-    features = Features(
-        materials.models,
-        materials.textured,
-        environment_kind(prepared.environment),
-        composite=materials.composite,
-        tangents=materials.tangents,
-        light_shapes=table.shape_models,
-        instances=layout.kind,
-        light_tree=light_tree,
-        media=bodies.kind,
-        grid_media=bodies.has_grids,
-        nested=bodies.nested,
-        uv2_alpha=materials.uv2_alpha,
-        mipmapped=materials.mipmapped,
-        exact=prepared.exact,
-    )
-    read = on_features(features)
-    textured = read.textured or read.tangents or texture_coordinates
-    _upload_geometry(data, layout, places, device, textured=textured, uv2_alpha=read.uv2_alpha)
-    if prepared.has_tangents:
-        data.aligns_tangents = 2
-        data.tangents = upload(corner_tangents(places.faces), "vec4", device.name)
-    world = _build_trees(data, layout, places, device)
-    built = BuiltScene(data, features, read, world, bodies, device)
-    if scene.camera is not None:
-        built.look_from(scene.camera)
-    return built
+        from wrt.kernels.core.features import Features
+
+        self._prepared = prepared = PreparedScene(scene)
+        self._device, self._texture_coordinates = device, texture_coordinates
+        scene, layout, materials = prepared.scene, prepared.layout, prepared.materials
+        _require_memory(prepared, device, texture_coordinates)
+        self._data = data = scene_data.SceneData()
+        self._places = places = _Places(layout)
+        materials.upload(data, device)
+        self._bodies = bodies = BodyTable(scene)
+        bodies.upload(data, device)
+
+        data.environment, flux = upload_environment(prepared.environment, device.name)
+        slots = dict(zip(prepared.textures, materials.emission_slots[len(scene.shapes) :], strict=True))
+        table = LightTable(scene.shapes, prepared.lights, layout, places.of_shapes, flux, slots)
+        light_tree = upload_lights(data, table, device, light_choice)
+        records = _shape_records(scene, materials, bodies, table, places.of_shapes)
+        data.shapes = current_backend().array(records, scene_data.ShapeRecord, device.name)
+
+        self.features = Features(
+            materials.models,
+            materials.textured,
+            environment_kind(prepared.environment),
+            composite=materials.composite,
+            tangents=materials.tangents,
+            light_shapes=table.shape_models,
+            instances=layout.kind,
+            light_tree=light_tree,
+            media=bodies.kind,
+            grid_media=bodies.has_grids,
+            nested=bodies.nested,
+            uv2_alpha=materials.uv2_alpha,
+            mipmapped=materials.mipmapped,
+            exact=prepared.exact,
+        )
+
+    def finish(self, read: Any = None) -> BuiltScene:
+        """Upload the meshes and build their trees.
+
+        Args:
+            read: the features of the kernel that will read the scene, by default its own; it may have more (see
+                `Features.covers`).
+        """
+        read = read or self.features
+        data, device, layout, places = self._data, self._device, self._prepared.layout, self._places
+        textured = read.textured or read.tangents or self._texture_coordinates
+        _upload_geometry(data, layout, places, device, textured=textured, uv2_alpha=read.uv2_alpha)
+        if self._prepared.has_tangents:
+            data.aligns_tangents = 2
+            data.tangents = upload(corner_tangents(places.faces), "vec4", device.name)
+        world = _build_trees(data, layout, places, device)
+        built = BuiltScene(data, self.features, read, world, self._bodies, device)
+        if self._prepared.scene.camera is not None:
+            built.look_from(self._prepared.scene.camera)
+        return built
 
 
 class _Places:

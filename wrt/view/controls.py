@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from wrt.develop.denoise import require_denoiser
-from wrt.develop.settings import TONES, Exposure, check_exposure
 from wrt.errors import InputError
 from wrt.scene.camera import CAMERAS, Camera
+from wrt.scene.developing import TONES, Exposure, check_exposure
 from wrt.scene.layers import LAYERS
 from wrt.scene.scene import INTEGRATORS, RenderSettings
 from wrt.values import integer, one_of

@@ -252,9 +252,10 @@ def write_nodes(
     children_out: wp.array(dtype=int),
     leaf_ranges_out: wp.array(dtype=wp.vec2i),
 ):
-    """Write the wide nodes in the layout of `kernels/core/ray_tree.py`, and list the boxes of their leaves.
+    """Write the wide nodes in the layout of `kernels/core/ray_tree.py`, and each leaf's range (first, count) of boxes.
 
-    Where leaves are nodes as well, `leaf_nodes` is the number of the first one; otherwise −1.
+    A leaf's number among the children is −1 − leaf, or `leaf_nodes` + leaf if leaves are nodes as well
+    (`leaf_nodes` ≥ 0).
     """
     i = first + wp.tid()
     base = i * wp.static(NODE_FLOATS)
@@ -298,7 +299,7 @@ def write_corners(
 
 @wp.kernel(enable_backward=False)
 def list_numbers(first: int, boxes: wp.array(dtype=vec8), numbers_out: wp.array(dtype=int)):
-    """Write the numbers that boxes carry."""
+    """Write the number that each box carries."""
     i = first + wp.tid()
     numbers_out[i] = number_of(boxes[i])
 

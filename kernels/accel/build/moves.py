@@ -90,7 +90,7 @@ def pick_largest(first: int, keys: wp.array(dtype=float), numbers: wp.array(dtyp
 
 @wp.func
 def key_of(moves: Moves, i: int, turn: int) -> wp.int64:
-    """Return a number that orders moves by turn, then gain, then the earlier first."""
+    """Return the priority of move i, the larger wins: by turn (or round), then by gain, then the lower index."""
     gain = wp.int64(wp.cast(moves.gain[i], wp.int32))
     return (wp.int64(turn) << wp.int64(48)) | (gain << wp.int64(16)) | wp.int64(moves.node.shape[0] - i)
 
@@ -156,10 +156,10 @@ def choose_moves(
 
 @wp.kernel(enable_backward=False)
 def exclude_cycles(first: int, moves: Moves, parents: wp.array(dtype=int), round: int):
-    """Exclude moves that would leave a node below itself, as two nodes could move to below each other.
+    """Exclude moves that together would make a cycle, as when two nodes each move below the other.
 
-    Follows the way up that a moved node would have: to the next node that moves, then on from where it goes. On a way
-    that comes back, the move with the least gain is excluded. So are moves on a way of more than LONGEST_WAY moves.
+    Follows each moved node's way to the root as it would be after all moves. If it returns to the node, the move of
+    least gain on it is excluded. So is a move whose way meets LONGEST_WAY others.
     """
     i = first + wp.tid()
     if moves.state[i] != CHOSEN:
@@ -183,7 +183,7 @@ def exclude_cycles(first: int, moves: Moves, parents: wp.array(dtype=int), round
 
 @wp.kernel(enable_backward=False)
 def make_moves(first: int, moves: Moves, nodes: wp.array(dtype=BinaryNode), parents: wp.array(dtype=int)):
-    """Move nodes to their places. Of nodes that are not locked, each move changes another child."""
+    """Make the chosen moves. Two may change the same node that is not locked, but not the same child of it."""
     i = first + wp.tid()
     if moves.state[i] != CHOSEN:
         return

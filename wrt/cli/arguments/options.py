@@ -183,14 +183,13 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"wrt {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=Parser)
 
-    def command(name: str, words: str, summary: str, *, module: str = "wrt.cli.commands", **changes: Any) -> Parser:
+    def command(name: str, words: str, summary: str, **changes: Any) -> Parser:
         """Add a command with arguments and options of the tables above.
 
         Args:
             name: its name.
             words: its arguments and options.
             summary: what it does; the list of commands shows the part up to a vertical bar.
-            module: the module of its function.
             changes: a different help, or other settings, of some arguments.
         """
         short, _, details = summary.partition("|")
@@ -201,7 +200,7 @@ def make_parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter if name == "render" else argparse.HelpFormatter,
             allow_abbrev=False,
         )
-        added.set_defaults(module=module, function=name)
+        added.set_defaults(command=name)
         for word in words.split():
             _add(added, word, changes.get(word.removeprefix("--").lower(), {}))
         return added
@@ -233,7 +232,6 @@ def make_parser() -> argparse.ArgumentParser:
         "merge",
         "PART --output --checkpoint --tone --exposure --force --quiet",
         "merge the parts of a render to its picture|, bit for bit",
-        module="wrt.cli.parts",
         output={"required": True, "help": "picture to write: .png, .jpg, .exr or .npy"},
         checkpoint={"help": "also save the state, for wrt render SCENE --resume"},
     )
@@ -255,7 +253,6 @@ def make_parser() -> argparse.ArgumentParser:
         "view",
         "SCENE --watch --no-browser --port --spp --size --device --threads --seed --camera --up --confined",
         "show a scene in the browser while it converges",
-        module="wrt.cli.view",
         spp={"help": "samples per pixel at which rendering pauses (default: at least 1024)"},
     )
     render = command(
@@ -264,7 +261,6 @@ def make_parser() -> argparse.ArgumentParser:
         f"--dask --seed --max-depth {INTEGRATION} --tone --exposure --turntable --frames --fps --part --checkpoint "
         f"--resume --save-every --force --quiet --json {READING}",
         "render scenes and meshes to pictures",
-        module="wrt.cli.render",
         device={"help": "device to render on: cpu, cuda, cuda:N, or several GPUs: cuda:0,1 or cuda:all (default: cpu)"},
     )
     render.epilog = EXAMPLES

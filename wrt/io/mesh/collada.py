@@ -59,6 +59,7 @@ WITHOUT_EFFECT = {
     "ambient": "light from everywhere, which paths compute",
     "animation*": "files are read at rest",
     "asset.*": "about the file",
+    "bind_vertex_input": "which set of coordinates a texture has; a mesh with several is named",
     "contributor": "about the file",
     "created": "about the file",
     "extra": "what a program keeps for itself, apart from bump maps, which are read",

@@ -19,8 +19,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.io import memory_limits
+from wrt.io.account import warn_of_unused
 from wrt.io.mesh.parts import Part, decoded, matching, points_of, split_vertices
 from wrt.io.mesh.polygons import split_strips, triangulate
 from wrt.io.mesh.sidecars import Sidecars
@@ -45,6 +46,33 @@ _TYPES = {
 
 _LENGTHS = {word for word, code in _TYPES.items() if code not in "fd"}
 
+_RGBA = ("red", "green", "blue", "alpha")
+_NORMAL = ("nx", "ny", "nz")
+_COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
+_INDICES = ("vertex_indices", "vertex_index")
+
+_SYNONYMS = (
+    ("rgb", _RGBA[:3]),
+    ("rgba", _RGBA),
+    (("diffuse_red", "diffuse_green", "diffuse_blue"), _RGBA[:3]),
+    (("normal_x", "normal_y", "normal_z"), _NORMAL),
+    (("texcoords",), ("texcoord",)),
+)
+"""Other names of the properties of an element, which count if all are there, and those by which they are read."""
+
+WITHOUT_EFFECT = {
+    "*.quality": "a measurement at a vertex or face, not a colour",
+    "*.confidence": "a measurement",
+    "*.intensity": "a measurement",
+    "*.scalar*": "a measurement, as CloudCompare names it",
+    "*.curvature": "a measurement",
+    "*.flags": "a selection in MeshLab",
+    "face.n[xyz]": "follows from the corners",
+    "camera.*": "the place of a scanner",
+    "range_grid.*": "the order in which a scanner saw the points",
+}
+"""What of a file does not change a picture: patterns of "element.property", and the reason."""
+
 _Properties: TypeAlias = dict[str, tuple[str, str]]
 """For each name the type of its length, which is empty for a number, and the type of its values."""
 
@@ -62,7 +90,9 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         InputError: on what trimesh cannot read and on data that end too soon.
     """
     data = as_utf8(data)
-    header = data[: data.find(b"end_header")]
+    end = max(data.find(b"end_header"), 0)
+    header, declared = _renamed(data[:end])
+    data = header + data[end:]
     if b"<this>" in header:  # MeshLab's placeholder for the name of the file itself
         header = header.replace(b"<this>", path.stem.encode("utf-8", "surrogateescape"))
     # Coordinates at corners split vertices; for coordinates at vertices that is not needed, and trimesh would drop the
@@ -90,12 +120,67 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
     if part is None:
         vertices = fields.get("vertices", ())
         colors = matching(fields.get("vertex_colors"), len(vertices))
-        return [points_of(path.stem, vertices, None if colors is None else decoded(colors))] if len(vertices) else []
+        if not len(vertices):
+            return []
+        part = points_of(path.stem, vertices, None if colors is None else decoded(colors))
     if part.uvs is not None and (names := _TEXTURE_FILE.findall(header)):
         name = names[-1].strip().decode("utf-8", "surrogateescape")
         pixels = TextureImages(path).pixels(0, "color", f"texture {name}", lambda: Sidecars(path).find(name))
         part.reflectance = None if pixels is None else ImageTexture(pixels, name)
+        if names[1:]:
+            warn(f"{path}: of its {len(names)} textures only the last is used")
+    warn_of_unused(path, _unused(declared, part, by_corner=by_corner), WITHOUT_EFFECT)
     return [part]
+
+
+def _renamed(header: bytes) -> tuple[bytes, list[tuple[str, str]]]:
+    """Return a header in which properties have the names by which they are read, and their elements and names."""
+    lines = header.splitlines(keepends=True)
+    words = [line.decode("latin-1").split() for line in lines]
+    names: dict[str, list[str]] = {}
+    places: list[tuple[int, str, str]] = []
+    element = ""
+    for number, row in enumerate(words):
+        if row[:1] == ["element"] and len(row) > 1:
+            element = row[1]
+        elif row[:1] == ["property"] and len(row) > 2:
+            names.setdefault(element, []).append(row[-1])
+            places.append((number, element, row[-1]))
+    found: dict[tuple[str, str], str] = {}
+    for element in names.keys() & {"vertex", "face"}:
+        for others, plain in _SYNONYMS:
+            if set(others) <= set(names[element]) and not set(plain) & set(names[element]):
+                found |= {(element, other): name for other, name in zip(others, plain, strict=True)}
+    for number, element, name in places:
+        if (element, name) in found:
+            line = lines[number].rstrip()
+            lines[number] = line[: -len(name)] + found[element, name].encode() + lines[number][len(line) :]
+    return b"".join(lines), [(element, found.get((element, name), name)) for _, element, name in places]
+
+
+def _unused(declared: list[tuple[str, str]], part: Part, *, by_corner: bool) -> list[str]:
+    """Return "element.property" of what a file declares and a part does not have.
+
+    Colours that something else replaces (see `wrt.io.load_mesh.load_file`) count as used. Properties that are numbered
+    count as one.
+    """
+    has_faces = part.faces.shape[1] == 3
+    is_colored = part.colors is not None or part.reflectance is not None
+    used = {("vertex", name) for name in "xyz"}
+    if part.normals is not None or not has_faces:  # spheres have normals of their own
+        used |= {("vertex", name) for name in _NORMAL}
+    if is_colored:
+        used |= {("vertex", name) for name in _RGBA}
+    if is_colored or part.face_colors is not None:
+        used |= {("face", name) for name in _RGBA}
+    if has_faces:
+        lists = [name for element, name in declared if element == "face"]
+        used |= {("face", name) for name in (_INDICES if len(lists) > 1 else lists)}
+        used |= {pair for pair in declared if pair[0] == "tristrips"}
+    if part.uvs is not None:
+        at_vertices = next(({*pair} for pair in _COORDINATES if {*pair} <= {name for _, name in declared}), set())
+        used |= {("face", "texcoord")} if by_corner else {("vertex", name) for name in at_vertices}
+    return [f"{element}.{re.sub(r'_?[0-9]+$', '', name)}" for element, name in declared if (element, name) not in used]
 
 
 def _check_text_is_complete(path: Path, elements: dict[str, Any]) -> None:
@@ -140,7 +225,7 @@ def _fields_with_triangles(path: Path, data: bytes) -> Fields:
         if {"vertex", "face"} <= set(columns):
             break
     vertex, face = columns["vertex"], columns["face"]
-    corners, counts = next((face[key] for key in ("vertex_indices", "vertex_index") if key in face), (None, None))
+    corners, counts = next((face[key] for key in _INDICES if key in face), (None, None))
     if corners is None or counts is None:
         raise ValueError("its faces name no vertices")
     memory_limits.take(memory_limits.MESHES, 32 * len(corners))
@@ -150,19 +235,17 @@ def _fields_with_triangles(path: Path, data: bytes) -> Fields:
         raise ValueError("its vertices have no x, y and z")
     triangles, owner = triangulate(path, vertices, corners, counts)
     faces = corners[triangles]
-    fields: Fields = {"vertices": vertices, "faces": faces, "vertex_normals": _stacked(vertex, ("nx", "ny", "nz"))}
+    fields: Fields = {"vertices": vertices, "faces": faces, "vertex_normals": _stacked(vertex, _NORMAL)}
     for name, colored in (("vertex", vertex), ("face", face)):
-        rgba = ("red", "green", "blue", "alpha")
-        fields[f"{name}_colors"] = _stacked(colored, rgba if "alpha" in colored else rgba[:3])
+        fields[f"{name}_colors"] = _stacked(colored, _RGBA if "alpha" in colored else _RGBA[:3])
     if fields["face_colors"] is not None:
         fields["face_colors"] = fields["face_colors"][owner]
-    for key in ("texcoord", "texcoords"):
-        if key in face and (face[key][1] == 2 * counts).all():
-            uvs = face[key][0].reshape(-1, 2)[triangles].reshape(-1, 2)
-            vertices, faces, uvs = split_vertices(vertices, faces, uvs)
-            fields |= {"vertices": vertices, "faces": faces, "visual": SimpleNamespace(uv=uvs)}
-            return fields | dict.fromkeys(("vertex_normals", "vertex_colors"))  # trimesh drops them, too
-    for names in (("texture_u", "texture_v"), ("u", "v"), ("s", "t")):
+    if "texcoord" in face and (face["texcoord"][1] == 2 * counts).all():
+        uvs = face["texcoord"][0].reshape(-1, 2)[triangles].reshape(-1, 2)
+        vertices, faces, uvs = split_vertices(vertices, faces, uvs)
+        fields |= {"vertices": vertices, "faces": faces, "visual": SimpleNamespace(uv=uvs)}
+        return fields | dict.fromkeys(("vertex_normals", "vertex_colors"))  # trimesh drops them, too
+    for names in _COORDINATES:
         if (coordinates := _stacked(vertex, names)) is not None:
             return {**fields, "visual": SimpleNamespace(uv=coordinates)}
     return fields

@@ -65,7 +65,7 @@ class Analytic(Mesh, ABC):
 
     @property
     def inside_out(self) -> NDArray[np.bool_]:
-        """(N,) whether the front of a shape is its inside, or its other side."""
+        """(N,) whether each shape is turned: its front faces inwards or, for a disk, against its axis."""
         return np.asarray(self.vertices[1::3, 0] < self.vertices[0::3, 0])
 
     @property
@@ -114,7 +114,7 @@ class Analytic(Mesh, ABC):
         """Return triangles with exact normals in place of the shapes, facing to the same sides.
 
         Args:
-            segments: the number of vertices around.
+            segments: vertices around each circle.
 
         Raises:
             InputError: if there would be too many.

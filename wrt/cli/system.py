@@ -9,8 +9,8 @@ from wrt.backend import current_backend
 from wrt.backend.cuda.gpus import dotted
 from wrt.backend.memory import memory_left
 from wrt.backend.processor import NEEDED, SWITCH, lanes_here, lanes_of, processor_flags
-from wrt.backend.slices import available_threads
 from wrt.compiling import later
+from wrt.slices import available_threads
 
 
 def system_text() -> str:

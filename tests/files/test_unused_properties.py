@@ -1,0 +1,117 @@
+"""Every property of a PLY or OFF file that is found in the wild is used, without effect for a reason, or warned of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.mesh_files import INDICES, ORDERS, XYZ, off_binary, ply
+from support.meshes import write
+
+from wrt.errors import InputWarning
+from wrt.io.load_mesh import load_shapes
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE
+from wrt.scene.srgb import linear_from_srgb
+
+POINTS = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)]
+FACES = [(0, 1, 2), (1, 3, 2)]
+CODE = 200, 100, 50
+COLOR = linear_from_srgb(np.array(CODE) / 255.0)
+
+NAMES = {  # properties of one element, their values, and what a mesh has of them
+    "vertex red green blue": (CODE, "colors"),
+    "vertex red green blue alpha": ((*CODE, 255), "colors"),
+    "vertex r g b": (CODE, "colors"),
+    "vertex r g b a": ((*CODE, 255), "colors"),
+    "vertex diffuse_red diffuse_green diffuse_blue": (CODE, "colors"),
+    "face red green blue": (CODE, "colors"),
+    "face r g b": (CODE, "colors"),
+    "face diffuse_red diffuse_green diffuse_blue": (CODE, "colors"),
+    "vertex nx ny nz": ((0, 1, 0), "normals"),
+    "vertex normal_x normal_y normal_z": ((0, 1, 0), "normals"),
+    "vertex s t": ((0, 1), "uvs"),
+    "vertex u v": ((0, 1), "uvs"),
+    "vertex texture_u texture_v": ((0, 1), "uvs"),
+    **{f"vertex {name}": ((1,), "") for name in ("quality", "confidence", "intensity", "scalar_Height", "curvature")},
+    **{f"{element} flags": ((1,), "") for element in ("vertex", "face")},
+    "face quality": ((1,), ""),
+    "face nx ny nz": ((0, 0, 1), ""),
+    "camera view_px view_py": ((0, 1), ""),
+    "vertex radius": ((1,), "vertex.radius"),
+    "vertex r": ((1,), "vertex.r"),
+    "vertex f_rest_0 f_rest_1": ((0, 1), r"vertex.f_rest .*\(2 times\)"),
+    "vertex material_index": ((1,), "vertex.material_index"),
+    "face material_index": ((1,), "face.material_index"),
+    "face texnumber": ((0,), "face.texnumber"),
+    "edge vertex1 vertex2": ((0, 1), r"edge.vertex .*\(2 times\)"),
+    "material ambient_red": ((0,), "material.ambient_red"),
+}
+
+
+@pytest.mark.parametrize("names", NAMES)
+def test_properties_of_ply_are_used_or_accounted_for(names, tmp_path):
+    values, expected = NAMES[names]
+    element, *properties = names.split()
+    kinds, extra = [f"uchar {name}" for name in properties], tuple(values)
+    vertices, faces = ("vertex", [*XYZ], [*POINTS]), ("face", [INDICES], [(face,) for face in FACES])
+    for order in ORDERS:
+        elements = [
+            (name, [*own, *kinds], [(*row, *extra) for row in rows]) if name == element else (name, own, rows)
+            for name, own, rows in (vertices, faces)
+        ]
+        if element not in ("vertex", "face"):
+            elements.append((element, kinds, [extra]))
+        path = write(tmp_path, "a.ply", ply(order, *elements))
+        if expected in ("", "colors", "normals", "uvs"):
+            (shape,) = load_shapes(path)
+        else:
+            with pytest.warns(InputWarning, match=f"a.ply: {expected}.* is unknown to wrt and left out|{expected}"):
+                (shape,) = load_shapes(path)
+        mesh = shape.mesh
+        if expected == "colors":
+            np.testing.assert_allclose(mesh.colors, np.broadcast_to(COLOR, mesh.vertices.shape), rtol=1e-5)
+        elif expected == "normals":
+            np.testing.assert_allclose(mesh.normals, [(0, 1, 0)] * 4)
+        elif expected == "uvs":
+            np.testing.assert_allclose(mesh.uvs, [(0, 1)] * 4)
+        else:
+            assert mesh.colors is None
+            assert mesh.uvs is None
+
+
+OFF_LINES = "\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
+RED, GREEN, CLAY = (1, 0, 0), (0, 1, 0), DEFAULT_REFLECTANCE
+
+
+@pytest.mark.parametrize(
+    ("faces", "expected"),
+    [
+        ("3 0 1 2 255 0 0\n3 1 3 2 0 255 0\n", (RED, GREEN)),
+        ("3 0 1 2 1.0 0 0\n3 1 3 2\n", (RED, CLAY)),
+        ("3 0 1 2 255 0 0 255\n3 1 3 2 0 255 0\n", (RED, GREEN)),
+        ("3 0 1 2 0 1 0 0.5\n3 1 3 2 1 0 0 1\n", ((*GREEN, 0.5), (*RED, 1))),
+        ("4 0 1 3 2 0 255 0\n3 1 3 2 255 0 0\n", (GREEN, GREEN, RED)),
+    ],
+)
+def test_faces_of_off_have_their_colors(faces, expected, tmp_path):
+    (shape,) = load_shapes(write(tmp_path, "a.off", f"OFF\n4 2 0\n{OFF_LINES}\n{faces}"))
+    np.testing.assert_allclose(shape.mesh.colors[shape.mesh.faces[:, 0]], expected, atol=1e-6)
+    (shape,) = load_shapes(write(tmp_path, "b.off", off_binary(">", POINTS, FACES, colors=3)))
+    np.testing.assert_allclose(shape.mesh.colors, linear_from_srgb(np.full((6, 3), 0.5)), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (f"OFF\n4 2 0\n{OFF_LINES}\n3 0 1 2 7\n3 1 3 2 9\n", r"the number of a face's colour in a map .*\(2 times\)"),
+        (f"OFF\n4 1 0\n{OFF_LINES}\n3 0 1 2 1 0\n", "a face's colour that is not three or four numbers"),
+        (f"OFF\n4 1 0\n{OFF_LINES}\n3 0 1 2\nhello world\n", "a line behind the faces"),
+        ("OFF\n3 1 0\n0 0 0 9\n1 0 0 9\n0 1 0 9\n3 0 1 2\n", r"a number of a vertex beyond those .*\(3 times\)"),
+        ("OFF\n3 1 0\n0 0 0 9\n1 0 0\n0 1 0\n3 0 1 2\n", "a number of a vertex that not all have"),
+        ("COFF\n3 1 0\n0 0 0 9\n1 0 0 9\n0 1 0 9\n3 0 1 2\n", "vertex colours of the OFF file are left out"),
+        ("NOFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "fewer numbers than its header says"),
+        ("STOFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "fewer numbers than its header says"),
+    ],
+)
+def test_numbers_of_off_that_are_not_used_are_warned_of(text, message, tmp_path):
+    with pytest.warns(InputWarning, match=message):
+        load_shapes(write(tmp_path, "a.off", text))
