@@ -42,7 +42,7 @@ class GltfImages:
             return None
         sampler = self._sampler(info)
         options["filter"] = "trilinear" if sampler.get("minFilter") in _MIPMAPS else "bilinear"
-        if sampler.get("magFilter") == NEAREST:
+        if self.is_nearest(info):
             options["filter"] = "nearest"
         placement = placement_of(info) if placed else {}
         return ImageTexture(pixels, self.label(info), wrap=self.wrap(info), **placement, **options)
@@ -55,6 +55,10 @@ class GltfImages:
         """Return the wrap modes along u and v."""
         sampler = self._sampler(info)
         return WRAPS.get(sampler.get("wrapS", 0), "repeat"), WRAPS.get(sampler.get("wrapT", 0), "repeat")
+
+    def is_nearest(self, info: Tree) -> bool:
+        """Return whether a texture is the nearest texel, not smoothed."""
+        return bool(self._sampler(info).get("magFilter") == NEAREST)
 
     def pixels(self, info: Tree | None, kind: str) -> NDArray[np.float32] | None:
         """Return (H, W, 3) the pixels of an image, or None if there is none; for `kind` see TextureImages."""

@@ -196,6 +196,10 @@ class _Reader:
             warn(f"{self._path}: the transform of the normal texture of {self._name} is left out: {reason}")
         if pixels is None:
             return None
+        if self._images.is_nearest(info):
+            warn(
+                f"{self._path}: the normal texture of {self._name} is smoothed, although its sampler takes the nearest"
+            )
         label, wrap = self._images.label(info), self._images.wrap(info)
         return NormalMap(pixels, scale=info.get("scale", 1.0), name=label, wrap=wrap)
 

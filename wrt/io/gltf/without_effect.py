@@ -58,7 +58,7 @@ _REASONS: dict[str, tuple[str, ...]] = {
         *("textures.sampler", "textures.extensions.KHR_texture_basisu", "textures.extensions.MSFT_texture_dds"),
         *("textures.extensions.EXT_texture_astc",),
     ),
-    "it is for coarser pixels: a path tracer takes many samples in each": ("samplers.minFilter", "samplers.magFilter"),
+    "it is for coarser pixels: a path tracer takes many samples in each": ("samplers.minFilter",),
     "it matters only if another factor or mode does; textures are also left out with a warning": (
         *("materials.alphaCutoff", "materials.emissiveFactor", "materials.emissiveTexture", "materials.normalTexture"),
         *("materials.*Texture.index", "materials.*Texture.scale"),
