@@ -70,7 +70,7 @@ KEYS = {
     "textures.extensions.EXT_texture_webp": "source",
     "textures.extensions.KHR_texture_basisu": "source",
 }
-"""The keys of each object, "-" before those without effect, "!" before those that are warned of. `name`, `extras` and
+"""The keys of each object, "-" before a key without effect, "!" before one with a warning. `name`, `extras` and
 what begins with KHR_materials_ or ends with Texture are below; Draco, which needs a library, is in another test."""
 
 MATERIALS = {
@@ -111,7 +111,7 @@ EXPECTED["materials.extensions.KHR_materials_clearcoat.clearcoatNormalTexture.in
 
 
 def material(*names: str, **fields: object) -> dict[str, Any]:
-    """Return a material with extensions of which every key has an effect."""
+    """Return a material with extensions, whose keys all have an effect."""
 
     def value(key: str) -> object:
         if key.endswith("Texture"):
@@ -174,8 +174,8 @@ def complete_file() -> dict[str, Any]:
     primitives = [{**lit, "material": k} for k in range(3)]
     skinned = {**primitives[0], "attributes": attributes | joints, "extensions": variants}
     tree["meshes"] = [{"primitives": [skinned, splats]}, {"primitives": primitives, "weights": [0.5]}]
-    others = [name for name in MATERIALS if name not in ("unlit", "pbrSpecularGlossiness")]
-    tree["materials"] = [material(*others), material("pbrSpecularGlossiness"), material("unlit")]
+    lit_names = [name for name in MATERIALS if name not in ("unlit", "pbrSpecularGlossiness")]
+    tree["materials"] = [material(*lit_names), material("pbrSpecularGlossiness"), material("unlit")]
     tree["materials"][0]["extensions"]["KHR_materials_diffuse_transmission"] = {"diffuseTransmissionFactor": 0.5}
     # Keys that only count without the extension, and so are not in the other two.
     for key in ("metallicRoughnessTexture", "metallicFactor", "roughnessFactor"):

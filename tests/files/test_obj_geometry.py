@@ -11,6 +11,7 @@ from support.meshes import SQUARE, write
 
 from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_mesh
+from wrt.io.mesh.obj import read_obj
 from wrt.io.mesh.obj_text import ObjText
 
 
@@ -88,3 +89,10 @@ def test_obj_colors_of_some_vertices_are_named(tmp_path):
     assert load_mesh(write(tmp_path, "mesh.obj", text + "f 1 2 3\n")).colors is not None
     with pytest.warns(InputWarning, match="vertex colours are left out, as some vertices have none"):
         assert load_mesh(write(tmp_path, "mesh.obj", text + "v 0 1 0\nf 1 2 3\n")).colors is None
+
+
+def test_obj_faces_with_fewer_than_three_corners_are_counted(tmp_path: Path):
+    for more, width in (("f 1 2 3\n", 3), ("", 1)):  # a triangle, or points
+        path = write(tmp_path, "mesh.obj", SQUARE + "f 1 2\nf 3\nf\n" + more)
+        with pytest.warns(InputWarning, match=r"3 face\(s\) with fewer than 3 corners left out"):
+            assert [part.faces.shape[1] for part in read_obj(path, path.read_bytes())] == [width]

@@ -57,7 +57,7 @@ def test_a_part_of_magics_may_be_translucent(tmp_path):
 
 def test_what_is_no_color_is_warned_of_once(tmp_path):
     with pytest.warns(InputWarning, match="an attribute word that is not a colour is unknown .* left out .2 times"):
-        (shape,) = load_shapes(stl(tmp_path / "a.stl", [7, 0, 3]))
+        (shape,) = load_shapes(stl(tmp_path / "a.stl", [7, 0, 0x2020, 3]))
     assert shape.mesh.colors is None
     facet = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\ncolor 1 0 0\nendfacet\n"
     text = f"solid by hand\n{facet}endsolid\n"

@@ -141,6 +141,6 @@ def test_images_that_cannot_be_shown_as_they_are_are_warned_of():
 def test_warnings_name_the_line_outside_of_wrt():
     dust = trimesh.Scene([trimesh.creation.box(), trimesh.PointCloud(CORNERS)])
     for warned in (lambda: wrt.Renderer(wrt.Scene([wrt.Shape(MESH)]), width=4, height=4), lambda: wrt.load(dust)):
-        with pytest.warns(UserWarning, match="the scene has no light|is left out") as caught:
+        with pytest.warns(UserWarning, match="the scene has no light|are drawn as spheres") as caught:
             warned()
         assert [warning.filename for warning in caught] == [__file__]

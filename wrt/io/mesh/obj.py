@@ -61,7 +61,7 @@ def _parts(path: Path, text: ObjText) -> Iterator[tuple[int, Part]]:
     """Yield the number of a material and its triangles, in the order of the file."""
     if short := np.count_nonzero(text.counts < 3) + text.others.pop("f", 0):
         warn(f"{path}: {short} face(s) with fewer than 3 corners left out")
-    if not len(text.counts):
+    if not (text.counts >= 3).any():
         return
     # A face has texture coordinates or normals if all of its corners have.
     starts, groups = np.cumsum(text.counts) - text.counts, text.face_materials * 4
@@ -137,6 +137,7 @@ def _materials(path: Path, text: ObjText, sidecars: Sidecars) -> dict[str, State
     own_name = f"{path.stem}.mtl"  # people rename a mesh file and forget the name in it
     names: list[str] = []
     for line in dict.fromkeys(text.libraries):
+        line = line.replace("\\ ", " ")
         has_spaces = in_any_case(path.parent, line.replace("\\", "/").split("/"))
         names += [line] if has_spaces else _BETWEEN_FILES.split(line)
     used = [name for name in text.materials if name]

@@ -28,6 +28,8 @@ Of a material the diffuse colour is read. Those of ambient light and of highligh
 light, and without an exponent a highlight has no size.
 """
 
+_SPACES = 0x2020  # the attribute word of old versions of Blender, which have no colours
+
 _UNKNOWN = re.compile(rb"^[ \t]*(?!(?:end)?(?:solid|facet|loop)|outer|vertex)([a-z_]\w*)", re.IGNORECASE | re.MULTILINE)
 """The first word of a line of a text file that is not of the format."""
 
@@ -85,7 +87,8 @@ def colors_of(source: object, words: NDArray[np.uint16], header: bytes) -> Float
     of_part = _OF_PART.search(header)
     if of_part is None:
         if not flagged.any():
-            warn_of_unused(source, ["an attribute word that is not a colour"] * np.count_nonzero(words), {})
+            unknown = (words != 0) & (words != _SPACES)
+            warn_of_unused(source, ["an attribute word that is not a colour"] * np.count_nonzero(unknown), {})
             return None
         colors = decoded(channels)
         colors[~flagged] = DEFAULT_REFLECTANCE

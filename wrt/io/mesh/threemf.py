@@ -166,11 +166,11 @@ class _Model:
         for key in values:
             self.unused[f"{kind}.{key}"] += 1
 
-    def _word(self, known: dict[str, str], word: str) -> str:
+    def _word(self, supported: dict[str, str], word: str) -> str:
         """Return what wrt calls a word of an image; of an unknown one what it calls the first."""
-        if word not in known:
+        if word not in supported:
             self.unused[f"the word {word!r} of a texture2d"] += 1
-        return known.get(word, next(iter(known.values())))
+        return supported.get(word, next(iter(supported.values())))
 
     def _property(self, values: dict[str, str]) -> _Property | None:
         """Return the property of a triangle, or that of its object."""

@@ -37,7 +37,7 @@ _WRAPS = {"repeat": "repeat", "mirror": "mirror", "clamp": "clamp", "black": "cl
 _BLACK = ("black", "useMetadata")
 
 _SPACES = {"raw": "data", "sRGB": "color", "auto": ""}
-"""What to read of an image; if that is to be found out, it is what the input is for, as most programs do."""
+"""The kind of pixels of each color space. For "auto" the input decides: colors are sRGB, numbers are data."""
 
 _LEAST_FOR_COPY = 16
 """Texels from which on the border begins one texel beyond the image, so that its edge is not blended with black."""
@@ -57,7 +57,7 @@ _Move = tuple[tuple[float, ...], float, tuple[float, ...]]
 _NOT_MOVED: _Move = ((1.0, 1.0), 0.0, (0.0, 0.0))
 
 Coordinates = tuple[str, _Move]
-"""The name of a primvar of texture coordinates, "" if none is named, and the scale, rotation and offset applied."""
+"""A primvar of texture coordinates ("" for the mesh's first), and the scale, rotation and offset applied to it."""
 
 _Node = dict[str, Any]
 """A shader: its `id`, the values of its `inputs`, and the node and output that each of its `sources` is."""
@@ -88,7 +88,8 @@ class UsdMaterials:
     def uv_sets(self, name: str | None) -> list[Coordinates]:
         """Return the texture coordinates that the material of a path needs.
 
-        Those of a normal map, first, and those that are turned are moved already; others are moved by the texture.
+        The transform of a normal map, which comes first, and any rotation apply to the mesh's coordinates; other
+        transforms belong to the texture.
         """
         shader = self._nodes.get(self._materials[name]) if name is not None else None
         if shader is None:
@@ -219,7 +220,7 @@ class UsdMaterials:
             bordered = np.pad(np.pad(pixels, ((v, v), (u, u), (0, 0)), "edge"), ((t, t), (s, s), (0, 0)))
             self._bordered[key] = pixels, sealed(bordered)  # with the image, so that its number stays its own
         bordered = self._bordered[key][1]
-        shares = [size / whole for size, whole in zip(sizes, (bordered.shape[1], bordered.shape[0]), strict=True)]
+        shares = [size / new_size for size, new_size in zip(sizes, (bordered.shape[1], bordered.shape[0]), strict=True)]
         scale = tuple(a * share for a, share in zip(move[0], shares, strict=True))
         offset = tuple(a * share + 0.5 * (1.0 - share) for a, share in zip(move[2], shares, strict=True))
         return bordered, (scale, move[1], offset)
@@ -315,10 +316,10 @@ class _Inputs:
             uv_set=self._uv_sets.index(coordinates),
         )
 
-    def _word(self, image: _Node, key: str, default: str, known: Container[str]) -> str:
-        """Return the word of an input if it is known, or else its default with a warning."""
+    def _word(self, image: _Node, key: str, default: str, supported: Container[str]) -> str:
+        """Return the word of an input if it is supported, or else its default with a warning."""
         word = str(image["inputs"].get(key) or default)
-        if word not in known:
+        if word not in supported:
             self._owner.unsupported.add(f"the {key} {word!r} of a UsdUVTexture")
             return default
         return word
