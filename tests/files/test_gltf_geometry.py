@@ -101,7 +101,7 @@ def test_primitives_that_are_no_triangles_are_told(tmp_path):
     tree["meshes"][0]["primitives"] = [without, line, {"attributes": {"POSITION": 0}, "mode": 6}]  # at last a fan
     with (
         pytest.warns(InputWarning, match=r"a\.gltf: primitives without positions .* \(1\)"),
-        pytest.warns(InputWarning, match="lines are left out: only triangles are rendered"),
+        pytest.warns(InputWarning, match="lines are left out: only triangles and points are rendered"),
     ):
         np.testing.assert_allclose(corners(tmp_path, tree), POINTS[FACES])
 

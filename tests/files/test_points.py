@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from support.mesh_files import ORDERS, XYZ, ply
+from support.mesh_files import ORDERS, XYZ, add, ply, saved
 from support.meshes import write
 
 import wrt
@@ -44,6 +44,23 @@ def test_points_of_every_format_are_spheres_in_their_colors(tmp_path):
         with pytest.warns(UserWarning, match=f"{DRAWN} 0.1$"):  # nothing is lost: no error with strict
             radii = wrt.load(source, strict=True, up="y", point_radius=0.1).shapes[0].mesh.radii
         np.testing.assert_allclose(radii, 0.1, rtol=1e-4)
+
+
+def test_points_of_gltf_lie_where_their_node_is(tmp_path):
+    tree = {"asset": {"version": "2.0"}, "buffers": [], "bufferViews": [], "accessors": []}
+    attributes = {"POSITION": add(tree, GRID), "NORMAL": add(tree, GRID), "COLOR_0": add(tree, CODES / 255.0)}
+    tree |= {
+        "meshes": [{"primitives": [{"attributes": attributes, "mode": 0}]}],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+    }
+    tree["nodes"] = [{"mesh": 0, "translation": [1, 2, 3], "scale": [2, 2, 2]}]
+    with pytest.warns(UserWarning, match=DRAWN):
+        scene = wrt.load(saved(tmp_path, tree), strict=True)
+    cloud = scene.shapes[0]
+    np.testing.assert_allclose(cloud.mesh_at(0.0).centers, 2.0 * GRID + [1.0, 2.0, 3.0], rtol=1e-5)
+    np.testing.assert_allclose(cloud.mesh_at(0.0).radii, 0.75, rtol=1e-4)
+    np.testing.assert_allclose(cloud.mesh.colors[::3], CODES / 255.0, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

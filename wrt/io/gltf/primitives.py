@@ -21,7 +21,7 @@ from wrt.linalg import product
 
 Array = NDArray[np.float64]
 
-TRIANGLES, STRIP, FAN = 4, 5, 6
+POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 """Modes of primitives."""
 
 _DRACO = "KHR_draco_mesh_compression"
@@ -82,7 +82,10 @@ class Primitive:
         tangents = None if normals is None else self._matching("TANGENT", count)  # section 3.7.2.1
         if deformation is not None:
             positions, normals, tangents = self._deformed(deformation, positions, normals, tangents)
-        part = Part(name, positions, self._faces(count), normals, tangents=tangents, smoothing=0)
+        faces = self._faces(count)
+        if faces.shape[1] == 1:  # points: spheres have normals of their own, and no place for a texture
+            uv_sets, normals, tangents = [], None, None
+        part = Part(name, positions, faces, normals, tangents=tangents, smoothing=0)
         uvs = [self._matching(f"TEXCOORD_{number}", count) for number in uv_sets]
         first, second = (None if rows is None else rows.astype(np.float32) for rows in (*uvs, None, None)[:2])
         if first is not None:
@@ -108,15 +111,15 @@ class Primitive:
         return None
 
     def _faces(self, count: int) -> NDArray[Any]:
-        """Return (T, 3) the triangles of a list, a strip or a fan of `count` vertices (section 3.7.2.1)."""
+        """Return (T, 3) the triangles of `count` vertices, or (T, 1) the points (section 3.7.2.1)."""
         if self._unpacked_faces is not None:
             return self._unpacked_faces
         indices = self._described.get("indices")
         corners = np.arange(count) if indices is None else self._buffers.numbers(indices).reshape(-1)
         corners = corners if corners.dtype.kind in "iu" else corners.astype(np.int64)
         mode = self._described.get("mode", TRIANGLES)
-        if mode == TRIANGLES:
-            return corners.reshape(-1, 3)
+        if mode in (POINTS, TRIANGLES):
+            return corners.reshape(-1, 1 if mode == POINTS else 3)
         first = corners[:-2] if mode == STRIP else np.broadcast_to(corners[:1], len(corners[2:]))
         triangles = np.stack([first, corners[1:-1], corners[2:]], axis=1)
         if mode == STRIP:

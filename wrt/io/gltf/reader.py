@@ -21,7 +21,7 @@ from wrt.io.gltf.animation import ends_of, pose
 from wrt.io.gltf.buffers import MESHOPT, Buffers, Tree
 from wrt.io.gltf.images import GltfImages
 from wrt.io.gltf.materials import EXTENSIONS, GltfMaterials
-from wrt.io.gltf.primitives import FAN, STRIP, TRIANGLES, Deformation, Primitive, joint_matrices
+from wrt.io.gltf.primitives import FAN, POINTS, STRIP, TRIANGLES, Deformation, Primitive, joint_matrices
 from wrt.io.gltf.scene import Matrix, cameras_of, lights_of, local_matrix, nodes_of, visible_nodes_of
 from wrt.io.gltf.without_effect import WITHOUT_EFFECT
 from wrt.io.mesh.parts import NO_ANIMATION, Contents, Part, as_specified, placed
@@ -42,7 +42,7 @@ _KNOWN_EXTENSIONS = {
 """Extensions that a file may require: supported, without effect on what is read, or left out with a warning."""
 
 _VERSION = re.compile(r"([0-9]+)\.([0-9]+)")
-_OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
+_OTHER_MODES = {1: "lines", 2: "lines", 3: "lines"}
 
 
 def read_gltf(path: Path, data: bytes, seconds: float | None = None) -> Contents:
@@ -174,7 +174,7 @@ def _triangle_primitives(path: Path, meshes: list[Tree], shown: set[int]) -> dic
             mode = primitive.get("mode", TRIANGLES)
             if "POSITION" not in primitive["attributes"]:  # which need not be rendered (section 3.7.2.1)
                 without_positions += 1
-            elif mode not in (TRIANGLES, STRIP, FAN):
+            elif mode not in (POINTS, TRIANGLES, STRIP, FAN):
                 left_out.add(_OTHER_MODES.get(mode, "primitives of unknown modes"))
             else:
                 found[number].append((f"{name}_{names[name]}" if names[name] else name, primitive))
@@ -182,7 +182,7 @@ def _triangle_primitives(path: Path, meshes: list[Tree], shown: set[int]) -> dic
     if without_positions:
         warn(f"{path}: primitives without positions are left out ({without_positions})")
     if left_out:
-        warn(f"{path}: {' and '.join(sorted(left_out))} are left out: only triangles are rendered")
+        warn(f"{path}: {' and '.join(sorted(left_out))} are left out: only triangles and points are rendered")
     return found
 
 
