@@ -1,9 +1,10 @@
-"""Single-sided and unlit surfaces: which rays meet them, and which see them shine.
+"""Single-sided and unlit surfaces: which rays hit them, and which rays see their emission.
 
-Who looks at the back of a single-sided surface sees what is behind it (back-face culling; glTF 2.0, section 3.9.6). A
-ray looks while nothing but smooth mirrors and glass has turned it; later it stands for light. Walls stop light from
-both sides. Unlit surfaces shine for rays that look alone, and those with one side stop light that comes to their front
-alone: objects cast shadows, and a shell that is turned inside out, by which files draw outlines, lets light in.
+The camera sees through the back of a single-sided surface (back-face culling; glTF 2.0, section 3.9.6), also in smooth
+mirrors and through clear glass. In this module a ray "looks" until a rough surface has scattered it; from then on it
+carries light. Single-sided surfaces block light from both sides, so that rooms stay dark. Unlit surfaces emit only
+towards rays that look. A single-sided unlit surface blocks only light that arrives at its front: objects cast shadows,
+but an outline, which is a shell turned inside out, does not darken the object inside it.
 """
 
 import warp as wp

@@ -17,7 +17,7 @@ FACES = [(0, 1, 2), (1, 3, 2)]
 CODE = 200, 100, 50
 COLOR = linear_from_srgb(np.array(CODE) / 255.0)
 
-NAMES = {  # properties of one element, their values, and what a mesh has of them
+NAMES = {  # properties of one element, their values, and the attribute of the mesh
     "vertex red green blue": (CODE, "colors"),
     "vertex red green blue alpha": ((*CODE, 255), "colors"),
     "vertex r g b": (CODE, "colors"),

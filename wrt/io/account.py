@@ -62,9 +62,9 @@ class TrackedObject(dict[str, Any]):
 
 
 def unused_keys(value: Any, place: str = "", containers: Container[str] = ()) -> Iterator[str]:
-    """Yield the path of each key below a JSON value that nobody asked for, such as "materials.alphaMode".
+    """Yield the path of each key below a JSON value that the reader did not ask for, such as "materials.alphaMode".
 
-    Numbers of arrays are left out of paths. What stands below a key that nobody asked for is not yielded, and neither
+    Numbers of arrays are left out of paths. Keys below an unused key are not yielded, and neither
     are objects in arrays that nobody has looked into: they are not reached.
 
     Args:

@@ -75,7 +75,7 @@ def _require_memory(prepared: PreparedScene, device: Device, texture_coordinates
 
 
 class SceneUpload:
-    """A scene on its way to a device: its materials, lights and bodies are there, its meshes are not yet.
+    """A scene whose materials, lights and bodies are uploaded, and whose meshes are not yet.
 
     Attributes:
         features: the features of the scene, which choose its kernel. That can be compiled while `finish` runs.

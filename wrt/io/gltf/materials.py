@@ -244,7 +244,7 @@ class _Reader:
         """Return what extensions add to the metallic-roughness material."""
         values: dict[str, Any] = {}
         ior = self._extension("ior").get("ior", 1.5)
-        is_full = ior == 0.0  # reflects all light at normal incidence, but for its tint
+        is_full = ior == 0.0  # reflects all light at normal incidence, apart from its tint
         values["ior"] = 1.5 if is_full else ior
         for extension, rows in TEXTURED.items():
             found = self._extension(extension)

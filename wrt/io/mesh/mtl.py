@@ -69,7 +69,7 @@ _BLACK, _WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 
 def plain_name(words: Sequence[str]) -> str:
-    """Return the name of a material, of which some programs write quotes."""
+    """Return the name of a material without the quotes that some programs write."""
     return " ".join(words).strip('"')
 
 
@@ -154,7 +154,7 @@ class _Reader:
         return list(dict.fromkeys(self._map_words(key)[1] for key in keys))
 
     def unused(self) -> list[str]:
-        """Return the kinds of statements and options that `material` has not used, without those that are all 0."""
+        """Return the kinds of statements and options that `material` has not used, except statements whose values are all 0."""
         found = [(key, words) for key, words in self._words.items() if key not in self._words.asked]
         for key, options in self._options.items():
             found += [(f"{key} {name}", words) for name, words in options.items() if name not in options.asked]
@@ -353,7 +353,7 @@ class _Reader:
 
 
 def _two(options: TrackedObject, name: str, default: tuple[float, float]) -> tuple[float, float]:
-    """Return the first two numbers of an option; of those that are missing or malformed the default."""
+    """Return the first two numbers of an option, with the default for missing or malformed ones."""
     words = [*options.get(name, []), "", ""]
     first, second = (float(word) if _is_number(word) else value for word, value in zip(words, default, strict=False))
     return first, second

@@ -72,7 +72,7 @@ def _face_colors(colors: NDArray[np.float64], unused: list[str]) -> FloatArray |
         return None
     rgba = colors[:, :4].copy()
     rgba[~has_color] = 0.0
-    rgba[np.isnan(rgba)] = 255.0 if (rgba > 1.0).any() else 1.0  # the alpha of those that have none
+    rgba[np.isnan(rgba)] = 255.0 if (rgba > 1.0).any() else 1.0  # opaque where the file has no alpha
     found = decoded(rgba)
     found[~has_color] = (*DEFAULT_REFLECTANCE, 1.0)[: found.shape[1]]
     return found

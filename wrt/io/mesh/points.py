@@ -18,7 +18,7 @@ _NEIGHBOR, _SHARE = 4, 0.75
 ones, spheres close the surface from a share of 0.71 on; of a surface sampled at random they cover 83 %."""
 
 _GROUP, _GROUPS = 512, 32
-"""Neighbours are searched within this many groups of at most so many points that lie together."""
+"""Most points of a group, whose points lie together, and most groups: neighbours are searched within each."""
 
 _BYTES = 160  # memory of a sphere with its colour: the corners, vectors, coordinates and colours of a triangle
 
@@ -29,7 +29,7 @@ def is_cloud(part: Part) -> bool:
 
 
 def with_radii(path: str, parts: list[Part], extent: float, radius: float | None) -> list[Part]:
-    """Return parts of which those of points have a radius, and say so.
+    """Return the parts, those of points with a radius, and print the radius in a warning.
 
     Args:
         path: the file, for messages.

@@ -63,7 +63,7 @@ def load_mitsuba(
     if camera_plugin is not None:
         warn_of_clipping(camera_plugin, scene)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # nobody has asked for the other cameras
+        warnings.simplefilter("ignore")  # the other cameras were not asked for
         for name, plugin in sensors.items():
             other = taken if plugin is camera_plugin else camera_of(plugin, settings_of(plugin, integrator))
             scene.cameras |= {} if other is None else {name: other}

@@ -194,7 +194,7 @@ class Description:
         return str(prim.attribute("purpose").Get(self._time)) in ("guide", "proxy")
 
     def _account(self, prim: _Prim) -> None:
-        """Count what a prim has that was not used, unless it is an instance of one that was counted."""
+        """Count the unused properties of a prim, unless it is an instance of a prim that was counted."""
         key = _key(prim.prim)
         if key not in self._described:
             self._described.add(key)
