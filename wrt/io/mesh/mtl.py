@@ -154,7 +154,7 @@ class _Reader:
         return list(dict.fromkeys(self._map_words(key)[1] for key in keys))
 
     def unused(self) -> list[str]:
-        """Return the kinds of statements and options that `material` has not used, except statements whose values are all 0."""
+        """Return the statements and options that `material` has not used, except those whose values are all 0."""
         found = [(key, words) for key, words in self._words.items() if key not in self._words.asked]
         for key, options in self._options.items():
             found += [(f"{key} {name}", words) for name, words in options.items() if name not in options.asked]
