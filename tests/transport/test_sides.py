@@ -69,10 +69,11 @@ def test_what_is_behind_a_back_is_seen(way: str, sheet: str) -> None:
 
 @pytest.mark.parametrize("integrator", ["whitted", "ao"])
 def test_other_integrators_see_the_same(integrator: str) -> None:
-    sheet = wrt.Shape(back(), wrt.Diffuse(0.5), double_sided=False)
+    behind = LAMP, wrt.Shape(square(-1.8, half=0.1), wrt.Diffuse(0.5))  # which darkens the lamp by occlusion
     options = {"integrator": integrator, "ao_distance": 0.5}
-    assert np.array_equal(film(LAMP, sheet, **options), film(LAMP, **options))
-    assert not np.array_equal(film(LAMP, wrt.Shape(back(), wrt.Diffuse(0.5)), **options), film(LAMP, **options))
+    single, double = (wrt.Shape(back(), wrt.Diffuse(0.5), double_sided=both) for both in (False, True))
+    assert np.array_equal(film(*behind, single, **options), film(*behind, **options))
+    assert not np.array_equal(film(*behind, double, **options), film(*behind, **options))
 
 
 def test_layers_see_the_same() -> None:

@@ -87,7 +87,7 @@ class MaterialTable:
         """Return whether a material, or a part of it, has a reflection model that transmits light."""
         if material.parts:
             return any(self._transmits(part) for part in material.parts)
-        return bool(_bsdf("models_with", (model_name(material),), "transmits"))
+        return bool(_model_of(material).transmits)
 
     def _record(self, material: Material) -> dict[str, Any]:
         """Return the record of a material, still without its table, and add its values to the slots."""
@@ -104,15 +104,16 @@ class MaterialTable:
             record["kind"] = k.MATERIAL_MIX if isinstance(material, Mix) else k.MATERIAL_SIDES
             record["first"], record["second"] = (self._numbers[id(part)] for part in material.parts)
             return record
-        name = model_name(material)
-        try:
-            model = _bsdf("model_of", name)
-        except (KeyError, TypeError, ValueError):
-            raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
+        model = _model_of(material)
         if len(material.slots) != model.slots:
             count = f"{type(material).__name__} gives {len(material.slots)} values"
             raise InputError(f"{count}, but {material.model} reads {model.slots}")
-        record |= {"kind": k.MATERIAL_MODEL, "model": model_number(name), "matt": model.matt, "normal_map": -1}
+        record |= {
+            "kind": k.MATERIAL_MODEL,
+            "model": model_number(model_name(material)),
+            "matt": model.matt,
+            "normal_map": -1,
+        }
         if material.normal_map is not None:
             filtered = material.normal_map.filter and model.widens
             record["normal_map"] = self._slots.add_normal_map(material.normal_map, filtered)
@@ -153,6 +154,14 @@ class MaterialTable:
 def _bsdf(function: str, *arguments: Any) -> Any:
     """Call a function of `kernels/bsdf`."""
     return current_backend().call("wrt.kernels.bsdf", function, *arguments)
+
+
+def _model_of(material: Material) -> Any:
+    """Return the reflection model of a material that is not made of others."""
+    try:
+        return _bsdf("model_of", model_name(material))
+    except (KeyError, TypeError, ValueError):
+        raise InputError(f"{type(material).__name__}: there is no reflection model {material.model!r}") from None
 
 
 def model_name(material: Material) -> str:
