@@ -108,7 +108,7 @@ def readers(kind: str) -> list[Reader]:
 
     def as_textures(path: Path) -> None:
         maps = "".join(f"map_{key} {path.name}\n" for key in ("Kd", "Ks", "d", "Bump", "Pr"))
-        _beside(path, ".mtl", f"newmtl wood\nKs 1 1 1\nPr 0.5\n{maps}")
+        _beside(path, ".mtl", f"newmtl glass\nnewmtl lamp\nnewmtl wood\nKs 1 1 1\nPr 0.5\n{maps}")
         with_material(path.with_suffix(".mtl"))
 
     if kind == "mtl":
