@@ -116,14 +116,8 @@ class Unlit(Material):
 
     type_name: ClassVar[str] = "unlit"
 
-    @property
-    def model(self) -> str:
-        """The model of a black Lambertian surface."""
-        return Diffuse.type_name
-
-    @property
-    def slots(self) -> tuple[ColorSource, ...]:
-        return (0.0,)
+    model = Emissive.model
+    slots = Emissive.slots
 
     @property
     def emission(self) -> ColorSource:
