@@ -70,7 +70,7 @@ class ObjText:
         self.others: Counter[str] = Counter()
         self._size = dict.fromkeys(_COLUMNS, 0)
         self._found: dict[str, list[NDArray[Any]]] = {kind: [] for kind in _COLUMNS}
-        data = _joined_lines(data)
+        data = _joined_lines(data) or b"\n"  # nothing but a byte-order mark
         lines = read_lines(data, _COLUMNS) if len(data) in SIZES else None
         if lines is not None:
             self.rows, self.corners, self.counts = lines.rows, lines.corners, lines.sizes
@@ -282,6 +282,7 @@ def _chunks(data: bytes) -> Iterator[bytes]:
     while start < len(data):
         end = data.find(b"\n", start + _CHUNK) + 1 or len(data)
         chunk = data[start:end]
+        chunk = chunk if chunk.endswith(b"\n") else chunk + b"\n"
         start = end
         if b"#" in chunk:
             chunk = _COMMENT.sub(b"", chunk)
@@ -292,4 +293,4 @@ def _chunks(data: bytes) -> Iterator[bytes]:
             while b"  " in chunk:
                 chunk = chunk.replace(b"  ", b" ")
             chunk = _INDENT.sub(b"", chunk).replace(b" \n", b"\n")
-        yield chunk if chunk.endswith(b"\n") else chunk.rstrip(b" ") + b"\n"
+        yield chunk
