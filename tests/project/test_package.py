@@ -124,22 +124,14 @@ def test_every_public_name_can_be_imported_and_no_other() -> None:
         wrt.rendr  # noqa: B018
 
 
-# --- Dockerfile ------------------------------------------------------------------------------------
-
-DOCKERFILE = (ROOT / "Dockerfile").read_text()
-
-
-def value_of(instruction: str) -> str:
-    (value,) = re.findall(rf"^{instruction} (.*)$", DOCKERFILE, re.MULTILINE)
-    return str(value)
-
-
 def test_the_dockerfile_keeps_kernels_in_a_folder_for_all_users(monkeypatch: pytest.MonkeyPatch) -> None:
-    (made,) = re.findall(r"^RUN mkdir -m 1777 (\S+)$", DOCKERFILE, re.MULTILINE)
+    text = (ROOT / "Dockerfile").read_text()
+    (made,) = re.findall(r"^RUN mkdir -m 1777 (\S+)$", text, re.MULTILINE)
+    (variables,) = re.findall(r"^ENV (.*)$", text, re.MULTILINE)
     for name in ("HOME", "XDG_CACHE_HOME", "WARP_CACHE_PATH"):
         monkeypatch.delenv(name, raising=False)
-    for pair in value_of("ENV").split():
+    for pair in variables.split():
         monkeypatch.setenv(*pair.split("="))
     assert cache_folders.user_folder() == Path(made)
-    assert Path(made) in cache_folders.warp_folder().parents
-    assert Path(made) in cache_folders.wrt_folder().parents
+    for folder in (cache_folders.warp_folder(), cache_folders.wrt_folder()):
+        assert Path(made) in folder.parents
