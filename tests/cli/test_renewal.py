@@ -1,7 +1,5 @@
 """The picture is renewed during a render, whole or not at all and at little cost; failures do not end the render."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -50,7 +48,7 @@ def times(cost: float, seconds: float, step: float, save_every: float | None = N
     return written, cost * len(written) / (clock.now - 100.0)
 
 
-def test_the_first_renewal_is_soon_and_intervals_grow() -> None:
+def test_the_first_renewal_is_soon_and_intervals_grow():
     written, share = times(0.01, 3600.0, 0.5)
     assert written[0] == pytest.approx(FIRST_SECONDS, abs=0.6)
     gaps = np.diff(written)
@@ -61,14 +59,14 @@ def test_the_first_renewal_is_soon_and_intervals_grow() -> None:
 
 
 @pytest.mark.parametrize("cost", [0.1, 5.0, 30.0])
-def test_renewals_take_a_fiftieth_of_the_time_at_most(cost: float) -> None:
+def test_renewals_take_a_fiftieth_of_the_time_at_most(cost):
     written, share = times(cost, 4000.0, 1.0)
     assert len(written) >= 2
     # The cost of the first one is not known before.
     assert share <= MOST_TIME + 1.1 * cost / 4000.0
 
 
-def test_intervals_can_be_given_and_turned_off() -> None:
+def test_intervals_can_be_given_and_turned_off():
     assert np.diff(times(0.01, 100.0, 0.5, 5.0)[0]) == pytest.approx(5.0, abs=0.6)
     assert times(0.01, 1e6, 1e3, float("inf"))[0] == []
     unwatched = {"is_watched": False}
@@ -104,7 +102,7 @@ def watched(monkeypatch: pytest.MonkeyPatch, look: Callable[[int], object]) -> N
 
 
 @pytest.mark.parametrize("name", ["a.png", pytest.param("a.exr", marks=pytest.mark.slow)])
-def test_the_picture_can_be_read_while_it_renders(monkeypatch: pytest.MonkeyPatch, often: None, name: str) -> None:
+def test_the_picture_can_be_read_while_it_renders(monkeypatch, often, name):
     means = []
     layers = ("--layers", "albedo") if name == "a.exr" else ()
     watched(monkeypatch, lambda number: means.append(wrt.load_image(name).mean()) if number else None)
@@ -113,7 +111,7 @@ def test_the_picture_can_be_read_while_it_renders(monkeypatch: pytest.MonkeyPatc
     assert os.listdir() == [name]
 
 
-def test_never_writes_it_only_at_the_end_and_the_same(monkeypatch: pytest.MonkeyPatch, often: None) -> None:
+def test_never_writes_it_only_at_the_end_and_the_same(monkeypatch, often):
     assert run(*LONG, "-o", "a.exr") == 0
     listings = []
     watched(monkeypatch, lambda number: listings.append(os.listdir()))
@@ -132,13 +130,13 @@ def test_never_writes_it_only_at_the_end_and_the_same(monkeypatch: pytest.Monkey
     ],
 )
 def test_what_fails_in_a_renewal_is_one_warning_and_the_picture_comes_at_the_end(
-    monkeypatch: pytest.MonkeyPatch,
-    often: None,
-    capsys: pytest.CaptureFixture[str],
-    method: str,
-    error: Exception,
-    message: str,
-) -> None:
+    monkeypatch,
+    often,
+    capsys,
+    method,
+    error,
+    message,
+):
     original, calls = getattr(wrt.Renderer, method), []
 
     def failing(self, *arguments, **options):
@@ -154,9 +152,7 @@ def test_what_fails_in_a_renewal_is_one_warning_and_the_picture_comes_at_the_end
     assert os.listdir() == ["a.png"]
 
 
-def test_a_file_that_appears_is_never_replaced(
-    monkeypatch: pytest.MonkeyPatch, often: None, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_appears_is_never_replaced(monkeypatch, often, capsys):
     watched(monkeypatch, lambda number: number or Path("a.png").write_bytes(b"notes"))
     assert run(*LONG, "-o", "a.png") == 0
     assert Path("a.png").read_bytes() == b"notes"
@@ -164,7 +160,7 @@ def test_a_file_that_appears_is_never_replaced(
     assert capsys.readouterr().err.count("a.png: already exists") == 1
 
 
-def test_checkpoints_keep_their_own_interval(monkeypatch: pytest.MonkeyPatch, often: None) -> None:
+def test_checkpoints_keep_their_own_interval(monkeypatch, often):
     listings = []
     watched(monkeypatch, lambda number: listings.append(sorted(os.listdir())))
     assert run(*LONG, "-o", "a.png", "--checkpoint", "a.ckpt") == 0

@@ -1,7 +1,5 @@
 """Several inputs of one command: each is rendered even if others fail, and no picture replaces another."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -28,7 +26,7 @@ def written(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.png") if path.is_file())
 
 
-def test_each_gets_its_own_picture_and_line_of_json(folder: Path, capsys) -> None:
+def test_each_gets_its_own_picture_and_line_of_json(folder, capsys):
     assert main(["render", "one.toml", *SMALL, "cornell-box", "--json", "two.toml"]) == 0
     out, err = capsys.readouterr()
     summaries = [json.loads(line) for line in out.splitlines()]
@@ -39,7 +37,7 @@ def test_each_gets_its_own_picture_and_line_of_json(folder: Path, capsys) -> Non
     assert written(folder) == sorted(pictures)
 
 
-def test_an_error_in_one_keeps_none_of_the_others_from_being_rendered(folder: Path, capsys) -> None:
+def test_an_error_in_one_keeps_none_of_the_others_from_being_rendered(folder, capsys):
     assert main(["render", "absent.obj", "one.toml", "broken.obj", "two.toml", *SMALL, "--quiet"]) == 2
     assert written(folder) == ["one.png", "two.png"]
     first, second = without_progress(capsys.readouterr().err).splitlines()
@@ -47,7 +45,7 @@ def test_an_error_in_one_keeps_none_of_the_others_from_being_rendered(folder: Pa
     assert second.startswith("wrt: error: broken.obj: ")
 
 
-def test_errors_name_the_input_and_the_worst_decides(folder: Path, capsys) -> None:
+def test_errors_name_the_input_and_the_worst_decides(folder, capsys):
     (folder / "pictures" / "two.png").mkdir(parents=True)
     assert main(["render", "one.toml", "two.toml", *SMALL, "--quiet", "--crop", "0,0,9,9", "-o", "."]) == 2
     inputs = re.findall(r"^wrt: error: (.*?): crop must lie", capsys.readouterr().err, re.MULTILINE)
@@ -56,7 +54,7 @@ def test_errors_name_the_input_and_the_worst_decides(folder: Path, capsys) -> No
     assert written(folder) == ["pictures/one.png"]
 
 
-def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder: Path) -> None:
+def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder):
     (folder / "there").mkdir()
     for output in ("there", "new/deeper/"):
         assert main(["render", "one.toml", "two.toml", *SMALL, "-o", output]) == 0
@@ -74,7 +72,7 @@ def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder: Path) -
         (["one.toml"], "one.toml: given twice"),
     ],
 )
-def test_what_does_not_go_with_several(arguments: list[str], printed: str, folder: Path, capsys) -> None:
+def test_what_does_not_go_with_several(arguments, printed, folder, capsys):
     before = sorted(folder.rglob("*"))
     assert main(["render", "one.toml", "two.toml", *SMALL, *arguments]) == 2
     assert capsys.readouterr().err.startswith(f"wrt: error: {printed}")
@@ -91,7 +89,7 @@ def test_what_does_not_go_with_several(arguments: list[str], printed: str, folde
         ("a/x.obj b/x.obj a-x.obj", None),
     ],
 )
-def test_inputs_that_are_called_alike_get_longer_names_or_are_refused(inputs: str, outputs: str | None) -> None:
+def test_inputs_that_are_called_alike_get_longer_names_or_are_refused(inputs, outputs):
     if outputs is None:
         with pytest.raises(InputError, match=r"would both be written to .*\.png; render them one at a time"):
             default_outputs(inputs.split())
@@ -99,7 +97,7 @@ def test_inputs_that_are_called_alike_get_longer_names_or_are_refused(inputs: st
         assert default_outputs(inputs.split()) == outputs.split()
 
 
-def test_longer_names_are_said(folder: Path, capsys) -> None:
+def test_longer_names_are_said(folder, capsys):
     assert main(["render", "a/room.toml", "b/room.toml", *SMALL]) == 0
     assert written(folder) == ["a-room.png", "b-room.png"]
     printed = capsys.readouterr().err.splitlines()

@@ -3,14 +3,11 @@
 Films of the two differ by rounding alone: they have the same numbers of rays, and colours that agree.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from conftest import Report
-from numpy.typing import NDArray
 from support.digests import Case
 from support.emulated_cuda.backend import GPU, EmulatedBackend, emulated_cuda
 from support.films_of_devices import FILMS, OPTIONS, film_cases, films_of
@@ -44,19 +41,19 @@ def assert_agrees(name: str, case: Case, gpu: EmulatedBackend, report: Report, *
 
 
 @pytest.mark.parametrize("name", FILMS)
-def test_films_agree(name: str, gpu: EmulatedBackend, report: Report) -> None:
+def test_films_agree(name, gpu, report):
     layers = "layers" in OPTIONS.get(name, CASES[name].options)
     assert_agrees(name, CASES[name], gpu, report, regenerates=not layers)
 
 
 @pytest.mark.parametrize("name", [FILMS[0], "models-fisheye"])
-def test_films_of_a_loop_for_each_path_agree(name: str, gpu: EmulatedBackend, report: Report, monkeypatch) -> None:
+def test_films_of_a_loop_for_each_path_agree(name, gpu, report, monkeypatch):
     """The kernel that `WRT_REGENERATE=0` chooses."""
     monkeypatch.setenv(REGENERATE, "0")
     assert_agrees(name, CASES[name], gpu, report, regenerates=False)
 
 
-def test_clamped_films_agree(gpu: EmulatedBackend, report: Report) -> None:
+def test_clamped_films_agree(gpu, report):
     """Without layers, in the kernel that regenerates paths; a tenth of the pixels is clamped."""
     options = {"width": 24, "height": 20}
     case = Case(lambda: wrt.load("cornell-box"), {**options, "clamp_indirect": 0.1})
@@ -67,10 +64,10 @@ def test_clamped_films_agree(gpu: EmulatedBackend, report: Report) -> None:
     assert (renderers[0].image() - renderers[1].image() > 0.01).any(axis=2).mean() > 0.1
 
 
-def test_bits_do_not_depend_on_which_lanes_meet(gpu: EmulatedBackend) -> None:
+def test_bits_do_not_depend_on_which_lanes_meet(gpu):
     """Votes of whole warps or of parts of them; passes of one sample or several; threads of one warp or another."""
 
-    def sums(*targets: int, divides: bool = False, crop: tuple[int, int, int, int] = (10, 12, 31, 22)) -> NDArray:
+    def sums(*targets, divides=False, crop=(10, 12, 31, 22)):
         renderer = wrt.Renderer(wrt.load("cornell-box"), width=40, height=40, crop=crop, device="cuda")
         gpu.library(renderer._kernel.scalar).divide_warps(divides)
         for target in targets:

@@ -3,8 +3,6 @@
 Films and trees compare its results with the CPU (test_cuda_films.py, test_cuda_hits.py).
 """
 
-from __future__ import annotations
-
 import ctypes
 
 import numpy as np
@@ -32,7 +30,7 @@ HEAD = ".version 9.0\n.target sm_90\n.address_size 64\n"
         "vote.ballot.b32 %r1, %p0;",
     ],
 )
-def test_what_is_unknown_is_refused(text: str) -> None:
+def test_what_is_unknown_is_refused(text):
     """Before anything runs: a barrier, for one, has no meaning where threads run one after another."""
     registers = ".reg .b32 %r<3>;\n.reg .b16 %rs<3>;\n.reg .f32 %f<3>;\n.reg .pred %p<2>;"
     ptx = f"{HEAD}.visible .entry k()\n{{\n{registers}\n{text}\nret;\n}}\n"
@@ -76,7 +74,7 @@ def run(body: str, threads: int, *, divides: bool = False) -> NDArray[np.uint32]
     return out[:threads]
 
 
-def test_threads_that_have_ended_are_not_waited_for() -> None:
+def test_threads_that_have_ended_are_not_waited_for():
     """Odd ones leave before the vote."""
     words = run(
         """
@@ -115,7 +113,7 @@ $met:
 
 
 @pytest.mark.parametrize("divides", [False, True])
-def test_threads_that_are_active_together(divides: bool) -> None:
+def test_threads_that_are_active_together(divides):
     """Those of a branch; with divided warps only the odd or the even ones, as the manual allows."""
     words = run(BRANCHES, 12, divides=divides)
     for thread in range(12):
@@ -137,6 +135,6 @@ def test_threads_that_are_active_together(divides: bool) -> None:
         "setp.eq.u32 %p0, %r0, 0; \n @%p0 vote.sync.ballot.b32 %r2, %p0, -1; \n @!%p0 bar.warp.sync -1;",
     ],
 )
-def test_threads_that_wait_for_ever_are_noticed(body: str) -> None:
+def test_threads_that_wait_for_ever_are_noticed(body):
     with pytest.raises(RuntimeError, match="votes: threads of a warp wait for others that never come"):
         run(body, 4)

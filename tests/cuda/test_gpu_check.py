@@ -1,10 +1,6 @@
 """The check that users run on their GPU (`scripts/gpu_check.py`), on an emulated one."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
-from typing import Any
 
 import gpu_check
 import pytest
@@ -15,7 +11,7 @@ pytestmark = pytest.mark.machinery
 
 
 @pytest.mark.parametrize("agree", [films_of_devices.AGREE, 0.0])
-def test_the_check_of_a_gpu_says_whether_films_agree(agree: float, tmp_path: Path, monkeypatch) -> None:
+def test_the_check_of_a_gpu_says_whether_films_agree(agree, tmp_path, monkeypatch):
     """On an emulated GPU with one film and one small render."""
     monkeypatch.setattr(films_of_devices, "FILMS", ("built-in-cornell-box",))
     monkeypatch.setattr(films_of_devices, "AGREE", agree)
@@ -23,7 +19,7 @@ def test_the_check_of_a_gpu_says_whether_films_agree(agree: float, tmp_path: Pat
     line = ["--quick", "--no-tests", "--output", str(tmp_path), "--scenes", "cornell-box", "--seconds", "0.01"]
     with emulated_cuda(optimization=0):
         status = gpu_check.main(line)
-    results: dict[str, Any] = json.loads((tmp_path / "gpu-check.json").read_text(encoding="utf-8"))
+    results = json.loads((tmp_path / "gpu-check.json").read_text(encoding="utf-8"))
     page = (tmp_path / "gpu-check.md").read_text(encoding="utf-8")
     assert (status, results["agrees"]) == ((0, True) if agree else (1, False))
     assert page.endswith("Everything agrees.\n" if agree else "Something does not agree, see above.\n")

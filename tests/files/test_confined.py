@@ -1,7 +1,5 @@
 """A scene may refer to files anywhere; reading confined to its folder refuses files outside."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """3MF, COLLADA and STEP files give the objects, places, colours and textures that their text describes."""
 
-from __future__ import annotations
-
 import io
 import re
 import warnings

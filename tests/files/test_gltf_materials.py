@@ -1,7 +1,5 @@
 """Materials of glTF files become the same in wrt: factors, textures, alpha, extensions, images of every kind."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import io

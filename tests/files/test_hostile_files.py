@@ -1,7 +1,5 @@
 """What is no file, is damaged, not what its name says or out of proportion: refused in one line, or shown."""
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -99,7 +97,7 @@ def test_right_content_needs_no_right_name_and_damage_is_told_as_such(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["obj", "glb", "toml", "xml"])
-def test_pipes_links_in_circles_folders_and_empty_files_are_refused(tmp_path: Path, suffix: str):
+def test_pipes_links_in_circles_folders_and_empty_files_are_refused(tmp_path, suffix):
     pipe, loop, folder, empty = (tmp_path / f"{name}.{suffix}" for name in ("pipe", "loop", "folder", "empty"))
     os.mkfifo(pipe)
     loop.symlink_to(loop)
@@ -124,7 +122,7 @@ def test_messages_are_one_line_whatever_is_in_them():
     assert one_line("Größe: 3 µm") == "Größe: 3 µm"
 
 
-def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, monkeypatch, capfd):
+def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path, monkeypatch, capfd):
     name = "new\nline \x1b[31m"
     monkeypatch.chdir(tmp_path)
     Path(f"{name}.toml").write_text(ROOM)
@@ -149,7 +147,7 @@ def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, monkeypatc
         (1e-10, None),
     ],
 )
-def test_sizes_beyond_single_precision(tmp_path: Path, size: float, message: str | None):
+def test_sizes_beyond_single_precision(tmp_path, size, message):
     text = "".join(f"v {x!r} {y!r} 0\n" for x, y in ((0.0, 0.0), (size, 0.0), (0.0, size)))
     path = write(tmp_path, "mesh.obj", text + "f 1 2 3\n")
     if message is None:
@@ -158,7 +156,7 @@ def test_sizes_beyond_single_precision(tmp_path: Path, size: float, message: str
         check_refused(message, load_mesh, path)
 
 
-def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path: Path, monkeypatch):
+def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path, monkeypatch):
     np.save(tmp_path / "a.npy", np.zeros((4, 4, 3), np.float32))
     data = (tmp_path / "a.npy").read_bytes()
     with pytest.raises(wrt.InputError, match=r"takes .* bytes, but the file has 192"):
@@ -180,7 +178,7 @@ def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path: Path, monke
         ({"vertices": np.array(["a"], object), "faces": [[0, 1, 2]]}, "not a NumPy archive, or damaged"),
     ],
 )
-def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path: Path, arrays, message: str):
+def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path, arrays, message):
     np.savez(tmp_path / "mesh.npz", **arrays)
     check_refused(message, load_mesh, tmp_path / "mesh.npz")
 

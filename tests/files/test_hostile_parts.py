@@ -1,9 +1,6 @@
 """Parts of a render with impossible headers are refused in one line, whatever they claim."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +38,7 @@ def claim_many_parts(header: dict[str, Any]) -> None:
         (lambda header: header["identity"].update(integrator="../../x\n"), "integrator must be one of"),
     ],
 )
-def test_impossible_headers_are_refused(
-    change: Callable[[dict[str, Any]], object], message: str, part: Path, tmp_path: Path
-) -> None:
+def test_impossible_headers_are_refused(change, message, part, tmp_path):
     assert merge([part]).spp == 1
     with np.load(part) as stored:
         arrays = dict(stored)
@@ -59,9 +54,7 @@ def test_impossible_headers_are_refused(
     assert "\n" not in str(found.value)
 
 
-def test_a_part_cannot_name_a_file_of_tone_curves(
-    part: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_part_cannot_name_a_file_of_tone_curves(part, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("config.ocio").write_text("ocio_profile_version: 2\n")
     with np.load(part) as stored:
@@ -70,7 +63,7 @@ def test_a_part_cannot_name_a_file_of_tone_curves(
     header["developing"]["tone"] = "ocio:config.ocio,display,view"
     with Path("changed.wrt").open("wb") as file:
         np.savez(file, **{**arrays, "header": np.array(json.dumps(header))})
-    opened: list[str] = []
+    opened = []
     monkeypatch.setattr("wrt.develop.picture.find_view", opened.append)
     with pytest.raises(wrt.InputError, match="a file, which is opened only where a tone is given here"):
         merge(["changed.wrt"]).save("a.png")

@@ -1,7 +1,5 @@
 """USD files that name what may not be read, multiply without end, or are damaged: refused in one line, or shown."""
 
-from __future__ import annotations
-
 import io
 import os
 import zipfile
@@ -151,7 +149,7 @@ def test_references_that_multiply_are_refused(instances, tmp_path):
 
 
 def test_points_of_instances_that_do_not_fit_are_left_out(tmp_path):
-    def shapes(values: str, prototypes: str = "</p/s>") -> list[wrt.Shape]:
+    def shapes(values, prototypes="</p/s>"):
         places = "point3f[] positions = [(0, 0, 0), (9, 0, 0), (0, 9, 0)]"
         solid = f'{values}\n{places}\nrel prototypes = [{prototypes}]\ndef Cube "s" {{}}\n'
         return load_file(write(tmp_path, "p.usda", usd(prims=f'{MESH}def PointInstancer "p" {{\n{solid}}}'))).shapes

@@ -1,7 +1,5 @@
 """Every mesh format gives the same meshes; OBJ, PLY, STL and OFF files are read to their letter."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

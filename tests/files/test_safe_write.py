@@ -1,7 +1,5 @@
 """wrt replaces no file that it has read or did not write; it writes files whole, and never into devices and pipes."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat
@@ -122,7 +120,7 @@ def test_pipes_folders_and_circular_links_are_refused_everywhere(make, folder, c
         make(folder / name)
     (folder / "link.png").symlink_to("a.png")
 
-    def modes() -> list[tuple[str, int]]:
+    def modes():
         return sorted((path.name, path.lstat().st_mode) for path in folder.iterdir())
 
     before = modes()

@@ -1,9 +1,5 @@
 """The sample meshes and scenes are what they claim to be, and scripts/ makes them again."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import cornell_box
 import make_meshes
 import numpy as np
@@ -31,7 +27,7 @@ def holes(mesh: wrt.Mesh) -> list[np.ndarray]:
     return trimesh.graph.connected_components(open_edges)
 
 
-def test_meshes_are_what_the_script_makes(tmp_path: Path):
+def test_meshes_are_what_the_script_makes(tmp_path):
     make_meshes.main(tmp_path)
     for name in ("teapot.ply", "sweep.ply"):
         ours, made = wrt.load_mesh(ROOT / "meshes" / name), wrt.load_mesh(tmp_path / name)

@@ -1,7 +1,5 @@
 """Scene files give the scene they describe; messages about mistakes name file and key, in one line."""
 
-from __future__ import annotations
-
 import json
 import re
 import typing
@@ -145,7 +143,7 @@ deformation = { files = ["low.obj", "high.obj"], times = [0.0, 1.0] }
 """
 
 
-def test_instances_within_a_mesh_file_are_placed_again(folder) -> None:
+def test_instances_within_a_mesh_file_are_placed_again(folder):
     tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([[0, 1, 2]]))
     tree["nodes"] = [{"mesh": 0, "translation": [1, 0, 0]}, {"mesh": 0, "translation": [0, 0, 3]}]
     tree["scenes"] = [{"nodes": [0, 1]}]
@@ -165,7 +163,7 @@ def test_instances_within_a_mesh_file_are_placed_again(folder) -> None:
     assert found == sorted(tuple(float(x) for corner in each for x in corner) for each in expected)
 
 
-def test_instances_motions_and_deformations(folder) -> None:
+def test_instances_motions_and_deformations(folder):
     matrices = np.tile(np.eye(4), (3, 1, 1))
     matrices[:, 0, 3] = 1.0, 2.0, 3.0
     np.save(folder / "places.npy", matrices)

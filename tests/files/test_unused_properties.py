@@ -1,7 +1,5 @@
 """Every property of a PLY or OFF file that is found in the wild is used, without effect for a reason, or warned of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.mesh_files import INDICES, ORDERS, XYZ, off_binary, ply

@@ -1,7 +1,5 @@
 """USD files give the scene that their text describes."""
 
-from __future__ import annotations
-
 import math
 import sys
 from functools import partial

@@ -1,7 +1,5 @@
 """README and docs are true: examples run, commands parse, links lead somewhere, messages are those of the code."""
 
-from __future__ import annotations
-
 import argparse
 import ast
 import os
@@ -9,7 +7,6 @@ import re
 import shlex
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -54,16 +51,16 @@ PROGRAMS = [(page, code) for page, text in PAGES.items() if page not in OWN for 
 
 
 @pytest.mark.slow
-def test_python_examples_run_and_write_what_they_say(tmp_path: Path, monkeypatch, capsys) -> None:
+def test_python_examples_run_and_write_what_they_say(tmp_path, monkeypatch, capsys):
     """With small pictures of few samples: what examples show is large as a rule."""
     start, passes = wrt.Renderer.__init__, wrt.Renderer.passes
 
-    def small_start(self: wrt.Renderer, scene: wrt.Scene, **options: Any) -> None:
+    def small_start(self, scene, **options):
         if (options.get("width") or scene.settings.width) > 64:
             options = {**options, "width": 16, "height": 12}
         start(self, scene, **options)
 
-    def few_passes(self: wrt.Renderer, *, spp: int | None = None, noise: float | None = None, **_: Any) -> Any:
+    def few_passes(self, *, spp=None, noise=None, **_):
         samples = spp if spp is not None and spp <= 16 else (spp or 64) // 64
         return passes(self, spp=samples) if noise is None else passes(self, noise=noise)
 
@@ -87,7 +84,7 @@ def test_python_examples_run_and_write_what_they_say(tmp_path: Path, monkeypatch
     assert re.fullmatch(r"(\d+ of 4 samples per pixel\n)+\d+ samples per pixel, noise 0\.0\d+\n", printed)
 
 
-def test_scene_files_and_parts_of_them_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_scene_files_and_parts_of_them_are_read(tmp_path, monkeypatch):
     """Also a mistake gives the message that the page shows."""
     complete = blocks(SCENE_FORMAT, "toml")[0]
     assert set(parsed(complete)) == set(scene_keys.SECTIONS) - {"medium"}
@@ -122,7 +119,7 @@ def options_of(parser: argparse.ArgumentParser) -> set[str]:
     return found
 
 
-def test_commands_of_wrt_parse() -> None:
+def test_commands_of_wrt_parse():
     count = 0
     for page, text in {**PAGES, "wrt --help": "".join(f"`{line.strip()}`\n" for line in EXAMPLES.splitlines())}.items():
         for command in commands(text):
@@ -138,7 +135,7 @@ def test_commands_of_wrt_parse() -> None:
     assert count > 100
 
 
-def test_options_and_commands_of_the_repository_exist() -> None:
+def test_options_and_commands_of_the_repository_exist():
     of_tests = re.findall(r'addoption\(\s*"(--[a-z-]+)"', (ROOT / "tests" / "conftest.py").read_text())
     options = options_of(make_parser()) | set(of_tests)
     for page, text in PAGES.items():
@@ -155,13 +152,13 @@ def test_options_and_commands_of_the_repository_exist() -> None:
 # --- References, paths and links -------------------------------------------------------------------
 
 
-def test_the_reference_is_current_and_has_every_public_name(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_reference_is_current_and_has_every_public_name(capsys):
     assert reference.main(["--check"]) == 0, capsys.readouterr().out
     shown = re.findall(r"^### wrt\.(\w+)$", PAGES["docs/python.md"], re.MULTILINE)
     assert sorted(shown) == sorted(name for name in wrt.__all__ if not name.startswith("__"))
 
 
-def test_every_page_is_in_the_navigation_and_is_reached_by_links() -> None:
+def test_every_page_is_in_the_navigation_and_is_reached_by_links():
     nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2].partition("\nexclude_docs:")[0]
     shown = [page.removeprefix("docs/") for page in PAGES if page != "README.md"]
     assert sorted(re.findall(r": ([\w/.-]+\.md)$", nav, re.MULTILINE)) == sorted(shown)
@@ -176,7 +173,7 @@ def test_every_page_is_in_the_navigation_and_is_reached_by_links() -> None:
     assert found == set(PAGES), set(PAGES) - found
 
 
-def test_names_and_paths_in_the_text_exist() -> None:
+def test_names_and_paths_in_the_text_exist():
     for page, text in PAGES.items():
         for code in inline_code(text):
             if found := re.match(r"wrt\.(\w+)", code):
@@ -187,7 +184,7 @@ def test_names_and_paths_in_the_text_exist() -> None:
                 assert (ROOT / path).exists(), f"{page}: {code}"
 
 
-def test_links_and_pictures_lead_somewhere() -> None:
+def test_links_and_pictures_lead_somewhere():
     for page, raw in PAGES.items():
         text = without_code(raw)
         targets = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'(?:src|href)="([^"]+)"', text)
@@ -202,7 +199,7 @@ def test_links_and_pictures_lead_somewhere() -> None:
                 assert anchor in {slug(heading) for heading in headings}, f"{page}: {target}"
 
 
-def test_architecture_names_every_folder_and_files_that_there_are() -> None:
+def test_architecture_names_every_folder_and_files_that_there_are():
     files = [path for top in ("wrt", "kernels") for path in (ROOT / top).rglob("*") if path.is_file()]
     folders = {path.parent.relative_to(ROOT).as_posix() for path in files if "__pycache__" not in path.parts}
     folders = {folder for folder in folders if not folder.startswith(("wrt/kernels", "wrt/meshes"))}
@@ -226,7 +223,7 @@ def messages_of(path: Path) -> set[str]:
     return found
 
 
-def test_messages_that_are_explained_are_those_of_the_code() -> None:
+def test_messages_that_are_explained_are_those_of_the_code():
     """Each is a text of the code, with … for what is filled in."""
     shown = re.findall(r"^\| `([^`]*[…:][^`]*)` \|", PAGES["docs/troubleshooting.md"], re.MULTILINE)
     assert len(shown) >= 20

@@ -1,11 +1,8 @@
 """Values are checked, and a wrong one is refused in one line that names it."""
 
-from __future__ import annotations
-
 import decimal
 import fractions
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,7 +22,7 @@ from wrt.values import array, boolean, color, integer, number, vector
         *((color, v, (0.5, 0.5, 0.5)) for v in (0.5, np.float32(0.5), np.array(0.5), (0.5, 0.5, 0.5))),
     ],
 )
-def test_values_of_every_kind(make: Callable[..., Any], value: Any, expected: Any) -> None:
+def test_values_of_every_kind(make, value, expected):
     found = make(value, "thing", **({"minimum": 3, "maximum": 3} if make is integer else {}))
     assert found == expected
     assert type(found) is type(expected)
@@ -54,7 +51,7 @@ LIMITS: dict[Any, dict[str, Any]] = {integer: {"minimum": 0, "maximum": 9}, colo
         *((color, v, "") for v in (None, "red", (1, 2), math.nan, (1, True, 1))),
     ],
 )
-def test_what_is_wrong_is_named(make: Callable[..., Any], value: Any, message: str) -> None:
+def test_what_is_wrong_is_named(make, value, message):
     with pytest.raises(wrt.InputError) as caught:
         make(value, "thing", **LIMITS.get(make, {}))
     text = str(caught.value)
@@ -62,7 +59,7 @@ def test_what_is_wrong_is_named(make: Callable[..., Any], value: Any, message: s
     assert text.startswith(f"thing {message}" if message[:1].isalpha() else f"thing{message}")
 
 
-def test_limits_of_numbers() -> None:
+def test_limits_of_numbers():
     assert number(0, "thing", minimum=0.0) == 0.0
     assert number(1, "thing", maximum=1.0) == 1.0
     assert number(1e-300, "thing", above=0.0) == 1e-300
@@ -73,7 +70,7 @@ def test_limits_of_numbers() -> None:
         wrt.Shape(wrt.box(), emission=(0.0, 0.0, 3.5e38))
 
 
-def test_arrays_that_are_ragged_or_not_numbers_and_projections_are_refused() -> None:
+def test_arrays_that_are_ragged_or_not_numbers_and_projections_are_refused():
     for value in ([[1.0, 2.0], [3.0]], "words", [None, "x"], {"a": 1}):
         with pytest.raises(wrt.InputError, match=r"^thing must be an array of numbers with rows of equal length$"):
             array(value, "thing", np.float64)

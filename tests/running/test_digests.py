@@ -5,8 +5,6 @@ libraries compute a few functions to other digits, so the file has a section for
 recorded with.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from typing import Any
@@ -41,7 +39,7 @@ def recorded() -> dict[str, str]:
     return RECORDED.get(arithmetic(), {})
 
 
-def test_every_case_is_recorded() -> None:
+def test_every_case_is_recorded():
     assert set(CASES) == {name for films in RECORDED.values() for name in films}
 
 
@@ -57,7 +55,7 @@ def marks_of(name: str) -> Any:
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=marks_of(name)) for name in CASES])
-def test_films_keep_their_bits(name: str, recorded: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_films_keep_their_bits(name, recorded, monkeypatch):
     """With another arithmetic each film still shows something: it is brighter here than there."""
     if name.startswith(NEIGHBOURS):
         render_by(lambda features: dataclasses.replace(features, light_tree=True), monkeypatch)
@@ -71,10 +69,10 @@ def test_films_keep_their_bits(name: str, recorded: dict[str, str], monkeypatch:
     assert film_digest(renderer) == recorded[name]
 
 
-def test_a_fault_changes_a_digest() -> None:
+def test_a_fault_changes_a_digest():
     """One vertex that is moved by a thousandth."""
 
-    def moved() -> Any:
+    def moved():
         scene = CASES["plain-perspective"].make()
         vertices = scene.shapes[2].mesh.vertices.copy()
         vertices[0] *= 1.001

@@ -1,10 +1,6 @@
 """General kernels render scenes of other features with the bits of the scenes' own kernels."""
 
-from __future__ import annotations
-
 import dataclasses
-from pathlib import Path
-from typing import Any
 
 import pytest
 from PIL import Image
@@ -46,7 +42,7 @@ GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
         ({"integrator": "whitted"}, [False, False, False]),
     ],
 )
-def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
+def test_what_they_cover(changes, expected):
     scene = dataclasses.replace(PLAIN, **changes)
     assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES)] == expected
     assert not PLAIN.covers(WITH_HOLES)
@@ -55,14 +51,14 @@ def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
         assert [large.covers(plain), large.covers(large)] == [False, True]
 
 
-def test_the_exercise_has_all_models_and_lights() -> None:
+def test_the_exercise_has_all_models_and_lights():
     names = {model_name(material) for material in general.materials() if not material.parts}
     assert names == set(WITH_HOLES.models)
     assert {light.model for light in general.lights()} >= set(WITH_HOLES.light_shapes)
 
 
-def test_the_best_that_is_compiled_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled: set[str] = set()
+def test_the_best_that_is_compiled_is_chosen(monkeypatch):
+    compiled = set()
     monkeypatch.setattr(general, "is_compiled", lambda features, lanes: name_of_kernel(features, lanes) in compiled)
     scalar, wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
     generals = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
@@ -85,7 +81,7 @@ def test_the_best_that_is_compiled_is_chosen(monkeypatch: pytest.MonkeyPatch) ->
 @needs_lanes
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_long_renders_request_one_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
-    requested: list[tuple[Features, int]] = []
+    requested = []
     monkeypatch.setattr(later, "request", lambda features, lanes: requested.append((features, lanes)))
     monkeypatch.setattr(render_kernel, "is_compiled", lambda *_: False)
     monkeypatch.setattr(WideKernel, "prepare", lambda *_, **__: None)
@@ -112,7 +108,7 @@ NAMES = (
 
 @pytest.mark.machinery
 @pytest.mark.parametrize("name", NAMES)
-def test_films_have_the_bits_of_the_scenes_kernel(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_films_have_the_bits_of_the_scenes_kernel(name, monkeypatch):
     options = {key: value for key, value in CASES[name].options.items() if key not in FEW_USE}
     case = dataclasses.replace(CASES[name], options={**options, "sampler": "sobol"})
     expected = rendered(case)
@@ -152,7 +148,7 @@ metallic = 0.5
 
 @needs_lanes
 @pytest.mark.machinery
-def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
+def test_a_new_kind_of_scene_needs_no_warp(tmp_path):
     variables = {**without_artefacts(tmp_path), "WRT_WIDE": ""}
     Image.new("RGB", (8, 8), (200, 60, 30)).save(tmp_path / "squares.png")
     (tmp_path / "new.toml").write_text(NEW)

@@ -1,7 +1,5 @@
 """Headers of C++ are whole, and have the constants of Python; `tests/cuda/test_cuda_compile.py` compiles them."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -13,7 +11,7 @@ FOLDER = Path(native.__file__).parent
 HEADERS = sorted(str(path.relative_to(FOLDER)) for path in FOLDER.rglob("*.h"))
 
 
-def test_modules_depend_on_no_file_and_constants_are_those_of_python() -> None:
+def test_modules_depend_on_no_file_and_constants_are_those_of_python():
     """Warp hashes the text that a module gets, so it must be whole."""
     for name in HEADERS:
         text = native.text_of(name)
