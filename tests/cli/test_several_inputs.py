@@ -63,20 +63,17 @@ def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder):
     assert written(folder / "single") == ["one.png"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "printed"),
-    [
+def test_what_does_not_go_with_several(folder, capsys):
+    for arguments, printed in (
         (["-o", "x.png"], "x.png: for several inputs, the output must be a folder; end its name with / to create it"),
         (["-o", "one.toml/"], "one.toml/: cannot be created: "),
         (["--checkpoint", "state"], "--checkpoint is for a single input"),
         (["one.toml"], "one.toml: given twice"),
-    ],
-)
-def test_what_does_not_go_with_several(arguments, printed, folder, capsys):
-    before = sorted(folder.rglob("*"))
-    assert main(["render", "one.toml", "two.toml", *SMALL, *arguments]) == 2
-    assert capsys.readouterr().err.startswith(f"wrt: error: {printed}")
-    assert sorted(folder.rglob("*")) == before
+    ):
+        before = sorted(folder.rglob("*"))
+        assert main(["render", "one.toml", "two.toml", *SMALL, *arguments]) == 2
+        assert capsys.readouterr().err.startswith(f"wrt: error: {printed}")
+        assert sorted(folder.rglob("*")) == before
 
 
 @pytest.mark.parametrize(

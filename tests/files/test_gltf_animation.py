@@ -224,19 +224,16 @@ def test_sources_without_animations_have_no_times(tmp_path):
         wrt.load(saved(tmp_path, animated(SLIDE)), time=math.nan)
 
 
-@pytest.mark.parametrize(
-    ("channel", "words"),
-    [
+def test_damaged_animations_are_told(tmp_path):
+    for channel, words in (
         ((0, "translation", "LINEAR", [1, 0], [[0, 0, 0], [6, 0, 0]]), "do not increase"),
         ((0, "translation", "BEZIER", [0, 1], [[0, 0, 0], [6, 0, 0]]), "interpolated by 'BEZIER'"),
         ((0, "translation", "CUBICSPLINE", [0, 1], [[0, 0, 0], [6, 0, 0]]), "do not have 3 numbers"),
         ((7, "translation", "LINEAR", [0, 1], [[0, 0, 0], [6, 0, 0]]), "damaged or not as specified"),
-    ],
-)
-def test_damaged_animations_are_told(tmp_path, channel, words):
-    path = saved(tmp_path, animated(channel))
-    check_refused(words, lambda path: wrt.load(path, time=0.5), path)
-    wrt.load(path)  # at rest it does not matter
+    ):
+        path = saved(tmp_path, animated(channel))
+        check_refused(words, lambda path: wrt.load(path, time=0.5), path)
+        wrt.load(path)  # at rest it does not matter
 
 
 def test_what_cannot_be_animated_is_told(tmp_path):

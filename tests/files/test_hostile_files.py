@@ -5,7 +5,6 @@ import json
 import math
 import os
 import struct
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +12,14 @@ import pytest
 from PIL import Image
 from support.commands import ROOM, SMALL, without_progress
 from support.mesh_files import box_files, check_refused, joined
-from support.meshes import SQUARE, check_message, gltf_box, write
+from support.meshes import SQUARE, gltf_box, write
 
 import wrt
 from wrt.cli import main
 from wrt.errors import LONGEST_MESSAGE, InputWarning, one_line
 from wrt.io import npy
 from wrt.io.images import load_image
-from wrt.io.load_mesh import load_file, load_mesh, load_shapes
+from wrt.io.load_mesh import load_file, load_mesh
 from wrt.io.mesh.parts import Part, moved
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.npy import read_array
@@ -137,23 +136,20 @@ def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path, monkeypatch, cap
 # --- Sizes and numbers -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("size", "message"),
-    [
+def test_sizes_beyond_single_precision(tmp_path):
+    for size, message in (
         (1e13, r"its vertices reach to 1e\+13.* scale it down"),
         (1e-12, r"it is .*e-12 across.* scale it up"),
         (math.inf, "a vertex is at .*inf"),
         (1e12, None),
         (1e-10, None),
-    ],
-)
-def test_sizes_beyond_single_precision(tmp_path, size, message):
-    text = "".join(f"v {x!r} {y!r} 0\n" for x, y in ((0.0, 0.0), (size, 0.0), (0.0, size)))
-    path = write(tmp_path, "mesh.obj", text + "f 1 2 3\n")
-    if message is None:
-        assert len(load_mesh(path).faces) == 1
-    else:
-        check_refused(message, load_mesh, path)
+    ):
+        text = "".join(f"v {x!r} {y!r} 0\n" for x, y in ((0.0, 0.0), (size, 0.0), (0.0, size)))
+        path = write(tmp_path, "mesh.obj", text + "f 1 2 3\n")
+        if message is None:
+            assert len(load_mesh(path).faces) == 1
+        else:
+            check_refused(message, load_mesh, path)
 
 
 def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path, monkeypatch):
@@ -170,17 +166,14 @@ def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path, monkeypatch
         load_image(tmp_path / "bomb.hdr")
 
 
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
+def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path):
+    for arrays, message in (
         ({"vertices": np.zeros((3, 2)), "faces": [[0, 1, 2]]}, r"vertices must be \(N, 3\), not \(3, 2\)"),
         ({"vertices": np.zeros((3, 3))}, "there is no array 'faces' in it"),
         ({"vertices": np.array(["a"], object), "faces": [[0, 1, 2]]}, "not a NumPy archive, or damaged"),
-    ],
-)
-def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path, arrays, message):
-    np.savez(tmp_path / "mesh.npz", **arrays)
-    check_refused(message, load_mesh, tmp_path / "mesh.npz")
+    ):
+        np.savez(tmp_path / "mesh.npz", **arrays)
+        check_refused(message, load_mesh, tmp_path / "mesh.npz")
 
 
 def test_polygons_that_cross_themselves_end_and_corners_are_keyholes_only_where_they_meet():
@@ -240,29 +233,15 @@ def test_files_that_cannot_be_read_are_refused_in_one_line(tmp_path):
         check_refused(message, load_mesh, write(tmp_path, name, content))
 
 
-def test_broken_files_load_or_are_refused_in_one_line(assets):
-    refused = set()
-    for path in sorted((assets / "broken").glob("*")):
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy's among them
-            warnings.simplefilter("ignore", UserWarning)
-            try:
-                assert all(len(shape.mesh.faces) for shape in load_shapes(path))
-            except wrt.InputError as error:
-                check_message(error, path)
-                refused.add(path.name)
-    assert refused <= {"obj_empty.obj", "obj_points.obj", "ply_empty_bin.ply", "ply_empty_header.ply"}
-    with pytest.warns(InputWarning, match=r"nancolor\.obj: vertex colours are left out"):
-        assert load_shapes(assets / "broken" / "nancolor.obj")[0].mesh.colors is None
-
-
 def test_colors_and_normals_of_no_use_are_told(tmp_path):
-    path = write(tmp_path, "a.off", f"C{OFF}3 0 1 2\n")
-    with pytest.warns(InputWarning, match="vertex colours of the OFF file are left out"):
-        load_mesh(path)
-    text = struct.pack("<80sI", b"", 1) + struct.pack("<12fH", 0, 0, 0, *np.ravel(POINTS), 0)
-    with pytest.warns(InputWarning, match=r"a\.stl: the STL file has no normals; .* the order of corners"):
-        load_mesh(write(tmp_path, "a.stl", text))
+    stl = struct.pack("<80sI", b"", 1) + struct.pack("<12fH", 0, 0, 0, *np.ravel(POINTS), 0)
+    for name, data, message in (
+        ("a.off", f"C{OFF}3 0 1 2\n", "vertex colours of the OFF file are left out"),
+        ("a.obj", "v 0 0 0 nan 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n", "a.obj: vertex colours are left out"),
+        ("a.stl", stl, r"a\.stl: the STL file has no normals; .* the order of corners"),
+    ):
+        with pytest.warns(InputWarning, match=message):
+            assert load_mesh(write(tmp_path, name, data)).colors is None
 
 
 @pytest.mark.filterwarnings("error")

@@ -109,9 +109,8 @@ WHOLE = together(mesh(), mesh(shift=1.0))
 CORNERS = VERTICES.astype("<f4").tobytes() + b"\xff" * 24
 
 
-@pytest.mark.parametrize(
-    ("data", "index", "message"),
-    [
+def test_damaged_files_are_refused(tmp_path):
+    for data, index, message in (
         (b"solid", 0, "not a serialized mesh"),
         (header(7) + b"abcdefgh", 0, "version 7"),
         (WHOLE[:60], 0, "truncated"),
@@ -119,11 +118,9 @@ CORNERS = VERTICES.astype("<f4").tobytes() + b"\xff" * 24
         (WHOLE[:-4] + struct.pack("<I", 2**32 - 1), 1, "more than the file can hold"),
         (packed(struct.pack("<QQ", 60_000_000, 1) + bytes(2**20), level=9), 0, "truncated"),
         (packed(struct.pack("<QQ", 4, 2) + CORNERS), 0, "a face names vertex"),
-    ],
-)
-def test_damaged_files_are_refused(data, index, message, tmp_path):
-    with pytest.raises(wrt.InputError, match=rf"a\.serialized: .*({message})[^\n]*$"):
-        read(tmp_path, data, index)
+    ):
+        with pytest.raises(wrt.InputError, match=rf"a\.serialized: .*({message})[^\n]*$"):
+            read(tmp_path, data, index)
 
 
 def test_attributes_of_ply_have_mitsuba_names(tmp_path):

@@ -314,9 +314,8 @@ def seen_from(z: float, medium: str = "") -> str:
 NESTED = [body(0.5, ("exterior", HAZE), ("interior", SMOKE)), body(1.0, ("interior", HAZE))]
 
 
-@pytest.mark.parametrize(
-    ("parts", "around"),
-    [
+def test_the_surrounding_medium_is_not_inside_any_body(tmp_path):
+    for parts, around in (
         (NESTED, None),
         ([*NESTED, seen_from(5.0, SMOKE)], SMOKE),
         ([*NESTED, seen_from(5.0, HAZE)], HAZE),  # the same haze inside and outside
@@ -325,9 +324,7 @@ NESTED = [body(0.5, ("exterior", HAZE), ("interior", SMOKE)), body(1.0, ("interi
         ([body(0.5, ("exterior", HAZE), ("interior", SMOKE))], HAZE),  # of no shape's inside
         ([body(0.5, ("exterior", SMOKE)), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
         ([seen_from(0.75, HAZE), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
-    ],
-)
-def test_the_surrounding_medium_is_not_inside_any_body(parts, around, tmp_path):
-    scene = loaded(tmp_path, "".join(parts) + BALL, strict=True)
-    media = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
-    assert scene.medium == media[around]
+    ):
+        scene = loaded(tmp_path, "".join(parts) + BALL, strict=True)
+        media = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
+        assert scene.medium == media[around]

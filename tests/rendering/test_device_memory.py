@@ -147,19 +147,16 @@ NONE = "no NVIDIA driver was found"
 OLD = "the NVIDIA driver is too old, for CUDA 12.8 instead of 13.0"
 
 
-@pytest.mark.parametrize(
-    ("driver", "count", "name", "message"),
-    [
+def test_a_gpu_that_cannot_be_had_is_one_line(have, capsys):
+    for driver, count, name, message in (
         (None, 0, "cuda", f"{NONE}; use cpu"),
         ((12, 8), 0, "cuda:0", f"{OLD}; update it, or use cpu"),
         ((13, 0), 0, "cuda:1", "no CUDA GPU was found; use cpu"),
         ((13, 1), 3, "cuda:3", "there are only cuda:0 to cuda:2"),
-    ],
-)
-def test_a_gpu_that_cannot_be_had_is_one_line(driver, count, name, message, have, capsys):
-    have(driver, count)
-    assert main(["render", "cornell-box", "--device", name, "--spp", "1"]) == 2
-    assert capsys.readouterr().err == f"wrt: error: device {name!r}: {message}\n"
+    ):
+        have(driver, count)
+        assert main(["render", "cornell-box", "--device", name, "--spp", "1"]) == 2
+        assert capsys.readouterr().err == f"wrt: error: device {name!r}: {message}\n"
 
 
 def test_the_system_lists_gpus_or_says_why_there_are_none(have, monkeypatch, capsys):
