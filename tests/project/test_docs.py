@@ -20,6 +20,7 @@ from wrt.cli.arguments.options import EXAMPLES, make_parser, parse
 from wrt.io.measured.measurement import save_measurement
 from wrt.io.toml import scene_keys
 from wrt.io.toml.reader import load_scene
+from wrt.meshes import scene_names
 
 README = PAGES["README.md"]
 SCENE_FORMAT = PAGES["docs/scene-format.md"]
@@ -30,7 +31,9 @@ def write_files(folder: Path) -> None:
     np.save(folder / "cloud.npy", np.ones((2, 3, 4), np.float32))
     ball = wrt.sphere((0.0, 0.5, 0.0), 0.5, subdivisions=2)
     lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices] + [f"f {a} {b} {c}" for a, b, c in ball.faces + 1]
-    shutil.copy(ROOT / "meshes" / "teapot.ply", folder)
+    (folder / "meshes").mkdir(exist_ok=True)
+    for place in (folder, folder / "meshes"):
+        shutil.copy(ROOT / "meshes" / "teapot.ply", place)
     for name in ("bunny", "tree", "flag0", "flag1"):
         (folder / f"{name}.obj").write_text("\n".join(lines) + "\n")
     rng = np.random.default_rng(0)
@@ -69,7 +72,7 @@ def test_python_examples_run_and_write_what_they_say(tmp_path, monkeypatch, caps
     render_with([covering(*MODELS, sampler="sobol"), covering(*MODELS[-2:], sampler="sobol", aovs=True)], monkeypatch)
     write_files(tmp_path)
     monkeypatch.chdir(tmp_path)
-    assert len([page for page, _ in PROGRAMS if page == "README.md"]) >= 2
+    assert "README.md" in {page for page, _ in PROGRAMS}
     for page, code in PROGRAMS:
         exec(compile(code, page, "exec"), {})
         written = re.findall(r'save(?:_image|_checkpoint)?\(f?"([^"]+)"', code)
@@ -133,6 +136,15 @@ def test_commands_of_wrt_parse():
                 except wrt.InputError as error:
                     pytest.fail(f"{page}: {command}: {error}")
     assert count > 100
+
+
+def test_what_the_readme_renders_is_in_a_clone():
+    given = [re.match(r"wrt (?:render|view) (\S+)", command) for command in commands(README)]
+    read = re.findall(r'wrt\.(?:render|load|load_mesh)\("([^"]+)"', README)
+    inputs = [found[1] for found in given if found] + read
+    assert len(inputs) >= 8
+    for name in inputs:
+        assert name in scene_names() or (ROOT / name).is_file(), name
 
 
 def test_options_and_commands_of_the_repository_exist():
