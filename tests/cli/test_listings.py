@@ -26,21 +26,16 @@ def sections(text: str) -> dict[str, list[str]]:
     return found
 
 
-def test_the_list_has_every_material_and_every_parameter_in_columns(capsys):
+def test_the_list_has_every_material_and_every_parameter(capsys):
     assert main(["materials"]) == 0
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) <= WIDTH
     listed = sections(text)
     assert list(listed) == [*MATERIALS, "every material"]
-    columns = set()
     for name, rows in listed.items():
         cls = MATERIALS.get(name, wrt.Material)
         names = {field.name for field in dataclasses.fields(cls)} - (set() if cls is wrt.Material else COMMON)
-        found = [re.fullmatch(r"  (\w+)(\*?) +(\S+) +(\S.*)", row) for row in rows]
-        assert all(found), rows
-        assert {match[1] for match in found if match} == names
-        columns |= {match.start(group) for match in found if match for group in (3, 4)}
-    assert len(columns) == 2, "defaults and meanings each begin in one column"
+        assert {row.split()[0].rstrip("*") for row in rows} == names
 
 
 def test_one_material_is_explained_in_full():

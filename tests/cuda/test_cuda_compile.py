@@ -152,8 +152,6 @@ def test_code_that_only_clang_knows_does_not_compile(tmp_path):
         compile_for_cuda(wrong.module, tmp_path)
 
 
-# --- Nothing is left out ------------------------------------------------------------------------------
-
 VALUES = {
     "environment": ("none", "constant", "image"),
     "sampler": SAMPLERS,
@@ -219,8 +217,6 @@ def test_no_kernel_is_left_out():
     assert top_level == set(declared_kernels())
     assert made == FACTORIES
 
-
-# --- What a GPU adds to the features of a scene -------------------------------------------------------
 
 PLAIN = Features(("diffuse",), False, "none")
 

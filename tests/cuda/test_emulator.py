@@ -37,8 +37,6 @@ def test_what_is_unknown_is_refused():
             parse(HEAD + ".extern .func (.param .b32 func_retval0) vprintf (\n.param .b64 vprintf_param_0\n)\n;\n")
 
 
-# --- Threads of a warp that vote and wait for one another (PTX ISA, sections 9.7.13 and 9.7.14) --------
-
 WORDS = 8
 
 

@@ -24,8 +24,6 @@ from wrt.io.mesh.parts import Part, moved
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.npy import read_array
 
-# --- Types of files --------------------------------------------------------------------------------
-
 TREE = json.dumps(gltf_box(np.eye(3), np.array([[0, 1, 2]]))).encode()
 
 
@@ -133,9 +131,6 @@ def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path, monkeypatch, cap
     assert "\x1b" not in capfd.readouterr().out + messages
 
 
-# --- Sizes and numbers -----------------------------------------------------------------------------
-
-
 def test_sizes_beyond_single_precision(tmp_path):
     for size, message in (
         (1e13, r"its vertices reach to 1e\+13.* scale it down"),
@@ -188,8 +183,6 @@ def test_polygons_that_cross_themselves_end_and_corners_are_keyholes_only_where_
 
 
 BOXES = box_files()
-# --- Meshes ------------------------------------------------------------------------------------------
-
 POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
 OFF = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
 SUFFIXES = "obj", "ply", "stl", "off", "glb", "gltf"

@@ -186,9 +186,6 @@ def test_instances_motions_and_deformations(folder):
     np.testing.assert_allclose(changing.mesh_at(0.5).bounds[1], [2.0, 4.0, 0.0])
 
 
-# --- Mistakes --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("text", MISTAKES, ids=range(len(MISTAKES)))
 def test_messages_name_file_and_key_in_one_line(folder, text):
     with pytest.raises(wrt.InputError) as caught:

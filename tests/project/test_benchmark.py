@@ -20,9 +20,6 @@ import wrt
 SMALL = scenes.Budget(share=0.01, assets=Path("/nowhere"))
 
 
-# --- Verdicts, errors and timings --------------------------------------------------------------------
-
-
 def stack(factor: float, seed: int, count: int = 6, noise: float = 0.3) -> np.ndarray:
     truth = 1.0 + np.sin(np.arange(64.0))[:, None, None] * np.cos(np.arange(64.0))[None, :, None] * np.ones(3)
     return factor * truth * (1.0 + noise * np.random.default_rng(seed).normal(size=(count, 64, 64, 3)))
@@ -72,9 +69,6 @@ def test_a_renderer_in_a_process_of_its_own(tmp_path, monkeypatch):
         benchmark.main(["render", "--cpu-seconds", "--device", "cuda", "--peers", "mitsuba-llvm"])
 
 
-# --- Pages -------------------------------------------------------------------------------------------
-
-
 def test_commands_of_the_pages_are_understood():
     pages = [ROOT / "docs" / "performance.md", *sorted((ROOT / "docs" / "notes").glob("*.md"))]
     text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
@@ -92,9 +86,6 @@ def test_pages_show_what_was_measured():
         for section in report.SECTIONS[name]:
             page = section.page.read_text(encoding="utf-8")
             assert f"<!-- {section.name} -->\n{section.text(result).strip()}\n<!-- end of {section.name} -->" in page
-
-
-# --- Planted faults ----------------------------------------------------------------------------------
 
 
 def test_every_fault_can_be_planted_and_the_page_has_its_outcome():

@@ -45,8 +45,6 @@ def write_files(folder: Path) -> None:
     wrt.save_image(folder / "sky.exr", rng.uniform(0.0, 2.0, (4, 8, 3)))
 
 
-# --- Examples --------------------------------------------------------------------------------------
-
 # Other tests run these pages: the first three are programs, the next quotes a kernel, the last shows a widget.
 OWN = ("docs/own-bsdf.md", "docs/own-camera.md", "docs/own-light.md", "docs/spmd.md", "docs/view.md")
 MODELS = ("conductor", "dielectric", "oren_nayar", "plastic", "diffuse", "rough_conductor:ggx:smith:conductor")
@@ -105,9 +103,6 @@ def test_scene_files_and_parts_of_them_are_read(tmp_path, monkeypatch):
     assert str(caught.value) == shown
 
 
-# --- Commands --------------------------------------------------------------------------------------
-
-
 def commands(text: str) -> list[str]:
     lines = [line for block in blocks(text, "sh") for line in block.splitlines()]
     return [code.strip() for code in [*lines, *inline_code(text)]]
@@ -159,9 +154,6 @@ def test_options_and_commands_of_the_repository_exist():
                 script = (ROOT / program).read_text() if (ROOT / program).is_file() else ""
                 for option in re.findall(r"--[a-z][a-z-]*", program + " " + arguments.partition("#")[0]):
                     assert option in options or option in script, f"{page}: {command}: {option}"
-
-
-# --- References, paths and links -------------------------------------------------------------------
 
 
 def test_the_reference_is_current_and_has_every_public_name(capsys):

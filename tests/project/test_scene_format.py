@@ -77,9 +77,6 @@ def test_keys_and_defaults_are_those_of_the_code(name):
         assert len(schema["description"]) >= 5, key
 
 
-# --- Schema ----------------------------------------------------------------------------------------
-
-
 @functools.cache
 def validator() -> jsonschema.Draft7Validator:
     return jsonschema.Draft7Validator(json.loads(SCHEMA))

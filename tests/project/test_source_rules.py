@@ -62,9 +62,6 @@ def within(name: str, packages: tuple[str, ...]) -> bool:
     return any(name == package or name.startswith(package + ".") for package in packages)
 
 
-# --- Kernels ---------------------------------------------------------------------------------------
-
-
 def test_kernels_import_warp_and_themselves_and_keep_their_annotations():
     """Warp reads annotations as objects, which `from __future__ import annotations` turns into text."""
     assert len(KERNEL_FILES) > 20
@@ -102,8 +99,6 @@ def test_static_expressions_do_not_hang_on_loop_variables():
                 names = {name for argument in call.args for name in names_in(argument)}
                 assert not names & names_in(loop.target), f"{name_of(path)} line {call.lineno}: {ast.unparse(call)}"
 
-
-# --- Imports ---------------------------------------------------------------------------------------
 
 ORDER = (
     *("wrt.cli", "wrt.view", "wrt.api", "wrt.progress", "wrt.distributed", "wrt.rendering"),

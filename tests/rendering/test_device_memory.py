@@ -68,9 +68,6 @@ SCENES = {
 QUICK = ("a ball", "a cloud and an image")
 
 
-# --- What does not fit -------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def gpu():
     with emulated_cuda(optimization=0) as backend:
@@ -127,9 +124,6 @@ def test_the_command_lists_the_parts_and_whether_they_fit(monkeypatch, capsys):
     assert "materials" not in memory_text(memory, 3, 4)
 
 
-# --- GPUs --------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def have(monkeypatch):
     """Return a function that sets the CUDA version of the driver and the number of GPUs."""
@@ -175,9 +169,6 @@ def test_the_system_lists_gpus_or_says_why_there_are_none(have, monkeypatch, cap
     assert ["CUDA", "13.4 compiles kernels, 13.0 is needed, the driver supports 13.1"] in rows()
     for device in ("cuda:0", "cuda:1"):
         assert [device, "NVIDIA H100, sm_90, 85.0 GB of memory, 79.5 GB free"] in rows()
-
-
-# --- What is foretold. Last, for an emulated GPU stays until the module ends. ---
 
 
 @pytest.fixture(scope="module", params=["cpu", pytest.param("emulated", marks=pytest.mark.machinery)])

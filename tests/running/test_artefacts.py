@@ -30,9 +30,6 @@ def environment(tmp_path: Path) -> dict[str, str]:
     return without_artefacts(tmp_path)
 
 
-# --- From the shell -----------------------------------------------------------------------------------
-
-
 def test_a_process_without_warp_gives_the_same_bits(tmp_path, environment):
     image = wrt.render("cornell-box", width=24, height=16, spp=2)
     for has_warp in (True, False):
@@ -81,8 +78,6 @@ def test_what_is_missing_is_compiled_and_no_message_comes_twice(tmp_path, enviro
     assert read_table(index) == table
     assert len({(tmp_path / f"{name}.npy").read_bytes() for name in "abc"}) == 1
 
-
-# --- From Python --------------------------------------------------------------------------------------
 
 BEGIN = """
 import json, sys
@@ -169,9 +164,6 @@ def test_cooperative_kernels_of_users_go_on_to_work(tmp_path, environment):
     assert python(tmp_path, environment, str(script)).endswith("[8.0]\n")
 
 
-# --- Structs ------------------------------------------------------------------------------------------
-
-
 def structs_of_kernels() -> list[Any]:
     found = {}
     for path in sorted((ROOT / "kernels").rglob("*.py")):
@@ -195,9 +187,6 @@ def test_structs_lie_in_memory_as_warp_lays_them():
         layout, expected = layout_of(name).numpy, np.dtype(struct.numpy_dtype())
         assert layout.itemsize == expected.itemsize
         assert layout == expected, name
-
-
-# --- The table ----------------------------------------------------------------------------------------
 
 
 def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path, monkeypatch):

@@ -22,20 +22,19 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
-def test_private_folders_are_used(cache):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert cache_folders.warp_folder() == cache / "warp"
-        assert cache_folders.wrt_folder() == cache / "wrt"
-
-
-def test_a_new_cache_is_private_whatever_the_umask(cache):
+def test_a_new_cache_is_private_and_in_a_shared_folder_each_user_has_one(cache):
     before = os.umask(0)
     try:
-        cache_folders.require_writable(cache_folders.warp_folder() / "1.0")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert cache_folders.warp_folder() == cache / "warp"
+            assert cache_folders.wrt_folder() == cache / "wrt"
+            cache_folders.require_writable(cache_folders.warp_folder() / "1.0")
     finally:
         os.umask(before)
     assert stat.S_IMODE((cache / "warp").stat().st_mode) == 0o700
+    cache.chmod(0o1777)
+    assert cache_folders.warp_folder() == cache / f"uid-{os.getuid()}" / "warp"
 
 
 @pytest.mark.parametrize("open_to_others", ["cache/warp", "cache", "."])
@@ -54,12 +53,6 @@ def test_folders_of_other_users_are_not_used(cache):
     os.chown(cache / "wrt", 12345, 12345)
     with pytest.warns(UserWarning, match="belongs to another user"):
         assert cache_folders.wrt_folder() == cache_folders.work_folder() / "wrt"
-
-
-def test_each_user_has_a_folder_in_a_shared_one(cache):
-    cache.mkdir()
-    cache.chmod(0o1777)
-    assert cache_folders.warp_folder() == cache / f"uid-{os.getuid()}" / "warp"
 
 
 def test_no_table_names_code_where_others_write(tmp_path, monkeypatch):

@@ -163,9 +163,6 @@ def test_a_cache_that_cannot_be_written_to_is_left_alone(started, table, tmp_pat
     assert started == []
 
 
-# --- The process --------------------------------------------------------------------------------------
-
-
 def processes(folder: Path) -> list[int]:
     """Return the compilers whose kernels go into a folder."""
     found = []
@@ -238,9 +235,6 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path):
     assert not processes(kernels)
     films = {hashlib.sha256((tmp_path / f"{name}.npy").read_bytes()).digest() for name in ("first", "again", "last")}
     assert len(films) == 1
-
-
-# --- Before any render --------------------------------------------------------------------------------
 
 
 def test_the_command_goes_on_after_a_mistake(tmp_path, capsys, monkeypatch):

@@ -159,9 +159,6 @@ end(143)"""
     assert not list(tmp_path.iterdir())
 
 
-# --- Headers ------------------------------------------------------------------------------------------
-
-
 COMPILE_ONCE = """
 import sys, threading
 import warp as wp

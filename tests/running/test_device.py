@@ -13,7 +13,6 @@ import warp as wp
 import wrt
 from wrt.backend.backend import Backend
 from wrt.backend.device import Device
-from wrt.backend.warp_start import initialize_warp
 from wrt.cli import main
 from wrt.slices import FIRST_SLICE, SLICE_SECONDS, SLICES_PER_THREAD, Slices
 
@@ -36,9 +35,6 @@ def test_each_index_runs_once(threads, device):
     for n in (0, 1, 2, 15, 16, 17, 33, 1000, 100_003):
         assert_each_once(Device(device, threads=threads), n)
     assert_each_once(Device(device, threads=threads), 1000, spared=3)  # one thread always works
-
-
-# --- Slices -------------------------------------------------------------------------------------------
 
 
 def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: int = 1) -> list[tuple[int, int, float]]:
@@ -129,9 +125,6 @@ def test_an_interrupt_leaves_no_worker_running(monkeypatch):
     assert_each_once(device, 1000)
 
 
-# --- Names and numbers --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["", "gpu", "cpu:0", "cuda:-1", None])
 def test_unknown_devices_and_bad_numbers_of_threads_are_refused(name):
     with pytest.raises(wrt.InputError, match=f"^unknown device {name!r}.*use cpu, cuda or cuda:N[^\n]*$"):
@@ -150,13 +143,6 @@ def test_one_line_says_that_the_system_allows_no_more_threads(monkeypatch, capsy
     for command in ["render", "cornell-box", "--size", "8x8"], ["view", "cornell-box", "--no-browser"]:
         assert main(command) == 1
         assert capsys.readouterr().err.endswith(f"the system allows no more threads or processes {limits}\n")
-
-
-def test_versions_of_cuda_start_warp(monkeypatch):
-    starts = []
-    monkeypatch.setattr("wrt.backend.backend.initialize_warp", lambda: starts.append(initialize_warp()))
-    assert Backend().cuda_versions().toolkit >= (12, 0)
-    assert starts
 
 
 def test_gpus_are_named(monkeypatch):

@@ -83,9 +83,6 @@ def test_a_new_scene_of_seen_features_loads_nothing(device):
     assert loaded() == before
 
 
-# --- Factories of device functions --------------------------------------------------------------------
-
-
 def test_what_a_factory_does_not_declare_it_cannot_read():
     @specialised("models", "nested")
     def make_one(features):

@@ -91,9 +91,6 @@ def test_long_renders_request_one_that_covers_the_scene(monkeypatch: pytest.Monk
     assert requested[1:] == [(GUIDES[0], SCALAR)]
 
 
-# --- Bits ---------------------------------------------------------------------------------------------
-
-
 CASES = cases()
 FEW_USE = ("layers", "clamp_indirect", "regularization")
 """Options of cases for which there are no general kernels."""

@@ -1,15 +1,11 @@
 """Damaged files of the kernel cache are never loaded, and rendering works without a writable cache."""
 
-import contextlib
 import os
 import pwd
 import random
-import resource
 import shutil
-import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -245,20 +241,6 @@ def test_where_caches_are(monkeypatch):
     assert user_folder() == Path(pwd.getpwuid(os.getuid()).pw_dir, ".cache")
 
 
-@contextlib.contextmanager
-def mounted(folder: Path, *options: str) -> Iterator[None]:
-    """Mount a file system in a folder for the context; skip the test if that is not permitted."""
-    folder.mkdir(exist_ok=True)
-    try:
-        subprocess.run(["mount", "-t", "tmpfs", *options, "none", str(folder)], check=True, capture_output=True)
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("no file system can be mounted here")
-    try:
-        yield
-    finally:
-        subprocess.run(["umount", "-l", str(folder)], check=True)
-
-
 @pytest.mark.slow
 def test_a_cache_that_cannot_be_written_is_done_without(cache):
     cache.folder.write_text("a file where the folder should be")
@@ -268,35 +250,11 @@ def test_a_cache_that_cannot_be_written_is_done_without(cache):
     assert not Path(warned.split(" kept in ")[1].split()[0]).exists()  # once the process has ended
 
 
-@pytest.mark.machinery
-def test_a_read_only_cache_is_of_use_and_a_full_disk_is_done_without(cache):
-    with mounted(cache.folder):
-        assert cache.run() == (1, "")
-        subprocess.run(["mount", "-o", "remount,ro", str(cache.folder)], check=True)
-        assert cache.run() == (0, "")
-        cache.program.write_text(SMALL.replace("*= 2.0", "+= 1.0"))  # another kernel
-        count, warned = cache.run()
-        assert (count, warned.count("cannot be written: Read-only file system")) == (1, 1)
-    with mounted(cache.folder, "-o", "size=8k"):
-        for _ in range(2):
-            count, warned = cache.run()
-            assert (count, warned.count("\n")) == (1, 0)
-            assert warned.count("cannot be written: No space left on device") == 1
-    assert cache.run() == (1, "")
-
-
-def test_a_write_that_fails_in_the_middle_leaves_nothing_behind(tmp_path):
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    put(tmp_path / "file", b"as it was")
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    try:
-        with pytest.raises(OSError, match="large"):
-            put(tmp_path / "file", bytes(5000))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, before)
-    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"as it was")]
+def test_a_write_that_fails_leaves_nothing_behind(tmp_path):
+    (tmp_path / "file").mkdir()
+    with pytest.raises(OSError, match="directory"):
+        put(tmp_path / "file", b"new")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_no_room_to_compile_is_told(monkeypatch):

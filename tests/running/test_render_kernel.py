@@ -88,9 +88,6 @@ def kernel_of(renderer: wrt.Renderer) -> WideKernel:
     return WideKernel(renderer.device, renderer._kernel._features, renderer._kernel.records)
 
 
-# --- When it is compiled and loaded -------------------------------------------------------------------
-
-
 def test_it_is_compiled_once_and_only_for_long_renders(cache, renderer, requested):
     """A shorter render has it compiled for the next, the shortest does not."""
     kernel = kernel_of(renderer)
@@ -202,9 +199,6 @@ def test_the_largest_array_is_found_wherever_it_is():
     scene.shapes[0] = dataclasses.replace(shape, mesh=with_uvs(shape.mesh), material=material)
     found = largest_array(wrt.Renderer(scene, width=8, height=8)._kernel.records[0])
     assert pixels.nbytes <= found <= 2 * pixels.nbytes
-
-
-# --- With kernels that are compiled -------------------------------------------------------------------
 
 
 @needs_lanes
