@@ -3,11 +3,14 @@
 Films of the two differ by rounding alone: they have the same numbers of rays, and colours that agree.
 """
 
+import json
 from collections.abc import Iterator
 
+import gpu_check
 import numpy as np
 import pytest
 from conftest import Report
+from support import films_of_devices
 from support.digests import Case
 from support.emulated_cuda.backend import GPU, EmulatedBackend, emulated_cuda
 from support.films_of_devices import FILMS, OPTIONS, film_cases, films_of
@@ -81,3 +84,19 @@ def test_bits_do_not_depend_on_which_lanes_meet(gpu):
     np.testing.assert_array_equal(sums(6, divides=True), expected)
     np.testing.assert_array_equal(sums(1, 2, 6), expected)
     np.testing.assert_array_equal(sums(6, crop=(13, 13, 30, 20)), expected[1:8, 3:20])
+
+
+@pytest.mark.parametrize("agree", [films_of_devices.AGREE, 0.0])
+def test_the_check_that_users_run_says_whether_films_agree(agree, tmp_path, monkeypatch):
+    """`scripts/gpu_check.py` with one film and one small render."""
+    monkeypatch.setattr(films_of_devices, "FILMS", ("built-in-cornell-box",))
+    monkeypatch.setattr(films_of_devices, "AGREE", agree)
+    monkeypatch.setattr(gpu_check, "SIZE", {"width": 16, "height": 12})
+    line = ["--quick", "--no-tests", "--output", str(tmp_path), "--scenes", "cornell-box", "--seconds", "0.01"]
+    with emulated_cuda(optimization=0):
+        status = gpu_check.main(line)
+    results = json.loads((tmp_path / "gpu-check.json").read_text(encoding="utf-8"))
+    page = (tmp_path / "gpu-check.md").read_text(encoding="utf-8")
+    assert (status, results["agrees"]) == ((0, True) if agree else (1, False))
+    assert page.endswith("Everything agrees.\n" if agree else "Something does not agree, see above.\n")
+    assert [(row["scene"], row["device"]) for row in results["speed"]] == [("cornell-box", GPU), ("cornell-box", "cpu")]

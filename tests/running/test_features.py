@@ -2,6 +2,8 @@
 
 import ast
 import itertools
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from warp._src.context import user_modules
 import wrt
 from wrt.backend import current_backend
 from wrt.backend.device import Device
+from wrt.kernels import native
 from wrt.kernels.core.features import Features, identifier
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.render import make_render_kernel
@@ -113,3 +116,16 @@ def test_what_declares_device_functions_at_each_call_is_specialised():
                 decorators = {ast.unparse(each).partition("(")[0] for f in inner for each in f.decorator_list}
                 if decorators & {"wp.func", "wp.kernel", "wp.func_native"}:
                     assert any(ast.unparse(each).startswith("specialised") for each in node.decorator_list), node.name
+
+
+def test_headers_are_whole_and_have_the_constants_of_python():
+    """Warp hashes the text that a module gets; `tests/cuda/test_cuda_compile.py` compiles it."""
+    folder = Path(native.__file__).parent
+    for name in sorted(str(path.relative_to(folder)) for path in folder.rglob("*.h")):
+        text = native.text_of(name)
+        assert "#include" not in text
+        assert str(ROOT) not in text
+        assert len(re.findall(r"^#ifndef WRT_\w+_H$", text, re.MULTILINE)) == len(set(native.headers_of(name)))
+    text = native.constants_header()
+    assert f"constexpr int NODE_FLOATS = {native.constants.NODE_FLOATS};" in text
+    assert f"constexpr double BOX_PAD = {native.constants.BOX_PAD};" in text
