@@ -150,9 +150,9 @@ def test_the_command_line(tmp_path, monkeypatch, capsys):
 
 
 @pytest.fixture
-def stored(renderer, tmp_path, monkeypatch):
+def stored(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    renderer.part(1, 1, spp=1).save("part.wrt")
+    wrt.Renderer(block_scene(), transparent=True, **SIZE).part(1, 1, spp=1).save("part.wrt")
     return Path("part.wrt")
 
 
