@@ -60,11 +60,21 @@ GROUPS: dict[str, str] = {
 }
 """The public names by subject, in the order in which a reader meets them."""
 
-INTERNAL_MEMBERS = set(
-    "arguments_for check greatest half_angles has_updated_vertices is_isotropic is_rigid keys_of moves needs_tangents "
-    "outline parts reduction renders_light require_fit require_own_tone restore share shines table_key taking "
-    "with_backend".split()
-) | set(dir(tuple))
+INTERNAL_MEMBERS = {
+    *(
+        "arguments_for",
+        "check",
+        "greatest",
+        "half_angles",
+        "has_updated_vertices",
+        "is_isotropic",
+        "is_rigid",
+        "keys_of",
+    ),
+    *("moves", "needs_tangents", "outline", "parts", "reduction", "renders_light", "require_fit", "require_own_tone"),
+    *("restore", "share", "shines", "table_key", "taking", "with_backend"),
+    *dir(tuple),
+}
 """Members without an underscore that only wrt itself calls, or that a named tuple has."""
 
 
