@@ -1,7 +1,5 @@
 """A trimesh object loads like the file that it was loaded from, or would be saved to."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -43,8 +43,8 @@ class Camera(Kind):
             if the view is along x.
         shutter_open: time when the shutter begins to open, seconds.
         shutter_close: time when the shutter is closed again, seconds; equal to `shutter_open` for an instant.
-        shutter_ramp: fraction of that time that opening and closing take, half each, with linear exposure ramps:
-            0 is a box, 1 a triangle.
+        shutter_ramp: fraction of that time that opening and closing take, half each, linearly: 0 is a box, 1 a
+            triangle.
         motion: motion of the camera, applied to `origin`, `target` and `up`.
     """
 
@@ -144,15 +144,11 @@ class LensCamera(Camera):
     """A camera with a thin lens, whose aperture shapes out-of-focus highlights.
 
     Attributes:
-        aperture_radius: radius of the aperture, or of the circle around it if it is not a disk, metres. At 0
-            everything is in focus.
-        focus_distance: distance from the lens to the focal plane, along the view; by default the distance to
-            `target`.
-        aperture: shape of the aperture, "disk", "square" or "polygon". A square has upright sides, a polygon a corner
-            at the top.
+        aperture_radius: radius of the aperture or of the circle around it, metres. At 0 everything is in focus.
+        focus_distance: distance to the focal plane, along the view; by default that to `target`.
+        aperture: "disk", "square" with upright sides, or "polygon" with a corner at the top.
         aperture_blades: number of corners of the polygon.
-        aperture_rotation_degrees: turns the aperture counter-clockwise, as lights beyond the focal plane show it;
-            lights in front of it show it upside down.
+        aperture_rotation_degrees: turns the aperture counter-clockwise, as lights beyond the focal plane show it.
     """
 
     _: KW_ONLY
@@ -175,10 +171,9 @@ class PerspectiveCamera(LensCamera):
     """A thin-lens perspective camera; with aperture radius 0 a pinhole.
 
     Attributes:
-        fov_degrees: full vertical field of view before any shift, at most 179.
+        fov_degrees: vertical field of view before any shift, at most 179.
         pixel_aspect: width of a pixel on the film over its height: fy / fx for focal lengths in pixels.
-        shift_x: lens shift to the right, in picture heights, as of a view camera. Vertical lines stay parallel while
-            the camera is level.
+        shift_x: lens shift to the right, in picture heights.
         shift_y: lens shift upwards, in picture heights.
     """
 
@@ -259,7 +254,7 @@ class OrthographicCamera(LensCamera):
 
 @dataclass(frozen=True)
 class PanoramaCamera(Camera):
-    """A spherical camera whose picture is in latitude-longitude layout, like an environment image.
+    """A spherical camera in latitude-longitude layout, like an environment image.
 
     Attributes:
         horizontal_degrees: range of longitude, at most 360, centred on the target.
@@ -282,7 +277,7 @@ class PanoramaCamera(Camera):
 
 @dataclass(frozen=True)
 class FisheyeCamera(Camera):
-    """An equidistant fisheye: distance from the picture's centre is proportional to the angle from the view.
+    """An equidistant fisheye: distance from the picture's centre is proportional to the angle.
 
     The picture is a circle as wide as its shorter side, black outside.
 
