@@ -1,7 +1,5 @@
 """Every key of glTF 2.0 and of the Khronos Group's extensions is used, without effect, or warned of."""
 
-from __future__ import annotations
-
 import io
 import warnings
 from collections.abc import Iterator
@@ -260,14 +258,14 @@ def unused(folder: Path, tree: dict[str, Any], monkeypatch: pytest.MonkeyPatch) 
     return {key: "named" if named else "without effect" for key, named in is_named.items()}
 
 
-def test_each_key_of_the_specification(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_key_of_the_specification(tmp_path, monkeypatch):
     tree = complete_file()
     assert {f"{place}.{key}".lstrip(".") for place, value in objects(tree) for key in value} == set(EXPECTED)
     found = unused(tmp_path, tree, monkeypatch)
     assert {key: found.get(key, "") for key in EXPECTED | found} == EXPECTED
 
 
-def test_unknown_keys_are_named_and_extras_are_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_keys_are_named_and_extras_are_not(tmp_path, monkeypatch):
     tree = complete_file()
     places = dict(objects(tree))
     for place, value in places.items():

@@ -1,7 +1,5 @@
 """Geometry of glTF files that is compressed, sparse, quantised, instanced or morphed; cameras, lights, versions."""
 
-from __future__ import annotations
-
 import math
 import sys
 

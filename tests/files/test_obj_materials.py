@@ -1,7 +1,5 @@
 """Materials of OBJ files: what each statement of an MTL file becomes, and where files and images are found."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from fnmatch import fnmatchcase

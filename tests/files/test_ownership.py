@@ -1,7 +1,5 @@
 """A scene owns its arrays: later changes to the arrays it was made from do not change pictures."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Points of files and objects are spheres in their colours, of a radius that follows from their spacing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

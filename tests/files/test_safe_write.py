@@ -1,7 +1,5 @@
 """wrt replaces no file that it has read or did not write; it writes files whole, and never into devices and pipes."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat
@@ -45,9 +43,6 @@ def check_refused(message: str, folder: Path, capsys: pytest.CaptureFixture[str]
         assert run(*command, *force) == 2
         assert message in capsys.readouterr().err
         assert_only_added(before, folder)
-
-
-# --- Files that are replaced, and that are not -----------------------------------------------------
 
 
 def test_an_input_is_not_replaced_under_any_name(folder, capsys):
@@ -112,9 +107,6 @@ def test_checkpoints_replace_only_checkpoints(folder, capsys):
         check_refused("a.ckpt: already exists and is not a checkpoint; name another file", folder, capsys, *options)
 
 
-# --- How files are written -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda path: path.symlink_to(path.name)])
 def test_pipes_folders_and_circular_links_are_refused_everywhere(make, folder, capsys):
     write_obj(folder)
@@ -122,7 +114,7 @@ def test_pipes_folders_and_circular_links_are_refused_everywhere(make, folder, c
         make(folder / name)
     (folder / "link.png").symlink_to("a.png")
 
-    def modes() -> list[tuple[str, int]]:
+    def modes():
         return sorted((path.name, path.lstat().st_mode) for path in folder.iterdir())
 
     before = modes()
@@ -171,7 +163,9 @@ def test_links_are_followed(folder):
 
 
 def test_permissions_are_kept_and_a_write_protected_file_is_left_alone(folder, capsys):
+    (folder / "plain").touch()
     save_image("a.png", np.zeros((2, 2, 3)))
+    assert (folder / "a.png").stat().st_mode == (folder / "plain").stat().st_mode
     (folder / "a.png").chmod(0o640)
     save_image("a.png", np.ones((2, 2, 3)))
     assert stat.S_IMODE((folder / "a.png").stat().st_mode) == 0o640

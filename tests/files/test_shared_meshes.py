@@ -1,13 +1,10 @@
 """A mesh file that shows one mesh in several places keeps one copy of it, in a scene file too."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Report
 from support.mesh_files import saved
 from support.meshes import gltf_box, write
 
@@ -51,7 +48,7 @@ def scene_of(hills: Path, text: str = "") -> wrt.Scene:
     return load_scene(write(hills.parent, "scene.toml", HEAD + text))
 
 
-def test_a_scene_file_shares_what_its_mesh_file_shares(hills: Path, report: Report) -> None:
+def test_a_scene_file_shares_what_its_mesh_file_shares(hills, report):
     scene, copies = scene_of(hills), wrt.Scene(load_shapes(hills))
     sizes = [SceneUpload(each, Device("cpu")).finish().data.indices.size // 3 for each in (scene, copies)]
     report("triangles on the device: scene file, copies", sizes)
@@ -73,7 +70,7 @@ GROWTH = "motion = { keys = [{ time = 0 }, { time = 1, scale = [1, 3, 1], transl
         (PLACED + GROWTH, 3),  # stretched over time, copies are what is exact
     ],
 )
-def test_transforms_come_after_those_of_the_file(hills: Path, text: str, meshes: int) -> None:
+def test_transforms_come_after_those_of_the_file(hills, text, meshes):
     """Everything is where it is if the file is read as copies, and then moved."""
     scene = scene_of(hills, text)
     copies = load_shapes(hills)

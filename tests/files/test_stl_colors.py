@@ -1,7 +1,5 @@
 """Colours of binary STL files, by every convention there is, and words that are none."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every property of a PLY or OFF file that is found in the wild is used, without effect for a reason, or warned of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from support.mesh_files import INDICES, ORDERS, XYZ, off_binary, ply
@@ -82,26 +80,22 @@ OFF_LINES = "\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
 RED, GREEN, CLAY = (1, 0, 0), (0, 1, 0), DEFAULT_REFLECTANCE
 
 
-@pytest.mark.parametrize(
-    ("faces", "expected"),
-    [
+def test_faces_of_off_have_their_colors(tmp_path):
+    for faces, expected in (
         ("3 0 1 2 255 0 0\n3 1 3 2 0 255 0\n", (RED, GREEN)),
         ("3 0 1 2 1.0 0 0\n3 1 3 2\n", (RED, CLAY)),
         ("3 0 1 2 255 0 0 255\n3 1 3 2 0 255 0\n", (RED, GREEN)),
         ("3 0 1 2 0 1 0 0.5\n3 1 3 2 1 0 0 1\n", ((*GREEN, 0.5), (*RED, 1))),
         ("4 0 1 3 2 0 255 0\n3 1 3 2 255 0 0\n", (GREEN, GREEN, RED)),
-    ],
-)
-def test_faces_of_off_have_their_colors(faces, expected, tmp_path):
-    (shape,) = load_shapes(write(tmp_path, "a.off", f"OFF\n4 2 0\n{OFF_LINES}\n{faces}"))
-    np.testing.assert_allclose(shape.mesh.colors[shape.mesh.faces[:, 0]], expected, atol=1e-6)
-    (shape,) = load_shapes(write(tmp_path, "b.off", off_binary(">", POINTS, FACES, colors=3)))
-    np.testing.assert_allclose(shape.mesh.colors, linear_from_srgb(np.full((6, 3), 0.5)), rtol=1e-5)
+    ):
+        (shape,) = load_shapes(write(tmp_path, "a.off", f"OFF\n4 2 0\n{OFF_LINES}\n{faces}"))
+        np.testing.assert_allclose(shape.mesh.colors[shape.mesh.faces[:, 0]], expected, atol=1e-6)
+        (shape,) = load_shapes(write(tmp_path, "b.off", off_binary(">", POINTS, FACES, colors=3)))
+        np.testing.assert_allclose(shape.mesh.colors, linear_from_srgb(np.full((6, 3), 0.5)), rtol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_numbers_of_off_that_are_not_used_are_warned_of(tmp_path):
+    for text, message in (
         (f"OFF\n4 2 0\n{OFF_LINES}\n3 0 1 2 7\n3 1 3 2 9\n", r"the number of a face's colour in a map .*\(2 times\)"),
         (f"OFF\n4 1 0\n{OFF_LINES}\n3 0 1 2 1 0\n", "a face's colour that is not three or four numbers"),
         (f"OFF\n4 1 0\n{OFF_LINES}\n3 0 1 2\nhello world\n", "a line behind the faces"),
@@ -110,8 +104,6 @@ def test_faces_of_off_have_their_colors(faces, expected, tmp_path):
         ("COFF\n3 1 0\n0 0 0 9\n1 0 0 9\n0 1 0 9\n3 0 1 2\n", "vertex colours of the OFF file are left out"),
         ("NOFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "fewer numbers than its header says"),
         ("STOFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "fewer numbers than its header says"),
-    ],
-)
-def test_numbers_of_off_that_are_not_used_are_warned_of(text, message, tmp_path):
-    with pytest.warns(InputWarning, match=message):
-        load_shapes(write(tmp_path, "a.off", text))
+    ):
+        with pytest.warns(InputWarning, match=message):
+            load_shapes(write(tmp_path, "a.off", text))

@@ -1,7 +1,5 @@
 """USD files give the scene that their text describes."""
 
-from __future__ import annotations
-
 import math
 import sys
 from functools import partial
@@ -89,19 +87,16 @@ def test_images_within_an_archive_are_read(scene, folder):
     assert differences(scene, load_file(folder / "all.usdz")) == {}
 
 
-@pytest.mark.parametrize(
-    ("kind", "values", "size", "expected"),
-    [
+def test_solids_are_closed_and_face_outwards(tmp_path):
+    for kind, values, size, expected in (
         ("Cylinder", 'double radius = 2\ndouble height = 3\ntoken axis = "X"', (3, 4, 4), 12 * math.pi),
         ("Capsule", "double radius = 1\ndouble height = 2", (2, 2, 4), (2 + 4 / 3) * math.pi),
         ("Cube", "double size = 2", (2, 2, 2), 8.0),
-    ],
-)
-def test_solids_are_closed_and_face_outwards(tmp_path, kind, values, size, expected):
-    text = f'#usda 1.0\n(\nmetersPerUnit = 1\n)\ndef {kind} "A"\n{{\n{values}\n}}\n'
-    (shape,) = load_file(write(tmp_path, "solid.usda", text)).shapes
-    np.testing.assert_allclose(np.ptp(shape.mesh.bounds, axis=0), size, rtol=3e-3)  # of 64 sides
-    assert volume(shape.mesh) == pytest.approx(expected, rel=5e-3)
+    ):
+        text = f'#usda 1.0\n(\nmetersPerUnit = 1\n)\ndef {kind} "A"\n{{\n{values}\n}}\n'
+        (shape,) = load_file(write(tmp_path, "solid.usda", text)).shapes
+        np.testing.assert_allclose(np.ptp(shape.mesh.bounds, axis=0), size, rtol=3e-3)  # of 64 sides
+        assert volume(shape.mesh) == pytest.approx(expected, rel=5e-3)
 
 
 def test_materials_may_read_attributes_by_their_names(folder):

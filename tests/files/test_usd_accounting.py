@@ -1,7 +1,5 @@
 """Every property that the schemas of USD give to what is drawn changes the scene, or is excused or warned of."""
 
-from __future__ import annotations
-
 import io
 import warnings
 from collections.abc import Callable
@@ -211,7 +209,7 @@ def test_each_property_of_a_prim_is_used_excused_or_warned_of(kind, folder):
     specs = {name: schema.GetSchemaPropertySpec(name) for schema in schemas for name in schema.GetPropertyNames()}
     for name, spec in specs.items():
 
-        def add(stage: Any, name: str = name, spec: Any = spec) -> None:
+        def add(stage, name=name, spec=spec):
             prim = stage.GetPrimAtPath("/p")
             if isinstance(spec, Sdf.RelationshipSpec):
                 prim.CreateRelationship(name, custom=False).SetTargets(["/p/b"])
@@ -254,7 +252,7 @@ def test_each_input_of_a_shader_is_used_excused_or_warned_of(kind, folder):
             continue
         for value in [word for word, _ in declared.GetOptions()] or [SPECIAL.get(name, PLAIN.get(str(type_name)))]:
 
-            def add(stage: Any, name: str = name, type_name: Any = type_name, value: Any = value) -> None:
+            def add(stage, name=name, type_name=type_name, value=value):
                 UsdShade.Shader(stage.GetPrimAtPath(f"/M/{kind}")).CreateInput(name, type_name).Set(value)
 
             if value not in (declared.GetDefaultValue(), known and known.Get()) and unaccounted(

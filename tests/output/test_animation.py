@@ -79,24 +79,21 @@ def test_keyframes_move_from_frame_to_frame():
     assert not moves(wrt.load("cornell-box"))
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_mistakes_are_reported_in_one_message(mesh, capsys):
+    for options, words in (
         (["--turntable", "1"], "at least 2"),
         (["--frames", "0-2", "-o", "a.gif"], "nothing in it moves"),
         (["--turntable", "3", "-o", "a.png"], "with a place for their numbers"),
         (["--turntable", "3", "--checkpoint", "c"], "--checkpoint is for a single picture"),
         (["--turntable", "2", "-o", "mine.gif", *SMALL], "mine.gif"),  # no other file is replaced
-    ],
-)
-def test_mistakes_are_reported_in_one_message(options, words, mesh, capsys):
-    (mesh.parent / "mine.gif").write_bytes(b"GIF89a of somebody else")
-    assert main(["render", "box.npz", *options]) in (1, 2)
-    printed = capsys.readouterr().err
-    assert words in printed
-    assert "Traceback" not in printed
-    assert sorted(os.listdir()) == ["box.npz", "mine.gif"]
-    assert (mesh.parent / "mine.gif").read_bytes() == b"GIF89a of somebody else"
+    ):
+        (mesh.parent / "mine.gif").write_bytes(b"GIF89a of somebody else")
+        assert main(["render", "box.npz", *options]) in (1, 2)
+        printed = capsys.readouterr().err
+        assert words in printed
+        assert "Traceback" not in printed
+        assert sorted(os.listdir()) == ["box.npz", "mine.gif"]
+        assert (mesh.parent / "mine.gif").read_bytes() == b"GIF89a of somebody else"
 
 
 def test_errors_of_the_frame_generator_reach_the_caller(tmp_path):
