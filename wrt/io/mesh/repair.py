@@ -145,7 +145,7 @@ def _repaired(path: str, part: Part) -> Part:
         normals=rows("normals", used),
         colors=None if colors is None else np.clip(colors, 0.0, 1.0),
         face_colors=rows("face_colors", solid, "face colours"),
-        radius=rows("radius", used) if isinstance(part.radius, np.ndarray) else part.radius,
+        radius=part.radius[used] if isinstance(part.radius, np.ndarray) else part.radius,
         smoothing=rows("smoothing", solid) if isinstance(part.smoothing, np.ndarray) else part.smoothing,
         uvs=rows("uvs", used, "texture coordinates"),
         tangents=rows("tangents", used, "tangents") if _reads_tangents(part.material) else None,
