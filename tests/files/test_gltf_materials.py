@@ -1,6 +1,5 @@
 """Materials of glTF files become the same in wrt: factors, textures, alpha, extensions, images of every kind."""
 
-import base64
 import contextlib
 import io
 import sys
@@ -9,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from PIL import Image
 from support.mesh_files import add, attributes, check_refused, check_values, data_uri, saved, values_of
 from support.meshes import gltf_box, write
@@ -224,18 +224,8 @@ def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
 QUARTERS = np.array([[[200, 40, 40, 255], [40, 180, 60, 255]], [[30, 60, 190, 255], [220, 210, 90, 96]]], np.uint8)
 """Quarters of the pictures below, 24 by 16 pixels, which basisu 1.15 encoded."""
 
-ETC1S = base64.b64decode(
-    "q0tUWCAyMLsNChoKAAAAAAEAAAAYAAAAEAAAAAAAAAAAAAAAAQAAAAEAAAABAAAAaAAAADwAAACkAAAAJAAAAMgAAAAAAAAAoQAAAAAAAABpAQAA"
-    "AAAAABMAAAAAAAAAAAAAAAAAAAA8AAAAAAAAAAIAOACjAQIAAwMAAAAAAAAAAAAAAAA/AAAAAAAAAAAA/////0AAPw8AAAAAAAAAAP////8fAAAA"
-    "S1RYd3JpdGVyAEJhc2lzIFVuaXZlcnNhbCAxLjE1AAAGAAMANgAAAA0AAAA2AAAAAAAAAAAAAAAAAAAACwAAAAsAAAAIAAAAH0CUAAAAAACIA5Ku"
-    "A5gaMAAAAAjDLiCI2XIAMQAAAAAAQf6QFwIwBQAAAAAAAmUBqvLGRvQBrKqqqvr///9XVVVVBU3AhIABAABAEPYKzloYAFMABAAAAABIBiIgbsAA"
-    "AIMwTMVBDIw5gX4SA2ACQAAAAAAI2gQEAP8uX9PKL2L5TjsNV8drWrEKCAQ="
-)
-UASTC_ZSTANDARD = base64.b64decode(
-    "q0tUWCAyMLsNChoKAAAAAAEAAAAYAAAAEAAAAAAAAAAAAAAAAQAAAAEAAAACAAAAaAAAACwAAACUAAAAJAAAAAAAAAAAAAAAAAAAAAAAAAC4AAAA"
-    "AAAAAD0AAAAAAAAAgAEAAAAAAAAsAAAAAAAAAAIAKACmAQIAAwMAAAAAAAAAAAAAAAB/AwAAAAAAAAAA/////x8AAABLVFh3cml0ZXIAQmFzaXMg"
-    "VW5pdmVyc2FsIDEuMTUAACi1L/1ggACdAQD4FxkF5T/IxgCFluc/MBcB14PH9/9LrQOXW1oLLNp6AQcADSYQlPxMyTziKQCQzRzgBVw="
-)
+ETC1S = (ROOT / "tests/scenes/meshes/etc1s.ktx2").read_bytes()
+UASTC_ZSTANDARD = (ROOT / "tests/scenes/meshes/uastc.ktx2").read_bytes()
 
 
 def ktx2_file(image: bytes) -> dict[str, Any]:
