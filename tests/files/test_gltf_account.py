@@ -261,6 +261,21 @@ def test_each_key_of_the_specification(tmp_path, monkeypatch):
     assert {key: found.get(key, "") for key in EXPECTED | found} == EXPECTED
 
 
+def test_unknown_values_of_enumerations_are_named_and_known_ones_are_not(tmp_path, monkeypatch):
+    tree = complete_file()
+    for known in (9728, 9729, 9984, 9985, 9986, 9987):
+        tree["samplers"][0] |= {"minFilter": known, "magFilter": min(known, 9729), "wrapS": 33648, "wrapT": 10497}
+        assert not [key for key in unused(tmp_path, tree, monkeypatch) if "samplers" in key]
+    tree["samplers"][0] |= {"minFilter": 1, "magFilter": 9987, "wrapS": 33069, "wrapT": "REPEAT"}
+    tree["materials"][0]["alphaMode"] = "ADD"
+    tree["cameras"][0]["type"] = "fisheye"
+    tree["animations"][0]["channels"][1]["target"] = {"node": 0, "path": "visible"}
+    expected = {f"samplers.{text}" for text in ("minFilter 1", "magFilter 9987", "wrapS 33069", "wrapT 'REPEAT'")}
+    expected |= {"materials.alphaMode 'ADD'", "cameras.type 'fisheye'", "animations.channels.target.path 'visible'"}
+    found = unused(tmp_path, tree, monkeypatch)
+    assert {key: found[key] for key in found if " " in key} == dict.fromkeys(expected, "named")
+
+
 def test_unknown_keys_are_named_and_extras_are_not(tmp_path, monkeypatch):
     tree = complete_file()
     places = dict(objects(tree))

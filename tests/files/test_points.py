@@ -1,5 +1,7 @@
 """Points of files and objects are spheres in their colours, of a radius that follows from their spacing."""
 
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,7 +10,7 @@ from support.meshes import write
 
 import wrt
 from wrt.errors import InputWarning
-from wrt.io.load_mesh import from_trimesh, load_mesh, load_shapes
+from wrt.io.load_mesh import from_trimesh, load_file, load_mesh, load_shapes
 from wrt.scene.exact.spheres import Spheres
 from wrt.scene.srgb import linear_from_srgb
 
@@ -59,6 +61,42 @@ def test_points_of_gltf_lie_where_their_node_is(tmp_path):
     np.testing.assert_allclose(cloud.mesh_at(0.0).centers, 2.0 * GRID + [1.0, 2.0, 3.0], rtol=1e-5)
     np.testing.assert_allclose(cloud.mesh_at(0.0).radii, 0.75, rtol=1e-4)
     np.testing.assert_allclose(cloud.mesh.colors[::3], CODES / 255.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("widths", "interpolation", "radii"),
+    [("4, 6", "vertex", (2, 3)), ("4", "constant", (2, 2)), ("", "vertex", (3, 3))],
+)
+def test_points_of_usd_have_their_widths_and_colors(widths, interpolation, radii, tmp_path):
+    pytest.importorskip("pxr")
+    text = f"""#usda 1.0
+(
+    metersPerUnit = 0.5
+)
+def Points "p"
+{{
+    point3f[] points = [(0, 0, 0), (0, 4, 0)]
+    float[] widths = [{widths}] (
+        interpolation = "{interpolation}"
+    )
+    color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (
+        interpolation = "vertex"
+    )
+    double3 xformOp:scale = (2, 2, 2)
+    token[] xformOpOrder = ["xformOp:scale"]
+}}
+"""
+    path = write(tmp_path, "a.usda", text)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        (shape,) = load_shapes(path)
+    assert [DRAWN in str(each.message) for each in caught] == ([] if widths else [True])
+    np.testing.assert_allclose(shape.mesh.centers, [(0, 0, 0), (0, 4, 0)], atol=1e-6)
+    np.testing.assert_allclose(shape.mesh.radii, radii, rtol=1e-6)
+    np.testing.assert_array_equal(shape.mesh.colors[::3], [(1, 0, 0), (0, 1, 0)])
+    with pytest.warns(UserWarning, match=f"{DRAWN} 0.1$"):
+        (shape,) = load_file(path, point_radius=0.1).shapes
+    np.testing.assert_allclose(shape.mesh.radii, 0.1, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

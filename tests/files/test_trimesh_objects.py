@@ -227,6 +227,10 @@ def test_cameras_and_lights_of_a_scene():
     assert made.lights == []
     assert (made.camera.origin, made.camera.fov_degrees) == (pytest.approx((1, 2, 3)), pytest.approx(45.0))
     np.testing.assert_allclose(np.subtract(made.camera.target, made.camera.origin), -matrix[:3, 2])
+    points = np.array([[0.3, -0.2, -1.0], [-0.5, 0.1, -2.0]])
+    pixels = points / -points[:, 2:] * (1, -1, -1) @ scene.camera.K.T
+    placed = points @ matrix[:3, :3].T + matrix[:3, 3]
+    np.testing.assert_allclose(made.camera.project(placed, 80, 60), pixels[:, :2])
     lighting, white = trimesh.scene.lighting, [255, 255, 255, 255]
     scene.lights = [
         lighting.PointLight(name="lamp", color=[255, 51, 0, 255], intensity=8.0),

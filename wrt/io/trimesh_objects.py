@@ -343,8 +343,12 @@ def _cameras(scene: Any) -> list[tuple[str, Camera]]:
             if (frame in parents or not ends) and not np.array_equal(edge.get("matrix", np.eye(4)), np.eye(4)):
                 warn("trimesh: its camera is left out: trimesh drops the transforms of its parent nodes in a glTF file")
                 return []
-    place = viewpoint(np.asarray(scene.camera_transform))
-    return [(str(scene.camera.name), PerspectiveCamera(**place, fov_degrees=float(scene.camera.fov[1])))]
+    lens: dict[str, Any] = {"fov_degrees": float(scene.camera.fov[1])}
+    # In trimesh, the horizontal angle of a camera from a glTF file is the vertical one times the aspect ratio.
+    if file_type(scene) not in _GLTF_FILES or not getattr(scene.camera, "_focal_computed", False):
+        fx, fy = scene.camera.focal
+        lens["pixel_aspect"] = float(fy) / float(fx)
+    return [(str(scene.camera.name), PerspectiveCamera(**viewpoint(np.asarray(scene.camera_transform)), **lens))]
 
 
 def _lights(scene: Any, name: str) -> list[Light]:
