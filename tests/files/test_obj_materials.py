@@ -221,13 +221,14 @@ STATEMENTS = """
     map_Pcr rgb.png & Pc .5 | map_aniso rgb.png | map_Kd -blendu off rgb.png
     map_Kd -blendv on rgb.png
     map_Kd -boost 2 rgb.png | map_Kd -cc on rgb.png | map_Kd -clamp on rgb.png & map_Kd rgb.png
-    map_d -imfchan l rgb.png & map_d rgb.png | map_d -imfchan z rgb.png | map_Kd -mm .1 .5 rgb.png & map_Kd rgb.png
+    map_d -imfchan l rgb.png & map_d rgb.png | map_d -imfchan z rgb.png | map_d -imfchan rgb rgb.png
+    map_Kd -clamp no rgb.png | map_Kd -mm .1 .5 rgb.png & map_Kd rgb.png
     map_Kd -o .1 .1 0 rgb.png & map_Kd rgb.png | map_Kd -s 2 2 1 rgb.png & map_Kd rgb.png | map_Kd -t .1 .1 0 rgb.png
     map_Kd -texres 64 rgb.png | map_Kd -bm .5 rgb.png | bump -bm .5 rgb.png & bump rgb.png | map_new rgb.png
 """
 LEFT_OUT = """
     kd spectral|ks xyz|illum 10|d -halo|map_ns|decal|disp|refl|anisor|map_aniso|map_kd -blendu off|map_kd -cc on
-    map_d -imfchan z|map_kd -t|map_kd -bm|map_new
+    map_d -imfchan z|map_d -imfchan rgb|-clamp no|map_kd -t|map_kd -bm|map_new
 """
 
 

@@ -151,7 +151,7 @@ def test_files_are_flushed_before_they_are_renamed(folder, monkeypatch):
     assert sorted(path.name for path in folder.iterdir()) == ["a.png"]
 
 
-def test_links_are_followed(folder):
+def test_links_are_followed_permissions_kept_and_a_write_protected_file_left_alone(folder, capsys):
     (folder / "disk").mkdir()
     names = ("a.ckpt", "a.png", "a.toml")
     for name in names:
@@ -160,9 +160,6 @@ def test_links_are_followed(folder):
     assert run("convert", "cornell-box", "a.toml") == 0
     assert sorted(os.listdir(folder / "disk")) == list(names)
     assert all((folder / name).is_symlink() for name in names)
-
-
-def test_permissions_are_kept_and_a_write_protected_file_is_left_alone(folder, capsys):
     (folder / "plain").touch()
     save_image("a.png", np.zeros((2, 2, 3)))
     assert (folder / "a.png").stat().st_mode == (folder / "plain").stat().st_mode

@@ -67,7 +67,7 @@ def test_everything_just_fits(aspect):
         assert any(v.max() > 0.999 and v.min() < -0.999 for v in places.T)
 
 
-def test_the_studio_turns_with_the_camera():
+def test_the_studio_turns_with_the_camera_and_has_no_floor_in_its_way():
     azimuth, elevation = VIEWS["three-quarter"]
     quarter = np.eye(4)
     quarter[:3, :3] = [[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # +z, the front, comes to +x
@@ -76,9 +76,6 @@ def test_the_studio_turns_with_the_camera():
         np.testing.assert_allclose(shape.mesh.transformed(quarter).vertices, copy.mesh.vertices, atol=2e-5)
         np.testing.assert_array_equal(shape.mesh.faces, copy.mesh.faces)  # the lamp faces the mesh in both
     np.testing.assert_allclose(quarter[:3, :3] @ first.camera.origin, turned.camera.origin, atol=1e-5)
-
-
-def test_from_below_there_is_no_floor_in_the_way():
     assert {shape.name for shape in wrt.load(BLOCK, view="bottom").shapes} == {BLOCK.name, "key light"}
     assert lamp_of(wrt.load(BLOCK, view=(0, -10))).vertices[:, 1].max() < 0.0
 

@@ -49,9 +49,6 @@ def test_what_a_scene_cannot_have_is_refused_when_made_and_when_rendered():
         for use in (lambda field=field, value=value: wrt.Scene(**{field: value}), *uses):
             with pytest.raises(wrt.InputError, match=f"^{re.escape(message)}"):
                 use()
-
-
-def test_misspelt_names_are_refused():
     with pytest.raises(AttributeError, match="enviroment"):
         wrt.Scene().enviroment = wrt.ConstantEnvironment()
     with pytest.raises(AttributeError, match="samples"):

@@ -53,7 +53,7 @@ def test_what_is_wrong_is_named():
         assert text.startswith(f"thing {message}" if message[:1].isalpha() else f"thing{message}")
 
 
-def test_limits_of_numbers():
+def test_limits_of_numbers_and_arrays_that_are_none():
     assert number(0, "thing", minimum=0.0) == 0.0
     assert number(1, "thing", maximum=1.0) == 1.0
     assert number(1e-300, "thing", above=0.0) == 1e-300
@@ -62,9 +62,6 @@ def test_limits_of_numbers():
     # Kernels would see infinity, and every sample of that light would be thrown away.
     with pytest.raises(wrt.InputError):
         wrt.Shape(wrt.box(), emission=(0.0, 0.0, 3.5e38))
-
-
-def test_arrays_that_are_ragged_or_not_numbers_and_projections_are_refused():
     for value in ([[1.0, 2.0], [3.0]], "words", [None, "x"], {"a": 1}):
         with pytest.raises(wrt.InputError, match=r"^thing must be an array of numbers with rows of equal length$"):
             array(value, "thing", np.float64)
