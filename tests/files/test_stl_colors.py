@@ -49,17 +49,9 @@ def test_faces_have_their_colors(words, header, expected, tmp_path):
         assert shape.material == wrt.Diffuse(wrt.VertexColor())
 
 
-def test_a_part_of_magics_may_be_translucent(tmp_path):
+def test_a_part_may_be_translucent_and_what_is_no_color_is_warned_of_once(tmp_path):
     (shape,) = load_shapes(stl(tmp_path / "a.stl", [VALID, OF_GREEN], b"COLOR=\x80\x80\x80\x33"))
     np.testing.assert_allclose(shape.mesh.colors[shape.mesh.faces[:, 0], 3], (0.2, 1.0))
-
-
-def test_faces_that_all_refer_to_a_part_without_a_color_have_none(tmp_path):
-    (shape,) = load_shapes(stl(tmp_path / "a.stl", [VALID] * 3))
-    assert shape.mesh.colors is None
-
-
-def test_what_is_no_color_is_warned_of_once(tmp_path):
     with pytest.warns(InputWarning, match="an attribute word that is not a colour is unknown .* left out .2 times"):
         (shape,) = load_shapes(stl(tmp_path / "a.stl", [7, 0, 0x2020, 3]))
     assert shape.mesh.colors is None
@@ -67,3 +59,8 @@ def test_what_is_no_color_is_warned_of_once(tmp_path):
     text = f"solid by hand\n{facet}endsolid\n"
     with pytest.warns(InputWarning, match="statement 'color' is unknown"):
         load_shapes(write(tmp_path, "b.stl", text))
+
+
+def test_faces_that_all_refer_to_a_part_without_a_color_have_none(tmp_path):
+    (shape,) = load_shapes(stl(tmp_path / "a.stl", [VALID] * 3))
+    assert shape.mesh.colors is None

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from support.same_scenes import differences
 
 import wrt
@@ -21,56 +22,8 @@ from wrt.io.usd.process import read_message, write_message
 pytest.importorskip("pxr")
 from pxr import Gf, Sdf, Sdr, Usd, UsdShade
 
-BASE = """#usda 1.0
-(
-    metersPerUnit = 1
-)
-def Mesh "Shape"
-{
-    int[] faceVertexCounts = [3, 3]
-    int[] faceVertexIndices = [0, 1, 2, 3, 4, 5]
-    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (5, 0, 0), (6, 0, 0), (5, 1, 0)]
-    texCoord2f[] primvars:st = [(0, 0), (1, 0), (0, 1), (0, 0), (1, 0), (0, 1)] (
-        interpolation = "vertex"
-    )
-    texCoord2f[] primvars:st2 = [(0, 0), (2, 0), (0, 1), (0, 0), (2, 0), (0, 1)] (
-        interpolation = "vertex"
-    )
-    rel material:binding = </M>
-}
-def Material "M"
-{
-    token outputs:surface.connect = </M/UsdPreviewSurface.outputs:surface>
-    def Shader "UsdPreviewSurface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor.connect = </M/UsdUVTexture.outputs:rgb>
-        float inputs:opacity = 0.5
-        token outputs:surface
-    }
-    def Shader "UsdUVTexture"
-    {
-        uniform token info:id = "UsdUVTexture"
-        asset inputs:file = @ramp.png@
-        token inputs:sourceColorSpace = "raw"
-        token inputs:wrapS = "repeat"
-        token inputs:wrapT = "repeat"
-        float2 inputs:st.connect = </M/UsdTransform2d.outputs:result>
-        float3 outputs:rgb
-    }
-    def Shader "UsdTransform2d"
-    {
-        uniform token info:id = "UsdTransform2d"
-        float2 inputs:in.connect = </M/UsdPrimvarReader_float2.outputs:result>
-        float2 outputs:result
-    }
-    def Shader "UsdPrimvarReader_float2"
-    {
-        uniform token info:id = "UsdPrimvarReader_float2"
-        float2 outputs:result
-    }
-}
-"""
+BASE = (ROOT / "tests/scenes/meshes/painted.usda").read_text("utf-8")
+"""Two triangles of a material whose image is placed by a transform."""
 
 LIGHT = "bool inputs:enableColorTemperature = 1\nfloat inputs:colorTemperature = 3000\n"
 
