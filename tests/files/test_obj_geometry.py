@@ -73,7 +73,7 @@ def odd_obj() -> bytes:
     return "\n".join([*lines, "mtllib a b.mtl", "v 1 2 3", "usemtl", "f -1 -2 -3", "usemtl three"]).encode()
 
 
-def test_the_kernel_reads_from_obj_what_numpy_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_kernel_reads_from_obj_what_numpy_does(tmp_path, monkeypatch):
     files = [path.read_bytes() for path in sorted((ROOT / "tests" / "corpus").rglob("*.obj"))]
     read = []
     for data in [odd_obj(), odd_obj().replace(b"\n", b"\r\n"), *files]:
