@@ -1,4 +1,4 @@
-"""Every property of a PLY or OFF file that is found in the wild is used, without effect for a reason, or warned of."""
+"""Every property of PLY, OFF and STL files that is found in the wild is used, excused or warned of."""
 
 import contextlib
 import struct
@@ -78,6 +78,7 @@ def test_properties_of_ply_are_used_or_accounted_for(names, tmp_path):
 
 OFF_LINES = "\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
 RED, GREEN, CLAY = (1, 0, 0), (0, 1, 0), DEFAULT_REFLECTANCE
+GREY = tuple(linear_from_srgb(np.full(3, 128 / 255.0)))
 
 
 def test_faces_of_off_have_their_colors(tmp_path):
@@ -109,7 +110,6 @@ def test_numbers_of_off_that_are_not_used_are_warned_of(tmp_path):
             load_shapes(write(tmp_path, "a.off", text))
 
 
-RED, GREEN, GREY = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), tuple(linear_from_srgb(np.full(3, 128 / 255.0)))
 VALID, OF_RED = 1 << 15, 31 << 10
 OF_GREEN, OF_BLUE = 31 << 5, 31
 MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL=\x7f\x7f\x7f \x7f\x7f\x7f \x7f\x7f\x7f "
@@ -126,7 +126,7 @@ def stl(path: Path, words: list[int], header: bytes = b"by hand") -> Path:
 @pytest.mark.parametrize(
     ("words", "header", "expected"),
     [
-        ([VALID | OF_RED, VALID | OF_GREEN, OF_GREEN], b"VisCAM", [RED, GREEN, DEFAULT_REFLECTANCE]),
+        ([VALID | OF_RED, VALID | OF_GREEN, OF_GREEN], b"VisCAM", [RED, GREEN, CLAY]),
         ([OF_BLUE, OF_GREEN, VALID], b"COLOR=\x80\x80\x80\xff", [RED, GREEN, GREY]),
         ([OF_BLUE, OF_GREEN, VALID], b"COLOR=\0\0\0\xff,MATERIAL=\x80\x80\x80\xff" + bytes(8), [RED, GREEN, GREY]),
         ([VALID | OF_GREEN] * 3, b"a part COLOR=\x80\x80\x80\0", [GREY] * 3),
