@@ -27,12 +27,9 @@ NO_SIZES = {
 }
 
 
-def test_times_and_sizes():
+def test_times_and_sizes_and_what_is_none():
     assert {text: duration(text) for text in TIMES} == TIMES
     assert {text: size(text) for text in SIZES} == SIZES
-
-
-def test_what_is_no_time_size_or_number():
     for text in NO_TIMES:
         message = f"must be a time such as 90, 90s, 1m30s or 1:30, not {text!r}"
         with pytest.raises(argparse.ArgumentTypeError, match=re.escape(message)):

@@ -216,16 +216,13 @@ CORNERS = np.random.default_rng(3).random((30, 3))
 TRIANGLES = np.arange(30).reshape(-1, 3)
 
 
-def test_a_mesh_with_map_coordinates_is_shown_as_exactly_as_at_the_origin():
+def test_map_coordinates_are_shown_exactly_or_named():
     away = trimesh.Trimesh(CORNERS + AWAY, TRIANGLES, process=False)
     shown = triangles(wrt.load(away, up="y", strict=True).shapes[0].mesh)
     expected = CORNERS[TRIANGLES]
     np.testing.assert_allclose(shown - shown[:, :1], expected - expected[:, :1], atol=1e-6)
     with pytest.warns(InputWarning, match="move it to the origin"):  # as part of a scene it stays where it is
         assert load_mesh(away).bounds[0, 1] > 5e6
-
-
-def test_arrays_that_single_precision_would_snap_to_a_grid_are_named():
     away = CORNERS + AWAY
     with pytest.warns(InputWarning, match=r"^map: it is 1\.\d+ across and up to 5\.4.* move it to the origin$"):
         wrt.Mesh(away, TRIANGLES, name="map")

@@ -45,7 +45,7 @@ def check_refused(message: str, folder: Path, capsys: pytest.CaptureFixture[str]
         assert_only_added(before, folder)
 
 
-def test_an_input_is_not_replaced_under_any_name(folder, capsys):
+def test_an_input_is_not_replaced_under_any_name_unless_it_is_empty_or_gone(folder, capsys):
     (folder / "sub").mkdir()
     save_elsewhere("env.exr")
     os.symlink("env.exr", "link.exr")
@@ -54,9 +54,6 @@ def test_an_input_is_not_replaced_under_any_name(folder, capsys):
     for name in ("env.exr", "link.exr", "hard.exr", "sub/../env.exr"):
         message = f"{name}: would replace a file that was read"
         check_refused(message, folder, capsys, "render", "a.toml", "-o", name, *SMALL)
-
-
-def test_deleted_and_empty_inputs_may_be_written(folder):
     np.save("a.npy", np.zeros((2, 2, 3), np.float32))
     wrt.load_image("a.npy")
     Path("a.npy").unlink()
@@ -151,7 +148,7 @@ def test_files_are_flushed_before_they_are_renamed(folder, monkeypatch):
     assert sorted(path.name for path in folder.iterdir()) == ["a.png"]
 
 
-def test_links_are_followed(folder):
+def test_links_are_followed_permissions_kept_and_a_write_protected_file_left_alone(folder, capsys):
     (folder / "disk").mkdir()
     names = ("a.ckpt", "a.png", "a.toml")
     for name in names:
@@ -160,9 +157,6 @@ def test_links_are_followed(folder):
     assert run("convert", "cornell-box", "a.toml") == 0
     assert sorted(os.listdir(folder / "disk")) == list(names)
     assert all((folder / name).is_symlink() for name in names)
-
-
-def test_permissions_are_kept_and_a_write_protected_file_is_left_alone(folder, capsys):
     (folder / "plain").touch()
     save_image("a.png", np.zeros((2, 2, 3)))
     assert (folder / "a.png").stat().st_mode == (folder / "plain").stat().st_mode

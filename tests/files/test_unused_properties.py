@@ -1,5 +1,7 @@
 """Every property of a PLY or OFF file that is found in the wild is used, without effect for a reason, or warned of."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from support.mesh_files import INDICES, ORDERS, XYZ, off_binary, ply
@@ -50,20 +52,15 @@ def test_properties_of_ply_are_used_or_accounted_for(names, tmp_path):
     values, expected = NAMES[names]
     element, *properties = names.split()
     kinds, extra = [f"uchar {name}" for name in properties], tuple(values)
-    vertices, faces = ("vertex", [*XYZ], [*POINTS]), ("face", [INDICES], [(face,) for face in FACES])
+    tables = {"vertex": ([*XYZ], [*POINTS]), "face": ([INDICES], [(face,) for face in FACES])}
+    own, rows = tables.get(element, ([], [()]))
+    tables[element] = ([*own, *kinds], [(*row, *extra) for row in rows])
+    is_used = expected in ("", "colors", "normals", "uvs")
+    message = f"a.ply: {expected}.* is unknown to wrt and left out|{expected}"
     for order in ORDERS:
-        elements = [
-            (name, [*own, *kinds], [(*row, *extra) for row in rows]) if name == element else (name, own, rows)
-            for name, own, rows in (vertices, faces)
-        ]
-        if element not in ("vertex", "face"):
-            elements.append((element, kinds, [extra]))
-        path = write(tmp_path, "a.ply", ply(order, *elements))
-        if expected in ("", "colors", "normals", "uvs"):
+        path = write(tmp_path, "a.ply", ply(order, *((name, *table) for name, table in tables.items())))
+        with contextlib.nullcontext() if is_used else pytest.warns(InputWarning, match=message):
             (shape,) = load_shapes(path)
-        else:
-            with pytest.warns(InputWarning, match=f"a.ply: {expected}.* is unknown to wrt and left out|{expected}"):
-                (shape,) = load_shapes(path)
         mesh = shape.mesh
         if expected == "colors":
             np.testing.assert_allclose(mesh.colors, np.broadcast_to(COLOR, mesh.vertices.shape), rtol=1e-5)
@@ -72,8 +69,7 @@ def test_properties_of_ply_are_used_or_accounted_for(names, tmp_path):
         elif expected == "uvs":
             np.testing.assert_allclose(mesh.uvs, [(0, 1)] * 4)
         else:
-            assert mesh.colors is None
-            assert mesh.uvs is None
+            assert mesh.colors is mesh.uvs is None
 
 
 OFF_LINES = "\n".join(f"{x} {y} {z}" for x, y, z in POINTS)
