@@ -32,7 +32,7 @@ OF_PICTURES = covering(
 
 
 @pytest.fixture(scope="module")
-def recorded() -> dict[str, str]:
+def recorded():
     """Films recorded with the arithmetic of this processor and C library; none if it is of another kind."""
     initialize_warp()
     return RECORDED.get(arithmetic(), {})
