@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 from support.composites import WITH_OPACITY, render
 from support.covering_kernels import rendering_with
-from support.wide_scenes import differences, needs_lanes
 
 import wrt
 
@@ -162,16 +161,3 @@ def test_a_shell_of_unlit_black_draws_an_outline_and_darkens_nothing() -> None:
     assert np.allclose(drawn[middle].mean((0, 1)), plain[middle].mean((0, 1)), rtol=1e-3)
     dark = (drawn.sum(axis=2) == 0.0) & (plain.sum(axis=2) > 0.0)
     assert 100 < dark.sum() < 500  # a ring of 0.05 round 0.2: 390 pixels, without those that it covers in part
-
-
-@needs_lanes
-@pytest.mark.machinery
-def test_the_wide_kernel_sees_the_same() -> None:
-    scene = outlined(shell=True)
-    hidden: dict[str, Any] = {"material": wrt.Diffuse(0.3), "double_sided": False}
-    scene.add(wrt.quad((1, -0.1, 0.5), (-2, 0, 0), (0, 0.3, 0)), **hidden)
-    scene.add(wrt.box((-0.1, -0.1, 0.4), (0.1, 0.0, 0.6)), material=wrt.Dielectric())
-    scene.add(wrt.quad((-1, -0.3, -1), (2, 0, 0), (0, 0, -2)), material=wrt.Mirror())
-    scene.add_light(wrt.RectangleLight((-0.5, 1, -0.5), (1, 0, 0), (0, 0, 1), 4.0))
-    scene.add_light(wrt.DiskLight((0.25, 0.2, 0.4), (0, 0, 1), 0.05, 4.0, two_sided=True))  # behind the sheet
-    assert differences(scene) == []

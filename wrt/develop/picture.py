@@ -56,15 +56,14 @@ class Developed:
 
 
 def develop_image(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = None) -> NDArray[np.uint8]:
-    """Return linear radiance as 8-bit codes for a display, as PNG files hold them.
+    """Return linear radiance as 8-bit sRGB codes.
 
     Args:
-        image: (H, W, 3) linear Rec. 709 radiance, row 0 at the top, as `Renderer.image` and `load_image` return it. NaN
-            becomes black.
+        image: (H, W, 3) linear Rec. 709 radiance, row 0 at the top. NaN becomes black.
         tone: name of the tone curve: "soft", "none", "neutral", "agx", "aces", "ocio" or
             "ocio:CONFIG,DISPLAY,VIEW" (see docs/tone.md).
         exposure: stops (factors of two) by which the picture is brightened first, or "auto". By default 0, unless the
-            picture would be mostly white; see `wrt.develop.exposure.stops`. `Renderer.save` brightens dark renders too.
+            picture would be mostly white; `Renderer.save` brightens dark renders too.
 
     Returns:
         (H, W, 3) uint8, dithered: row 0 at the top.
