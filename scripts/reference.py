@@ -97,8 +97,7 @@ def entry_of(name: str, explained: dict[tuple[str, str], str]) -> str:
     thing = getattr(wrt, name)
     heading = f"### wrt.{name}\n\n`wrt.{name}{signature_of(thing)}`"
     if place := scene_file_section(thing):
-        made = {use: text for use, text in members_of(thing).items() if use.startswith("`from_opencv")}
-        return f"{heading}: [its fields]({place}).\n" + (f"\nMembers:\n\n{listing(made)}" if made else "")
+        return f"{heading}: [its fields]({place}).\n"
     parts = [f"{heading}\n\n{summary_of(thing)}\n"]
     is_class = inspect.isclass(thing)
     for kind, documented in {"Arguments": getattr(thing, "__init__", None), "Fields": thing}.items():
