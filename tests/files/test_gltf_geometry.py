@@ -247,7 +247,7 @@ def light(number: int) -> dict:
     return {"extensions": {"KHR_lights_punctual": {"light": number}}}
 
 
-def test_the_first_camera_is_taken_through_all_nodes_above(tmp_path):
+def test_cameras_and_lights_are_taken_through_all_nodes_above(tmp_path):
     # Moved, then turned by 90 degrees about y: it looks along -x.
     nodes = [
         {"children": [2], "translation": [1, 2, 3]},
@@ -262,9 +262,6 @@ def test_the_first_camera_is_taken_through_all_nodes_above(tmp_path):
     nodes[1]["camera"] = 1
     camera = load_file(saved(tmp_path, tree_with(nodes))).camera
     assert camera.view_height == 4.0
-
-
-def test_lights(tmp_path):
     # By columns: x to y, y to -x, and moved.
     matrix = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 7, 8, 9, 1]
     tilted = {"rotation": [-HALF, 0, 0, HALF], "translation": [0, 5, 0]}  # -90 degrees about x: -z becomes -y

@@ -163,7 +163,7 @@ def test_what_shines_does_so_without_light_and_on_both_sides_where_it_has_two(tm
     assert shape_of(tmp_path, file_with(described)).double_sided == double
 
 
-def test_one_transform_of_all_textures_moves_the_coordinates_of_the_mesh(tmp_path):
+def test_transforms_move_the_coordinates_of_the_mesh(tmp_path):
     transform = {"offset": [0.2, -0.4], "rotation": 0.7, "scale": [2.0, 0.5]}
     c, s = np.cos(0.7), np.sin(0.7)  # the matrices that the extension's text gives, v downwards
     in_file = UVS * transform["scale"] @ np.array([[c, s], [-s, c]]).T + transform["offset"]
@@ -175,10 +175,7 @@ def test_one_transform_of_all_textures_moves_the_coordinates_of_the_mesh(tmp_pat
         shape = shape_of(tmp_path, tree)
         np.testing.assert_allclose(shape.mesh.uvs, expected, atol=1e-6)
         assert shape.material.base_color.offset == (0.0, 0.0)
-
-
-def test_a_transform_of_the_normal_texture_alone_has_coordinates_of_its_own(tmp_path):
-    """The first set is the transformed one, which tangents follow; the other textures lie by the second."""
+    # The first set is the transformed one, which tangents follow; the other textures lie by the second
     moved = {"index": 0, "extensions": {"KHR_texture_transform": {"offset": [0.25, 0.5], "scale": [4.0, 2.0]}}}
     for number in (0, 1):
         normal = {**moved, "texCoord": number}

@@ -63,7 +63,7 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
         assert f"it looks to be {words}" in str(caught.value), name
 
 
-def test_files_that_are_not_rendered_tell_what_to_do(tmp_path):
+def test_files_that_are_not_rendered_tell_what_to_do_and_content_counts_more_than_names(tmp_path):
     for name, message in (
         ("a.blend", "it is a Blender file; in Blender, export it as glTF"),
         ("a.FBX", "it is an FBX file; export it as glTF"),
@@ -81,10 +81,7 @@ def test_files_that_are_not_rendered_tell_what_to_do(tmp_path):
             wrt.load(tmp_path)
         for each in ("b.glb", "a.obj", ".c.obj", "d.xml") if not number else ():
             write(tmp_path, each, b"<a/>")
-
-
-def test_right_content_needs_no_right_name_and_damage_is_told_as_such(tmp_path):
-    """The content of a glTF file decides its form."""
+    # The content of a glTF file decides its form
     assert len(load_file(write(tmp_path, "a.gltf", joined(json.loads(TREE), b""))).shapes) == 1
     assert len(load_file(write(tmp_path, "a.glb", TREE)).shapes) == 1
     for kind in ("obj", "xml", "toml"):

@@ -96,19 +96,7 @@ def test_maps(tmp_path):
     check_values(material, **expected, opacity=CODES[:, :, 3] / 255.0)
     np.testing.assert_allclose(material.normal_map.pixels, NUMBERS, atol=1e-6)
     check_values(material_of(tmp_path, "Kd 1 1 1\nmap_d -imfchan g rgb.png"), opacity=NUMBERS[:, :, 1])
-
-
-def test_a_bump_map_is_a_relief(tmp_path):
-    # A ramp along u: heights grow by 8 / 255 from texel to texel, but where it repeats.
-    save_rgb(tmp_path / "ramp.png", np.repeat(np.arange(0, 256, 8, dtype=np.uint8)[None, :], 4, axis=0))
-    pixels = material_of(tmp_path, "Kd 1 1 1\nmap_bump -bm 0.5 ramp.png").normal_map.pixels
-    normal = 2.0 * pixels[2, 10].astype(np.float64) - 1.0
-    assert -normal[0] / normal[2] == pytest.approx(2.0 * 0.5 * 8 / 255, rel=1e-4)
-    assert abs(normal[1]) < 1e-6
-
-
-def test_maps_in_floating_point(tmp_path):
-    """Their values are linear; only emission may exceed 1."""
+    # Their values are linear; only emission may exceed 1
     values = np.random.default_rng(9).uniform(0.0, 3.0, (4, 4, 4)).astype(np.float32)
     channels = {name: np.ascontiguousarray(values[:, :, k]) for k, name in enumerate("RGBA")}
     OpenEXR.File({}, channels).write(str(tmp_path / "a map.exr"))
@@ -118,6 +106,15 @@ def test_maps_in_floating_point(tmp_path):
     assert material.base_color.scale == (2.0, 2.0)
     expected = {"base_color": bounded[:, :, :3], "emission": values[:, :, :3], "roughness": bounded[:, :, 0]}
     check_values(material, **expected, opacity=bounded[:, :, 3])
+
+
+def test_a_bump_map_is_a_relief(tmp_path):
+    # A ramp along u: heights grow by 8 / 255 from texel to texel, but where it repeats.
+    save_rgb(tmp_path / "ramp.png", np.repeat(np.arange(0, 256, 8, dtype=np.uint8)[None, :], 4, axis=0))
+    pixels = material_of(tmp_path, "Kd 1 1 1\nmap_bump -bm 0.5 ramp.png").normal_map.pixels
+    normal = 2.0 * pixels[2, 10].astype(np.float64) - 1.0
+    assert -normal[0] / normal[2] == pytest.approx(2.0 * 0.5 * 8 / 255, rel=1e-4)
+    assert abs(normal[1]) < 1e-6
 
 
 def test_maps_that_cannot_be_used_are_told_once_and_left_out(tmp_path):

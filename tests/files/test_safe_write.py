@@ -45,7 +45,7 @@ def check_refused(message: str, folder: Path, capsys: pytest.CaptureFixture[str]
         assert_only_added(before, folder)
 
 
-def test_an_input_is_not_replaced_under_any_name(folder, capsys):
+def test_an_input_is_not_replaced_under_any_name_unless_it_is_empty_or_gone(folder, capsys):
     (folder / "sub").mkdir()
     save_elsewhere("env.exr")
     os.symlink("env.exr", "link.exr")
@@ -54,9 +54,6 @@ def test_an_input_is_not_replaced_under_any_name(folder, capsys):
     for name in ("env.exr", "link.exr", "hard.exr", "sub/../env.exr"):
         message = f"{name}: would replace a file that was read"
         check_refused(message, folder, capsys, "render", "a.toml", "-o", name, *SMALL)
-
-
-def test_deleted_and_empty_inputs_may_be_written(folder):
     np.save("a.npy", np.zeros((2, 2, 3), np.float32))
     wrt.load_image("a.npy")
     Path("a.npy").unlink()

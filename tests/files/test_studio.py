@@ -108,7 +108,7 @@ def test_framing_a_scene_leaves_out_floors_lamps_and_what_its_camera_does_not_se
     assert {shape.name for shape in subjects(box.shapes, box.camera)} == {s.name for s in box.shapes} - {"light"}
 
 
-def test_materials_by_name():
+def test_materials_by_name_and_what_is_none():
     gold = wrt.RoughConductor(metal="gold", alpha=0.15)
     for name, expected in (
         ("gold", gold),
@@ -123,9 +123,6 @@ def test_materials_by_name():
         assert isinstance(named_material(name), wrt.Material)
     plain, scene = wrt.load(BLOCK), wrt.load(BLOCK, material="gold")
     assert [shape.material for shape in scene.shapes] == [gold, *(shape.material for shape in plain.shapes[1:])]
-
-
-def test_other_materials_are_refused():
     for wrong, message in (
         ("glod", "did you mean 'gold'"),
         ("diffuse:2", "reflectance"),

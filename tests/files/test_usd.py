@@ -41,7 +41,7 @@ def square_of(scene: wrt.Scene) -> wrt.Shape:
     return max(scene.shapes[:2], key=lambda shape: len(shape.mesh.faces))
 
 
-def test_meshes_are_in_metres_with_y_up_and_parted_by_material(scene):
+def test_the_scene_is_in_metres_with_y_up_and_also_in_an_archive(scene, folder):
     square, triangle = square_of(scene), min(scene.shapes[:2], key=lambda shape: len(shape.mesh.faces))
     # (x, y, z) becomes (x, z, -y), moved by 2 and halved.
     np.testing.assert_allclose(square.mesh.bounds, [[1, 0, -1], [2, 0, 0]], atol=1e-6)
@@ -61,9 +61,6 @@ def test_meshes_are_in_metres_with_y_up_and_parted_by_material(scene):
     boxes = np.array([ball.mesh_at(0.0).bounds for ball in balls])
     np.testing.assert_allclose(boxes.mean(axis=1), [[1, 0.5, 0], [1, 1, 0]], atol=1e-5)
     np.testing.assert_allclose(np.ptp(boxes, axis=1), 0.5, atol=1e-3)
-
-
-def test_lights_and_camera(scene):
     panel, ball, sun = scene.lights
     assert panel.radiance == pytest.approx((6, 6, 6))
     np.testing.assert_allclose(np.cross(panel.edge_u, panel.edge_v), (0, -2, 0), atol=1e-9)  # it emits downwards
@@ -77,9 +74,6 @@ def test_lights_and_camera(scene):
     assert scene.camera.origin == pytest.approx((1, 5, 0))
     np.testing.assert_allclose(np.subtract(scene.camera.target, scene.camera.origin), (0, -1, 0), atol=1e-9)
     assert scene.camera.fov_degrees == pytest.approx(math.degrees(2 * math.atan(0.2)))
-
-
-def test_images_within_an_archive_are_read(scene, folder):
     from pxr import UsdUtils
 
     assert UsdUtils.CreateNewUsdzPackage(str(folder / "all.usda"), str(folder / "all.usdz"))
@@ -99,7 +93,7 @@ def test_solids_are_closed_and_face_outwards(tmp_path):
         assert volume(shape.mesh) == pytest.approx(expected, rel=5e-3)
 
 
-def test_materials_may_read_attributes_by_their_names(folder):
+def test_colors_and_coordinates_are_those_that_a_material_reads(folder):
     """The colours for display, or what stands for them where there are none; coordinates that are not called st."""
     reader = """color3f inputs:diffuseColor.connect = </World/Red/Reader.outputs:result>
             token outputs:surface
@@ -122,6 +116,26 @@ def test_materials_may_read_attributes_by_their_names(folder):
     laid = square_of(load_file(write(folder, "c.usda", USD.replace("primvars:st ", "primvars:map1 "))))
     assert isinstance(laid.material.base_color, wrt.ImageTexture)
     assert np.ptp(laid.mesh.uvs) == 1.0
+    reader = """def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_float3"
+            string inputs:varname = "paint"
+            float3 outputs:result
+        }
+        def Shader "Image"
+        {"""
+    text = USD.replace("</World/Red/Image.outputs:rgb>", "</World/Red/Reader.outputs:result>")
+    text = text.replace('def Shader "Image"\n        {', reader)
+    text = text.replace(ST, f"        color3f[] primvars:paint = [(0, 0.5, 1)]\n{ST}")
+    square = square_of(load_file(write(folder, "paint.usda", text)))
+    np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
+    missing = USD.replace("asset inputs:file = @red.png@", "float3 inputs:fallback = (0, 0, 1)")
+    assert square_of(load_file(write(folder, "b.usda", missing))).material.base_color == (0, 0, 1)
+    opaque = USD.replace("float inputs:metallic = 1", "float inputs:opacity.connect = </World/Red/Image.outputs:a>")
+    assert square_of(load_file(write(folder, "d.usda", opaque))).material.opacity == 1.0  # of an image without alpha
+    shown = USD.replace(ST, f"        float[] primvars:displayOpacity = [0.25]\n{ST}")
+    shown = shown.replace("rel material:binding = </World/Red>", "")
+    assert square_of(load_file(write(folder, "c.usda", shown))).mesh.colors[0, 3] == 0.25
 
 
 def test_missing_references_wrong_types_faces_and_a_missing_library_are_told(folder, monkeypatch):
@@ -223,29 +237,6 @@ def texel(texture: wrt.ImageTexture, uv: tuple[float, float]) -> np.ndarray:
     clamps = [wrap == "clamp" for wrap in texture.wrap]
     column = min(max(column, 0), width - 1) if clamps[0] else column % width
     return texture.pixels[min(max(row, 0), height - 1) if clamps[1] else row % height, column]
-
-
-def test_colors_are_those_that_a_material_reads_and_fallbacks_stand_for_what_is_missing(folder):
-    reader = """def Shader "Reader"
-        {
-            uniform token info:id = "UsdPrimvarReader_float3"
-            string inputs:varname = "paint"
-            float3 outputs:result
-        }
-        def Shader "Image"
-        {"""
-    text = USD.replace("</World/Red/Image.outputs:rgb>", "</World/Red/Reader.outputs:result>")
-    text = text.replace('def Shader "Image"\n        {', reader)
-    text = text.replace(ST, f"        color3f[] primvars:paint = [(0, 0.5, 1)]\n{ST}")
-    square = square_of(load_file(write(folder, "paint.usda", text)))
-    np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
-    missing = USD.replace("asset inputs:file = @red.png@", "float3 inputs:fallback = (0, 0, 1)")
-    assert square_of(load_file(write(folder, "b.usda", missing))).material.base_color == (0, 0, 1)
-    opaque = USD.replace("float inputs:metallic = 1", "float inputs:opacity.connect = </World/Red/Image.outputs:a>")
-    assert square_of(load_file(write(folder, "d.usda", opaque))).material.opacity == 1.0  # of an image without alpha
-    shown = USD.replace(ST, f"        float[] primvars:displayOpacity = [0.25]\n{ST}")
-    shown = shown.replace("rel material:binding = </World/Red>", "")
-    assert square_of(load_file(write(folder, "c.usda", shown))).mesh.colors[0, 3] == 0.25
 
 
 def test_native_instances_inherit_materials_and_colors_of_their_own(folder):

@@ -12,7 +12,7 @@ import wrt
 from wrt.values import array, boolean, color, integer, number, vector
 
 
-def test_values_of_every_kind():
+def test_values_of_every_kind_and_what_is_wrong():
     for make, value, expected in (
         *((number, v, 2.0) for v in (2, np.float32(2), np.array(2.0), fractions.Fraction(2), decimal.Decimal(2))),
         *((integer, v, 3) for v in (3, np.uint8(3))),
@@ -24,14 +24,6 @@ def test_values_of_every_kind():
         assert found == expected
         assert type(found) is type(expected)
         assert not isinstance(found, tuple) or all(type(x) is float for x in found)
-
-
-HUGE = 10**400
-"""A TOML file can hold it."""
-LIMITS: dict[Any, dict[str, Any]] = {integer: {"minimum": 0, "maximum": 9}, color: {"maximum": 1.0}}
-
-
-def test_what_is_wrong_is_named():
     for make, value, message in (
         *((number, v, f"must be a number, not {v!r}") for v in (None, "1", True, np.True_, [1.0], 1j)),
         *((number, v, "must be finite") for v in (math.nan, -math.inf, decimal.Decimal("nan"))),
@@ -51,6 +43,11 @@ def test_what_is_wrong_is_named():
         text = str(caught.value)
         assert "\n" not in text
         assert text.startswith(f"thing {message}" if message[:1].isalpha() else f"thing{message}")
+
+
+HUGE = 10**400
+"""A TOML file can hold it."""
+LIMITS: dict[Any, dict[str, Any]] = {integer: {"minimum": 0, "maximum": 9}, color: {"maximum": 1.0}}
 
 
 def test_limits_of_numbers_and_arrays_that_are_none():
