@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -101,5 +102,6 @@ def show(source: Any, **options: Any) -> None:
 
     if _above.viewer().display(picture):
         return
-    if not ImageShow.show(picture, "wrt"):
+    screen = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if not screen or not ImageShow.show(picture, "wrt"):
         raise InputError("there is no viewer of pictures; wrt.save_image(path, picture) writes a file")

@@ -123,13 +123,16 @@ def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
     return result
 
 
+def color_names() -> list[str]:
+    """Return the names of CSS that `color_of_text` knows."""
+    from PIL import ImageColor
+
+    return list(ImageColor.colormap)
+
+
 def is_color(text: str) -> bool:
     """Return whether `color_of_text` knows a text."""
-    try:
-        color_of_text(text, "")
-    except InputError:
-        return False
-    return True
+    return text in color_names() or text.startswith("#")
 
 
 def color_of_text(text: str, name: str) -> Vec3:
@@ -142,7 +145,7 @@ def color_of_text(text: str, name: str) -> Vec3:
     try:
         codes = ImageColor.getrgb(word)
     except ValueError:
-        hint, examples = did_you_mean(word, list(ImageColor.colormap)), "red, #ff8800 or three numbers"
+        hint, examples = did_you_mean(word, color_names()), "red, #ff8800 or three numbers"
         raise InputError(f"{name} must be a colour, such as {examples}, not {text!r}{hint}") from None
     if len(codes) != 3:
         raise InputError(f"{name} must be a colour without alpha, not {text!r}")

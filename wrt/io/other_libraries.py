@@ -61,7 +61,7 @@ def _of_open3d(source: Any, kind: str) -> Any:
 
 
 def _of_pyvista(source: Any, kind: str) -> Any:
-    """Return the surface of a data set of PyVista: its points, triangles, normals, and colours of RGB or RGBA arrays."""
+    """Return the surface of a data set of PyVista: points, triangles, normals, colours in RGB or RGBA."""
     import trimesh
 
     if not hasattr(source, "is_all_triangles"):

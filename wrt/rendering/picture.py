@@ -91,7 +91,13 @@ class Picture(ABC):
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
 
         They are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
+
+        Raises:
+            InputError: before the first pass.
         """
+        if not self.settings.layers:
+            return {}
+        self._require_samples()
         return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:

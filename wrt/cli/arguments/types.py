@@ -59,7 +59,7 @@ def color(text: str) -> tuple[float, float, float]:
     from wrt import values
 
     try:
-        return values.color([float(part) for part in text.split(",")] if "," in text else text, "the colour")
+        return values.color([float(part) for part in text.split(",")] if "," in text else text, "background")
     except (InputError, ValueError) as error:
         raise argparse.ArgumentTypeError(str(error)) from None
 

@@ -15,7 +15,7 @@ from wrt.scene.materials.metals import RoughConductor
 from wrt.scene.materials.plastics import RoughPlastic
 from wrt.scene.materials.presets import ALIASES, METAL_F0, METAL_IOR, SEMICONDUCTOR_F0
 from wrt.scene.materials.simple import Diffuse, OrenNayar
-from wrt.values import color_of_text, is_color
+from wrt.values import color_names, color_of_text, is_color
 
 LOOKS: dict[str, tuple[type[Material], dict[str, Any]]] = {
     "plaster": (OrenNayar, {"reflectance": 0.75}),
@@ -58,9 +58,8 @@ def named_material(text: str) -> Material:
         return Diffuse(color_of_text(key, "material"))
     else:
         names = [*LOOKS, *MATERIALS]
-        raise InputError(
-            f"there is no material {word!r}{did_you_mean(key, names)}; known are colours and {', '.join(names)}"
-        )
+        hint = did_you_mean(key, [*names, *color_names()])
+        raise InputError(f"there is no material {word!r}{hint}; known are colours and {', '.join(names)}")
     parameters = _parameters(cls, assignments, text)
     if parameters.keys() & {"eta", "k", "f0", "metal"}:  # a metal is given in one way only
         values = {name: value for name, value in values.items() if name != "metal"}
