@@ -59,45 +59,36 @@ def load(
 
     Args:
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
-            PLY, STL, OFF, GLB, glTF); an archive (.zip, .gz, .bz2) with one of these, or `archive.zip/scene.xml`; bytes
-            or an open file; an object of trimesh, PyVista, Open3D, or with `vertices` and `faces`; a Mesh, or a Scene
-            (returned unchanged).
-            Meshes are put into a studio (see `wrt.studio.presentation`) unless their file has lights; a camera in the
-            file is kept if it shows the mesh well. A trimesh object is read like its file, as far as trimesh keeps the
-            file's content: materials, colours, up axis, camera and lights.
+            PLY, STL, OFF, GLB, glTF); an archive (.zip, .gz, .bz2) with one of these, or archive.zip/scene.xml; bytes
+            or an open file; an object of trimesh, PyVista, Open3D, or with `vertices` and `faces`; a `Mesh`,
+            or a `Scene` (returned unchanged). Meshes are put into a studio unless their file has lights; a camera in
+            the file is kept if it shows the mesh well.
         triangles: number of triangles of a scene's procedural meshes.
-        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF and z for 3MF, by
-            their specifications, and y for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files
-            it is the one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for
-            STL and OFF, as most programs write them, and y for the others. A trimesh object follows the type of the
-            file it was loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ
-            file.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF and a `Mesh`, z for
+            3MF, and what a COLLADA or USD file says. For other files it is the one of y and z on which the mesh stands;
+            in doubt z for STL and OFF, and y for the others. A trimesh object follows the type of its file, and without
+            one is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        camera: a camera; or the name of one of the source's cameras, or its number, counted from 0; by default the
-            first, with a warning if there are several. `Scene.cameras` has them by name.
+        camera: a camera; or the name of one of the source's cameras, or its number from 0; by default the first, with
+            a warning if there are several.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
-            The default is what the format says, or else 60 (docs/foreign-files.md).
+            The default is what the format says, or 60.
         strict: whether unsupported content raises an error instead of a warning.
-        confined: whether to refuse references to files outside the source's folder, as is wise for uploads (see
-            docs/security.md).
-        view: where to look from, instead of the source's camera: "AZIMUTH,ELEVATION" or the two angles in degrees, or
-            "front", "right", "back", "left", "top", "bottom" or "three-quarter". 0,0 is from the front, +z, and the
-            azimuth grows towards +x. The studio's light comes from the camera's side.
-        frame: True ignores the source's camera, and frames what it shows without floors, backdrops and lamps; False
-            keeps the camera. Without a view a scene is framed from its camera's direction. By default a camera in a
-            mesh's file is replaced, with a warning, if the mesh fills less than half of its picture.
-        material: replaces the materials of a mesh: a material, a colour, the image file of a texture, or a text such as
-            "gold" (see `wrt.scene.materials.named.named_material`).
-        environment: replaces the studio's light, or the scene's own environment: an environment, an image file, or
-            "sky" for a clear sky with the sun, at the radiance of an exposed picture.
+        confined: whether to refuse references to files outside the source's folder, as for uploads.
+        view: where to look from: "AZIMUTH,ELEVATION" or the two angles in degrees, or "front", "right", "back", "left",
+            "top", "bottom" or "three-quarter". 0,0 is from the front, +z; the azimuth grows towards +x.
+        frame: True frames everything except floors, backdrops and lamps, from the direction of the view or the camera;
+            False keeps the camera. By default a camera in a mesh's file is replaced, with a warning, if the mesh fills
+            less than half of its picture.
+        material: replaces the materials of a mesh: a material, a colour, the image file of a texture, or a text such as "gold".
+        environment: replaces the studio's light or the scene's environment: an environment, an image file, or "sky".
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
         double_sided: whether everything is seen from behind, also what a file calls single-sided.
         aspect: width of the picture over its height, for framing; by default from the scene's settings.
-        time: the time, seconds, at which the first animation of a glTF file is, or after the first time code of a USD
-            file; by default the file is at rest, or at that first time. Studio
-            and camera are the same for all times.
-        point_radius: the radius of points of a mesh file or object, which are drawn as spheres, in its units; by
-            default it follows from their distances.
+        time: seconds, in the first animation of a glTF file or after the first time code of a USD file; by default the
+            file is at rest, or at that first time.
+        point_radius: radius of the spheres that points are drawn as, in the file's units; by default by their
+            distances.
         file_type: type of bytes, or of an open file without a name, such as "glb".
 
     Raises:

@@ -43,12 +43,10 @@ def render(
         device: "cpu", "cuda" or "cuda:N".
         seed: 0 to 2³² − 1; different seeds give statistically independent pictures.
         threads: CPU threads; by default all cores.
-        client: renders on the workers of a cluster, see `wrt.distributed.DistributedRenderer`.
+        client: a Dask client, to render on its cluster (docs/clusters.md).
         progress: whether to show progress; by default a bar in terminals and notebooks, and nothing elsewhere. A
             function is called with the Progress after each pass.
-        options: fields of `wrt.RenderSettings`, which override the scene's own, such as width, height, crop, sampler,
-            integrator, max_depth, layers, background and denoise; and options of `load`, such as up, view, frame,
-            camera, material, environment, transparent, parameters and strict.
+        options: fields of `wrt.RenderSettings`, which override the scene's own, and options of `load`.
 
     Raises:
         InputError: if an argument cannot be used.

@@ -63,7 +63,7 @@ def render_views(
 
     Args:
         source: as for `wrt.load`.
-        cameras: the cameras, of any of wrt's types, all with the same shutter times; they may come from a generator.
+        cameras: cameras of any types with the same shutter times; an iterable.
         spp: samples per pixel; by default from the scene's settings.
         noise: relative noise at which a picture is done, see `wrt.Renderer.passes`.
         layers: names of layers to render besides radiance, such as depth, normal and object.

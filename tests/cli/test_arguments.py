@@ -1,7 +1,5 @@
 """Times, sizes and options as people write them; errors name the right form and suggest the likely word."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import shlex
@@ -29,12 +27,9 @@ NO_SIZES = {
 }
 
 
-def test_times_and_sizes() -> None:
+def test_times_and_sizes_and_what_is_none():
     assert {text: duration(text) for text in TIMES} == TIMES
     assert {text: size(text) for text in SIZES} == SIZES
-
-
-def test_what_is_no_time_size_or_number() -> None:
     for text in NO_TIMES:
         message = f"must be a time such as 90, 90s, 1m30s or 1:30, not {text!r}"
         with pytest.raises(argparse.ArgumentTypeError, match=re.escape(message)):
@@ -49,7 +44,7 @@ def test_what_is_no_time_size_or_number() -> None:
         whole(1)("1k")  # 1000, or 1024?
 
 
-def test_an_output_given_twice_is_an_error_and_of_other_options_the_last_one_wins() -> None:
+def test_an_output_given_twice_is_an_error_and_of_other_options_the_last_one_wins():
     options = parse(["render", "x", "--spp", "4", "--time", "1m", "--spp", "8", "--size", "4x4", "--size", "720p"])
     assert (options.spp, options.time, options.size) == (8, 60.0, (1280, 720))
     with pytest.raises(wrt.InputError, match=r"--checkpoint: given twice, as 'a' and as 'a'"):
@@ -78,7 +73,7 @@ ABSENT = {name: f"{name}: no such file (did you mean {meant!r}?)" for name, mean
 
 
 @pytest.mark.parametrize("name", ABSENT)
-def test_a_file_that_is_not_there(name: str, folder: Path) -> None:
+def test_a_file_that_is_not_there(name, folder):
     start, _, end = ABSENT[name].partition(" (")  # between both stands what kinds of names there are
     with pytest.raises(wrt.InputError) as caught:
         wrt.load(name)
@@ -108,7 +103,7 @@ TYPED |= {f"render cornell-box --size 4x4 --{each}": f"(did you mean {meant!r}?)
 
 
 @pytest.mark.parametrize("typed", TYPED)
-def test_a_mistyped_command_option_or_name(typed: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mistyped_command_option_or_name(typed, folder, capsys):
     assert main(shlex.split(typed)) == 2
     error = capsys.readouterr().err
     assert error.startswith("wrt: error: ")

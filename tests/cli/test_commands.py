@@ -1,7 +1,5 @@
 """`wrt render` keeps its word: exit status, one line an error, whole files, a summary that is true."""
 
-from __future__ import annotations
-
 import json
 import re
 import resource
@@ -57,7 +55,7 @@ def assert_one_line(printed: str, mention: str) -> None:
 
 
 @pytest.mark.parametrize("mention", ERRORS)
-def test_unusable_input_is_one_line_and_status_2(mention: str, tmp_path: Path, monkeypatch, capsys) -> None:
+def test_unusable_input_is_one_line_and_status_2(mention, tmp_path, monkeypatch, capsys):
     before = write_unusable(tmp_path)
     monkeypatch.chdir(tmp_path)
     status = main(ERRORS[mention])
@@ -67,7 +65,7 @@ def test_unusable_input_is_one_line_and_status_2(mention: str, tmp_path: Path, m
     assert sorted(tmp_path.rglob("*")) == before, "a refused command left files behind"
 
 
-def test_the_program_says_the_same(tmp_path: Path) -> None:
+def test_the_program_says_the_same(tmp_path):
     """A process of its own begins and ends with more than `main`; memory is counted before it is taken."""
     result = run(tmp_path, "render", "absent.ply")
     assert (result.returncode, result.stdout) == (2, "")
@@ -79,13 +77,13 @@ def test_the_program_says_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_one_line_and_status_1(tmp_path: Path) -> None:
+def test_a_full_disk_is_one_line_and_status_1(tmp_path):
     assert run(tmp_path, *BOX, "--spp", "1", "-o", "small.png").returncode == 0  # kernels are in the cache from here
     # Else Python would leave truncated modules in its cache for all later processes.
     environment = {**ENVIRONMENT, "PYTHONDONTWRITEBYTECODE": "1"}
     for size, *options in ((1000, "-o", "x.png"), (1000, "-o", "x.exr"), (20_000, "--checkpoint", "state", "--quiet")):
 
-        def limit(size: int = size) -> None:
+        def limit(size=size):
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
         result = run(tmp_path, *BOX, "--spp", "1", *options, before=limit, env=environment)
@@ -95,7 +93,7 @@ def test_a_full_disk_is_one_line_and_status_1(tmp_path: Path) -> None:
         assert not [path.name for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 
-def test_the_summary_tells_the_truth(tmp_path: Path, monkeypatch, capsys) -> None:
+def test_the_summary_tells_the_truth(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main([*BOX, "--spp", "8", "--threads", "2", "--json", "-o", "out.npy"]) == 0
     out, err = capsys.readouterr()
@@ -115,10 +113,10 @@ def test_the_summary_tells_the_truth(tmp_path: Path, monkeypatch, capsys) -> Non
     assert re.fullmatch(line, without_progress(err)), err
 
 
-def test_size_samples_time_and_part_of_the_picture(tmp_path: Path, monkeypatch, capsys) -> None:
+def test_size_samples_time_and_part_of_the_picture(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
 
-    def summary(*options: str) -> dict:
+    def summary(*options):
         assert main([*BOX, *options, "--json"]) == 0
         return json.loads(capsys.readouterr().out)
 
@@ -133,9 +131,7 @@ def test_size_samples_time_and_part_of_the_picture(tmp_path: Path, monkeypatch, 
 
 
 @pytest.mark.filterwarnings("default")
-def test_quiet_says_warnings_alone_and_the_picture_is_named_after_the_input(
-    tmp_path: Path, monkeypatch, capsys
-) -> None:
+def test_quiet_says_warnings_alone_and_the_picture_is_named_after_the_input(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main([*BOX, "--spp", "2", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
@@ -145,14 +141,14 @@ def test_quiet_says_warnings_alone_and_the_picture_is_named_after_the_input(
     assert re.fullmatch(r"wrt: warning: [^\n]*no light[^\n]*\n", capsys.readouterr().err)
 
 
-def test_scenes_lists_every_scene_with_its_description(capsys) -> None:
+def test_scenes_lists_every_scene_with_its_description(capsys):
     assert main(["scenes"]) == 0
     listed = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     assert listed == meshes.scene_descriptions()
 
 
 @pytest.mark.parametrize("arguments", [["render", "--help"], ["scenes"]])
-def test_short_answers_import_nothing_heavy(arguments: list[str]) -> None:
+def test_short_answers_import_nothing_heavy(arguments):
     imported = modules_imported(*arguments)
     heavy = {"warp", "trimesh", "PIL", "tqdm", "OpenEXR", "OpenImageIO", "scipy", "wrt.kernels", "argcomplete"}
     if arguments[-1].startswith("-"):

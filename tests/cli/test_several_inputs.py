@@ -1,7 +1,5 @@
 """Several inputs of one command: each is rendered even if others fail, and no picture replaces another."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -28,7 +26,7 @@ def written(folder: Path) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.png") if path.is_file())
 
 
-def test_each_gets_its_own_picture_and_line_of_json(folder: Path, capsys) -> None:
+def test_each_gets_its_own_picture_and_line_of_json(folder, capsys):
     assert main(["render", "one.toml", *SMALL, "cornell-box", "--json", "two.toml"]) == 0
     out, err = capsys.readouterr()
     summaries = [json.loads(line) for line in out.splitlines()]
@@ -39,24 +37,21 @@ def test_each_gets_its_own_picture_and_line_of_json(folder: Path, capsys) -> Non
     assert written(folder) == sorted(pictures)
 
 
-def test_an_error_in_one_keeps_none_of_the_others_from_being_rendered(folder: Path, capsys) -> None:
+def test_errors_name_the_input_the_worst_decides_and_the_others_are_rendered(folder, capsys):
     assert main(["render", "absent.obj", "one.toml", "broken.obj", "two.toml", *SMALL, "--quiet"]) == 2
     assert written(folder) == ["one.png", "two.png"]
     first, second = without_progress(capsys.readouterr().err).splitlines()
     assert first.startswith("wrt: error: absent.obj: no such file")
     assert second.startswith("wrt: error: broken.obj: ")
-
-
-def test_errors_name_the_input_and_the_worst_decides(folder: Path, capsys) -> None:
     (folder / "pictures" / "two.png").mkdir(parents=True)
     assert main(["render", "one.toml", "two.toml", *SMALL, "--quiet", "--crop", "0,0,9,9", "-o", "."]) == 2
     inputs = re.findall(r"^wrt: error: (.*?): crop must lie", capsys.readouterr().err, re.MULTILINE)
     assert inputs == ["one.toml", "two.toml"]
     assert main(["render", "one.toml", "two.toml", *SMALL, "--quiet", "-o", "pictures"]) == 2
-    assert written(folder) == ["pictures/one.png"]
+    assert written(folder / "pictures") == ["one.png"]
 
 
-def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder: Path) -> None:
+def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder):
     (folder / "there").mkdir()
     for output in ("there", "new/deeper/"):
         assert main(["render", "one.toml", "two.toml", *SMALL, "-o", output]) == 0
@@ -65,41 +60,29 @@ def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder: Path) -
     assert written(folder / "single") == ["one.png"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "printed"),
-    [
+def test_what_does_not_go_with_several(folder, capsys):
+    for arguments, printed in (
         (["-o", "x.png"], "x.png: for several inputs, the output must be a folder; end its name with / to create it"),
         (["-o", "one.toml/"], "one.toml/: cannot be created: "),
         (["--checkpoint", "state"], "--checkpoint is for a single input"),
         (["one.toml"], "one.toml: given twice"),
-    ],
-)
-def test_what_does_not_go_with_several(arguments: list[str], printed: str, folder: Path, capsys) -> None:
-    before = sorted(folder.rglob("*"))
-    assert main(["render", "one.toml", "two.toml", *SMALL, *arguments]) == 2
-    assert capsys.readouterr().err.startswith(f"wrt: error: {printed}")
-    assert sorted(folder.rglob("*")) == before
+    ):
+        before = sorted(folder.rglob("*"))
+        assert main(["render", "one.toml", "two.toml", *SMALL, *arguments]) == 2
+        assert capsys.readouterr().err.startswith(f"wrt: error: {printed}")
+        assert sorted(folder.rglob("*")) == before
 
 
-@pytest.mark.parametrize(
-    ("inputs", "outputs"),
-    [
+def test_inputs_that_are_called_alike_get_longer_names_or_are_refused(folder, capsys):
+    for inputs, outputs in (
         ("a/room.obj b/room.obj", "a-room.png b-room.png"),
         ("room.obj x.obj room.ply", "room-obj.png x.png room-ply.png"),
         ("../x/room.obj /x/y/room.obj", "x-room.png x-y-room.png"),
         ("a/x.obj b/x.obj a/y.obj a/y.ply", "a-x.png b-x.png y-obj.png y-ply.png"),
-        ("a/x.obj b/x.obj a-x.obj", None),
-    ],
-)
-def test_inputs_that_are_called_alike_get_longer_names_or_are_refused(inputs: str, outputs: str | None) -> None:
-    if outputs is None:
-        with pytest.raises(InputError, match=r"would both be written to .*\.png; render them one at a time"):
-            default_outputs(inputs.split())
-    else:
+    ):
         assert default_outputs(inputs.split()) == outputs.split()
-
-
-def test_longer_names_are_said(folder: Path, capsys) -> None:
+    with pytest.raises(InputError, match=r"would both be written to .*\.png; render them one at a time"):
+        default_outputs(["a/x.obj", "b/x.obj", "a-x.obj"])
     assert main(["render", "a/room.toml", "b/room.toml", *SMALL]) == 0
     assert written(folder) == ["a-room.png", "b-room.png"]
     printed = capsys.readouterr().err.splitlines()

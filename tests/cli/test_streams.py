@@ -1,17 +1,12 @@
 """No command ends in a traceback if standard streams are closed, full, without a reader or ASCII only."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 from support.commands import ENVIRONMENT, ROOM, SMALL, run, without_progress
-
-from wrt.cli import main
 
 PRINTING = {
     "--help": ["--help"],
@@ -66,7 +61,7 @@ def streams(state: str) -> Iterator[dict[str, Any]]:
         for state in STATES[: THOROUGH.get(command, 2)]
     ],
 )
-def test_streams_in_every_state(command: str, state: str, tmp_path: Path) -> None:
+def test_streams_in_every_state(command, state, tmp_path):
     (tmp_path / "möbius.toml").write_text(ROOM)
     with streams(state) as options:
         done = run(tmp_path, *COMMANDS[command], text=False, **options)
@@ -84,7 +79,7 @@ def test_streams_in_every_state(command: str, state: str, tmp_path: Path) -> Non
         assert done.stderr.startswith(rb"wrt: error: ab\xdfent.obj: no such file")
 
 
-def test_names_that_are_no_text(tmp_path: Path) -> None:
+def test_names_that_are_no_text(tmp_path):
     name = os.fsdecode(b"m\xff\xe9.toml")
     (tmp_path / name).write_text(ROOM)
     done = run(tmp_path, "info", name, text=False)
@@ -92,13 +87,3 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
     absent = run(tmp_path, "info", os.fsdecode(b"\xfe") + name, text=False)
     assert absent.returncode == 2
     assert absent.stderr.startswith(rb"wrt: error: \udcfem\udcff\udce9.toml: no such file")
-
-
-def test_nul_characters_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments in COMMANDS.values():
-        for number in range(len(arguments) if arguments[0] != "--help" else 0):
-            assert main([*arguments[:number], arguments[number] + "\0x", *arguments[number + 1 :]]) == 2
-            printed = capsys.readouterr().err
-            assert printed.startswith("wrt: error: ")
-            assert "NUL" in printed
-            assert printed.count("\n") == 1

@@ -3,14 +3,14 @@
 Films of the two differ by rounding alone: they have the same numbers of rays, and colours that agree.
 """
 
-from __future__ import annotations
-
+import json
 from collections.abc import Iterator
 
+import gpu_check
 import numpy as np
 import pytest
 from conftest import Report
-from numpy.typing import NDArray
+from support import films_of_devices
 from support.digests import Case
 from support.emulated_cuda.backend import GPU, EmulatedBackend, emulated_cuda
 from support.films_of_devices import FILMS, OPTIONS, film_cases, films_of
@@ -44,19 +44,19 @@ def assert_agrees(name: str, case: Case, gpu: EmulatedBackend, report: Report, *
 
 
 @pytest.mark.parametrize("name", FILMS)
-def test_films_agree(name: str, gpu: EmulatedBackend, report: Report) -> None:
+def test_films_agree(name, gpu, report):
     layers = "layers" in OPTIONS.get(name, CASES[name].options)
     assert_agrees(name, CASES[name], gpu, report, regenerates=not layers)
 
 
 @pytest.mark.parametrize("name", [FILMS[0], "models-fisheye"])
-def test_films_of_a_loop_for_each_path_agree(name: str, gpu: EmulatedBackend, report: Report, monkeypatch) -> None:
+def test_films_of_a_loop_for_each_path_agree(name, gpu, report, monkeypatch):
     """The kernel that `WRT_REGENERATE=0` chooses."""
     monkeypatch.setenv(REGENERATE, "0")
     assert_agrees(name, CASES[name], gpu, report, regenerates=False)
 
 
-def test_clamped_films_agree(gpu: EmulatedBackend, report: Report) -> None:
+def test_clamped_films_agree(gpu, report):
     """Without layers, in the kernel that regenerates paths; a tenth of the pixels is clamped."""
     options = {"width": 24, "height": 20}
     case = Case(lambda: wrt.load("cornell-box"), {**options, "clamp_indirect": 0.1})
@@ -67,10 +67,10 @@ def test_clamped_films_agree(gpu: EmulatedBackend, report: Report) -> None:
     assert (renderers[0].image() - renderers[1].image() > 0.01).any(axis=2).mean() > 0.1
 
 
-def test_bits_do_not_depend_on_which_lanes_meet(gpu: EmulatedBackend) -> None:
+def test_bits_do_not_depend_on_which_lanes_meet(gpu):
     """Votes of whole warps or of parts of them; passes of one sample or several; threads of one warp or another."""
 
-    def sums(*targets: int, divides: bool = False, crop: tuple[int, int, int, int] = (10, 12, 31, 22)) -> NDArray:
+    def sums(*targets, divides=False, crop=(10, 12, 31, 22)):
         renderer = wrt.Renderer(wrt.load("cornell-box"), width=40, height=40, crop=crop, device="cuda")
         gpu.library(renderer._kernel.scalar).divide_warps(divides)
         for target in targets:
@@ -84,3 +84,19 @@ def test_bits_do_not_depend_on_which_lanes_meet(gpu: EmulatedBackend) -> None:
     np.testing.assert_array_equal(sums(6, divides=True), expected)
     np.testing.assert_array_equal(sums(1, 2, 6), expected)
     np.testing.assert_array_equal(sums(6, crop=(13, 13, 30, 20)), expected[1:8, 3:20])
+
+
+@pytest.mark.parametrize("agree", [films_of_devices.AGREE, 0.0])
+def test_the_check_that_users_run_says_whether_films_agree(agree, tmp_path, monkeypatch):
+    """`scripts/gpu_check.py` with one film and one small render."""
+    monkeypatch.setattr(films_of_devices, "FILMS", ("built-in-cornell-box",))
+    monkeypatch.setattr(films_of_devices, "AGREE", agree)
+    monkeypatch.setattr(gpu_check, "SIZE", {"width": 16, "height": 12})
+    line = ["--quick", "--no-tests", "--output", str(tmp_path), "--scenes", "cornell-box", "--seconds", "0.01"]
+    with emulated_cuda(optimization=0):
+        status = gpu_check.main(line)
+    results = json.loads((tmp_path / "gpu-check.json").read_text(encoding="utf-8"))
+    page = (tmp_path / "gpu-check.md").read_text(encoding="utf-8")
+    assert (status, results["agrees"]) == ((0, True) if agree else (1, False))
+    assert page.endswith("Everything agrees.\n" if agree else "Something does not agree, see above.\n")
+    assert [(row["scene"], row["device"]) for row in results["speed"]] == [("cornell-box", GPU), ("cornell-box", "cpu")]

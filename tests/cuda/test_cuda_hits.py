@@ -3,13 +3,10 @@
 Trees are built by the branches for CUDA, so they are others; hits are the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from conftest import Report
 from numpy.typing import NDArray
 from support.emulated_cuda.backend import GPU, EmulatedBackend, emulated_cuda
 from support.ray_trees import HARD, Tree, assert_greedy, batches, build, check, grid, mesh_of, read_back, soup
@@ -41,7 +38,7 @@ def assert_same_hits(cpu: wrt.Intersector, cuda: wrt.Intersector, origins: NDArr
 
 
 @pytest.mark.parametrize("name", ["single", "in turn", "packets"])
-def test_hits_agree(name: str, gpu: EmulatedBackend) -> None:
+def test_hits_agree(name, gpu):
     """The nearest hit of each ray, and whether there is one within a distance."""
     mesh = mesh_of(soup(3000, 4, 0.2))
     cpu, cuda = on_both(mesh)
@@ -55,7 +52,7 @@ def test_hits_agree(name: str, gpu: EmulatedBackend) -> None:
     assert gpu.launches["trace_rays"] > 0
 
 
-def test_difficult_rays_hit_the_same(gpu: EmulatedBackend) -> None:
+def test_difficult_rays_hit_the_same(gpu):
     """Along the axes and within the planes of boxes, of no length, of tiny and huge ones, from far away, not finite."""
     mesh = mesh_of(soup(500, 5, 0.3))
     cpu, cuda = on_both(mesh)
@@ -77,7 +74,7 @@ def test_difficult_rays_hit_the_same(gpu: EmulatedBackend) -> None:
     assert (cuda.closest_hit(far + np.float32(3e38), directions).triangle == -1).all()
 
 
-def test_rays_along_the_sides_of_boxes_hit(gpu: EmulatedBackend) -> None:
+def test_rays_along_the_sides_of_boxes_hit(gpu):
     """Straight to the corners of a grid of squares: each ray is in planes between boxes of the tree."""
     squares = grid(12, 1)
     origins = np.unique(squares.reshape(-1, 3), axis=0) + np.float32([3.0, 0.0, 0.0])
@@ -85,7 +82,7 @@ def test_rays_along_the_sides_of_boxes_hit(gpu: EmulatedBackend) -> None:
     assert (assert_same_hits(*on_both(mesh_of(squares)), origins, directions).triangle >= 0).all()
 
 
-def test_edges_are_closed_and_surfaces_are_left(gpu: EmulatedBackend) -> None:
+def test_edges_are_closed_and_surfaces_are_left(gpu):
     """Rays to the edges and vertices of a closed mesh hit it; rays from its surface hit what they do on the CPU."""
     turn = np.linalg.qr(np.random.default_rng(12).normal(size=(3, 3)))[0].astype(np.float32)
     mesh = wrt.sphere(subdivisions=2)
@@ -104,7 +101,7 @@ def test_edges_are_closed_and_surfaces_are_left(gpu: EmulatedBackend) -> None:
     np.testing.assert_array_equal(cuda.closest_hit(points, away).triangle, cpu.closest_hit(points, away).triangle)
 
 
-def test_of_coincident_triangles_the_lowest_is_hit(gpu: EmulatedBackend) -> None:
+def test_of_coincident_triangles_the_lowest_is_hit(gpu):
     """Of forty, which fill several leaves."""
     numbers = np.random.default_rng(14).permutation(np.repeat(np.arange(20), 40))
     lowest = np.array([np.flatnonzero(numbers == k)[0] for k in range(20)])
@@ -115,7 +112,7 @@ def test_of_coincident_triangles_the_lowest_is_hit(gpu: EmulatedBackend) -> None
     np.testing.assert_array_equal(hit, lowest[numbers[hit]])
 
 
-def test_instances_hit_the_same(gpu: EmulatedBackend) -> None:
+def test_instances_hit_the_same(gpu):
     rng = np.random.default_rng(10)
     places = np.stack([np.eye(4)] * 20)
     places[:, :3, :3] += 0.5 * rng.normal(size=(20, 3, 3))
@@ -140,7 +137,7 @@ TREES = {
 
 
 @pytest.mark.parametrize("name", TREES)
-def test_trees_are_whole_and_tight(name: str, gpu: EmulatedBackend, report: Report) -> None:
+def test_trees_are_whole_and_tight(name, gpu, report):
     """Large ones are split level by level, in chunks, which on the CPU takes many more triangles."""
     corners, before = TREES[name](), dict(gpu.launches)
     tree = build(corners, GPU)
@@ -164,7 +161,7 @@ def areas(tree: Tree) -> float:
     return float((x * y + y * z + z * x).sum() / (a * b + b * c + c * a))
 
 
-def test_trees_are_refitted(gpu: EmulatedBackend) -> None:
+def test_trees_are_refitted(gpu):
     mesh = mesh_of(soup(1000, 9))
     cuda = wrt.Intersector(mesh, device=GPU)
     moved = (mesh.vertices * np.float32([1.5, -0.7, 1.0]) + np.sin(3.0 * mesh.vertices[:, ::-1])).astype(np.float32)

@@ -1,9 +1,7 @@
-"""The emulator of CUDA (`support/emulated_cuda`) refuses what it does not know, and its threads vote and wait.
+"""Threads of the emulator of CUDA (`support/emulated_cuda`) vote and wait for one another.
 
 Films and trees compare its results with the CPU (test_cuda_films.py, test_cuda_hits.py).
 """
-
-from __future__ import annotations
 
 import ctypes
 
@@ -11,8 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.emulated_cuda.libraries import Library, compiled
-from support.emulated_cuda.ptx import NotTranslated, parse
-from support.emulated_cuda.translation import to_cpp
 
 from wrt.backend.warp_start import initialize_warp
 
@@ -20,29 +16,6 @@ pytestmark = pytest.mark.machinery
 
 HEAD = ".version 9.0\n.target sm_90\n.address_size 64\n"
 
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "bar.sync 0;",
-        "shfl.sync.idx.b32 %r1, %r2, 0, 31, -1;",
-        "cvt.rn.f16.f32 %rs1, %f1;",
-        "mov.u32 %r1, %clock;",
-        "call.uni some, ();",
-        "vote.ballot.b32 %r1, %p0;",
-    ],
-)
-def test_what_is_unknown_is_refused(text: str) -> None:
-    """Before anything runs: a barrier, for one, has no meaning where threads run one after another."""
-    registers = ".reg .b32 %r<3>;\n.reg .b16 %rs<3>;\n.reg .f32 %f<3>;\n.reg .pred %p<2>;"
-    ptx = f"{HEAD}.visible .entry k()\n{{\n{registers}\n{text}\nret;\n}}\n"
-    with pytest.raises(NotTranslated):
-        to_cpp(parse(ptx))
-    with pytest.raises(NotTranslated):  # functions of other modules
-        parse(HEAD + ".extern .func (.param .b32 func_retval0) vprintf (\n.param .b64 vprintf_param_0\n)\n;\n")
-
-
-# --- Threads of a warp that vote and wait for one another (PTX ISA, sections 9.7.13 and 9.7.14) --------
 
 WORDS = 8
 
@@ -76,7 +49,7 @@ def run(body: str, threads: int, *, divides: bool = False) -> NDArray[np.uint32]
     return out[:threads]
 
 
-def test_threads_that_have_ended_are_not_waited_for() -> None:
+def test_threads_that_have_ended_are_not_waited_for():
     """Odd ones leave before the vote."""
     words = run(
         """
@@ -115,7 +88,7 @@ $met:
 
 
 @pytest.mark.parametrize("divides", [False, True])
-def test_threads_that_are_active_together(divides: bool) -> None:
+def test_threads_that_are_active_together(divides):
     """Those of a branch; with divided warps only the odd or the even ones, as the manual allows."""
     words = run(BRANCHES, 12, divides=divides)
     for thread in range(12):
@@ -126,17 +99,14 @@ def test_threads_that_are_active_together(divides: bool) -> None:
         assert words[thread, 2] == sum(1 << t for t in active)
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
+def test_threads_that_wait_for_ever_are_noticed():
+    for body in (
         # Thread 0 names other threads than they do.
         "setp.eq.u32 %p0, %r0, 0; \n selp.b32 %r1, -1, 0x7fffffff, %p0; \n vote.sync.ballot.b32 %r2, %p0, %r1;",
         # Without itself.
         "shl.b32 %r1, 2, %r0; \n setp.eq.u32 %p0, %r0, 0; \n vote.sync.ballot.b32 %r2, %p0, %r1;",
         # One waits at a vote, the others at a barrier.
         "setp.eq.u32 %p0, %r0, 0; \n @%p0 vote.sync.ballot.b32 %r2, %p0, -1; \n @!%p0 bar.warp.sync -1;",
-    ],
-)
-def test_threads_that_wait_for_ever_are_noticed(body: str) -> None:
-    with pytest.raises(RuntimeError, match="votes: threads of a warp wait for others that never come"):
-        run(body, 4)
+    ):
+        with pytest.raises(RuntimeError, match="votes: threads of a warp wait for others that never come"):
+            run(body, 4)

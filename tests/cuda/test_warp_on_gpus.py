@@ -1,9 +1,6 @@
 """Calls of Warp for a GPU, for which something stands in: which one they reach, and what happens without memory."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,7 +27,7 @@ class StandIn:
     """
 
     is_cuda, is_cpu, context = True, False, 7
-    __hash__ = None  # type: ignore[assignment]  # as Warp's devices, which compare by their contexts
+    __hash__ = None  # as Warp's devices, which compare by their contexts
 
     def __init__(self) -> None:
         self.inside, self.writes, self.forgotten = 0, 1, 0
@@ -81,13 +78,11 @@ def second_gpu(monkeypatch: pytest.MonkeyPatch) -> StandIn:
         ("radix_sort_pairs", sorted_pairs, [6, 5]),
     ],
 )
-def test_functions_of_warp_run_on_the_gpu_of_their_arrays(
-    name: str, call: Callable[[Any], Any], expected: Any, second_gpu: StandIn, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_functions_of_warp_run_on_the_gpu_of_their_arrays(name, call, expected, second_gpu, monkeypatch):
     """Warp runs them on the current GPU of the thread."""
     real, calls = getattr(wp.utils, name), []
 
-    def recorded(*arguments: Any, **options: Any) -> Any:
+    def recorded(*arguments, **options):
         calls.append((second_gpu.inside, second_gpu.writes))
         return real(*arguments, **options)
 
@@ -101,22 +96,20 @@ def test_functions_of_warp_run_on_the_gpu_of_their_arrays(
     ("message", "figure"),
     [("Failed to allocate 2147483648 bytes on device 'cuda:1'", ": 2.15 GB more were needed"), (CUDA_SAYS, "")],
 )
-def test_memory_that_runs_out_is_reported_once(message: str, figure: str, second_gpu: StandIn) -> None:
+def test_memory_that_runs_out_is_reported_once(message, figure, second_gpu):
     with pytest.raises(NotEnoughMemory) as caught, on_device("cuda:1"):
         raise RuntimeError(message)
     assert str(caught.value).startswith(f"memory ran out on cuda:1{figure}; ")
     assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, 1)
 
 
-def test_other_errors_stay_what_they_are_and_a_launch_may_lack_memory_for_its_stack(
-    second_gpu: StandIn, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_errors_stay_what_they_are_and_a_launch_may_lack_memory_for_its_stack(second_gpu, monkeypatch):
     with pytest.raises(RuntimeError, match="illegal") as caught, on_device("cuda:1"):
         raise RuntimeError("an illegal memory access")
     assert not isinstance(caught.value, NotEnoughMemory)
     assert second_gpu.forgotten == 0
 
-    def fail(*_: object, **__: object) -> None:
+    def fail(*_, **__):
         raise RuntimeError(f"Error launching kernel: render_pass on device cuda:1: {CUDA_SAYS}")
 
     monkeypatch.setattr(wp, "launch", fail)
@@ -126,9 +119,7 @@ def test_other_errors_stay_what_they_are_and_a_launch_may_lack_memory_for_its_st
 
 @pytest.mark.machinery
 @pytest.mark.parametrize("name", ["radix_sort_pairs", "array_sum"])
-def test_no_tree_is_built_where_warp_finds_no_memory_of_its_own(
-    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Any, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_no_tree_is_built_where_warp_finds_no_memory_of_its_own(name, monkeypatch, tmp_path, capfd):
     """These functions of Warp's then return and have done nothing."""
     picture = tmp_path / "picture.png"
     options = ["--device", GPU, "--size", "8x8", "--spp", "1", "--quiet", "-o", str(picture)]

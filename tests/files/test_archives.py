@@ -1,7 +1,5 @@
 """Archives, bytes and open files are read like the files in them, and hostile ones end in one line."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import io
@@ -52,9 +50,7 @@ def model(tmp_path: Path) -> dict[str, str | bytes]:
     return {"m/a.obj": OBJ, "m/a.mtl": MTL, "m/maps/red.png": (tmp_path / "red.png").read_bytes(), "readme.txt": "a"}
 
 
-def test_the_one_mesh_of_an_archive_is_read_with_its_neighbours(
-    tmp_path: Path, model: dict[str, str | bytes], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_one_mesh_of_an_archive_is_read_with_its_neighbours(tmp_path, model, capsys):
     path = zipped(tmp_path / "model.zip", model | {"__MACOSX/m/._a.obj": b"\0\5\26\7"})
     data = path.read_bytes()
     for source in (path, f"{path}/m/a.obj", data, io.BytesIO(data)):
@@ -70,7 +66,7 @@ def test_the_one_mesh_of_an_archive_is_read_with_its_neighbours(
     assert len(wrt.load(zipped(tmp_path / "scene.zip", model | {"scene.toml": shape})).shapes) == 1
 
 
-def test_compressed_files_bytes_and_open_files(tmp_path: Path) -> None:
+def test_compressed_files_bytes_and_open_files(tmp_path):
     compressed = {"gz": gzip.compress(TRIANGLE), "bz2": bz2.compress(TRIANGLE), "zip": b""}
     for suffix, data in list(compressed.items())[:2]:
         (tmp_path / f"a.obj.{suffix}").write_bytes(data)
@@ -84,7 +80,7 @@ def test_compressed_files_bytes_and_open_files(tmp_path: Path) -> None:
     with pytest.warns(wrt.InputWarning, match=r"^data\.obj: 'data\.obj/a\.mtl', which it refers to"):
         wrt.load(OBJ.encode(), file_type="obj")
     with open(tmp_path / "a.obj") as text, pytest.raises(wrt.InputError, match=r"open\(path, 'rb'\)"):
-        wrt.load(text)  # type: ignore[arg-type]
+        wrt.load(text)
     for source, options, message in (
         (TRIANGLE, {}, "need their type, such as file_type='glb'"),
         (io.BytesIO(TRIANGLE), {"file_type": "../obj"}, "file_type must be the suffix"),
@@ -95,7 +91,7 @@ def test_compressed_files_bytes_and_open_files(tmp_path: Path) -> None:
             wrt.load(source, **options)
 
 
-def test_what_is_ambiguous_or_missing_is_named(tmp_path: Path) -> None:
+def test_what_is_ambiguous_or_missing_is_named(tmp_path):
     path = zipped(
         tmp_path / "two.zip", {"a.obj": TRIANGLE, "b/c.obj": b"v 0 0 broken\n", "in.zip": b"PK", "n.txt": b"n"}
     )
@@ -149,7 +145,7 @@ def hostile(folder: Path) -> Iterator[tuple[str, Path]]:
     )
 
 
-def test_hostile_archives_end_in_one_line(tmp_path: Path, temporary: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hostile_archives_end_in_one_line(tmp_path, temporary, monkeypatch):
     monkeypatch.setattr(memory_limits, "UNPACKED", memory_limits.Limit("unpacked files", 2**20, 64))
     for message, path in hostile(tmp_path):
         with pytest.raises(wrt.InputError, match=message) as caught:
@@ -159,7 +155,7 @@ def test_hostile_archives_end_in_one_line(tmp_path: Path, temporary: Path, monke
         assert not list(temporary.iterdir()), path
 
 
-def test_files_beyond_the_archive_are_missing_and_its_files_count_as_it_does(tmp_path: Path) -> None:
+def test_files_beyond_the_archive_are_missing_and_its_files_count_as_it_does(tmp_path):
     write(tmp_path, "secret.mtl", "newmtl m\nKd 1 0 0\n")
     outside = zipped(tmp_path / "out.zip", {"a.obj": OBJ.replace("a.mtl", f"{tmp_path}/secret.mtl")})
     with pytest.warns(wrt.InputWarning, match=r"secret\.mtl.*outside the archive"):
@@ -170,7 +166,7 @@ def test_files_beyond_the_archive_are_missing_and_its_files_count_as_it_does(tmp
         assert memory_limits.size_of_files() == path.stat().st_size < 1000
 
 
-def test_ctrl_c_removes_what_was_unpacked(tmp_path: Path, temporary: Path) -> None:
+def test_ctrl_c_removes_what_was_unpacked(tmp_path, temporary):
     lines = b"".join(b"v %d %d %d\n" % (k % 7, k % 11, k % 13) for k in range(300_000))
     path = write(tmp_path, "a.obj.gz", gzip.compress(lines * 10 + b"f 1 2 3\n"))
     process = start(tmp_path, "info", str(path), env={**os.environ, "TMPDIR": str(temporary)})

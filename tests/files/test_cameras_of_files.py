@@ -1,7 +1,5 @@
 """One of several cameras of a file is chosen by its name or number, and the others are named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +32,7 @@ def two_cameras(folder: Path) -> Path:
     return saved(folder, tree)
 
 
-def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_camera_is_chosen_by_name_or_number(tmp_path, capsys):
     path = two_cameras(tmp_path)
     with pytest.warns(UserWarning, match="of its cameras, 0 'front', 1 'front_1', 2 'camera', the first is taken"):
         scene = wrt.load(path, strict=True)  # a warning, but not an error: nothing is wrong with the file
@@ -63,7 +61,7 @@ def test_a_camera_is_chosen_by_name_or_number(tmp_path: Path, capsys: pytest.Cap
     assert "\n  1 front_1  PerspectiveCamera: origin (0.5, 0.5, 1)" in capsys.readouterr().out
 
 
-def test_a_chosen_camera_moves_with_its_animation(tmp_path: Path) -> None:
+def test_a_chosen_camera_moves_with_its_animation(tmp_path):
     path = two_cameras(tmp_path)
     assert wrt.load(path, camera="camera", time=1.0).camera.origin == (0.5, 0.5, 4.0)
     assert wrt.load(path, camera="camera", time=0.5).camera.origin == (4.75, 0.25, 6.5)
@@ -72,7 +70,7 @@ def test_a_chosen_camera_moves_with_its_animation(tmp_path: Path) -> None:
     np.testing.assert_allclose(lamps[1:], [lamps[0]] * 2, atol=0.1)
 
 
-def test_cameras_of_usd_have_the_names_of_their_prims(tmp_path: Path) -> None:
+def test_cameras_of_usd_have_the_names_of_their_prims(tmp_path):
     pytest.importorskip("pxr")
     mesh = "point3f[] points = [(0,0,0), (1,0,0), (0,1,0)]\nint[] faceVertexCounts = [3]\n"
     cameras = 'def Camera "left" {}\ndef Camera "right" {\ntoken projection = "orthographic"\n}\n'

@@ -1,7 +1,5 @@
 """A scene may refer to files anywhere; reading confined to its folder refuses files outside."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -121,15 +119,14 @@ def test_confinement_refuses_files_outside_the_scene_folder(name, folders, recwa
     assert not [str(warning.message) for warning in recwarn]
 
 
-@pytest.mark.parametrize("command", ["render", "info", "convert"])
-def test_the_command_line_confines(command, folders, tmp_path, monkeypatch, capsys):
+def test_the_command_line_confines(folders, tmp_path, monkeypatch, capsys):
     scene, _ = folders
     monkeypatch.chdir(tmp_path)
     path = str(written("TOML's mesh", scene, "../outside"))
-    options = {"render": ["--size", "8x8", "-o", "a.png"], "info": [], "convert": ["a.toml"]}[command]
-    assert main([command, path, *options, "--confined"]) == 2
-    assert "outside the scene's folder" in capsys.readouterr().err.splitlines()[-1]
-    assert not list(tmp_path.glob("a.*"))
+    for command in (["render", path, "--size", "8x8", "-o", "a.png"], ["info", path], ["convert", path, "a.toml"]):
+        assert main([*command, "--confined"]) == 2
+        assert "outside the scene's folder" in capsys.readouterr().err.splitlines()[-1]
+        assert not list(tmp_path.glob("a.*"))
 
 
 def test_a_link_that_changes_before_opening_is_noticed(folders, monkeypatch):
@@ -150,35 +147,16 @@ def test_a_link_that_changes_before_opening_is_noticed(folders, monkeypatch):
         read_file(scene / "link")
 
 
-def test_guessed_paths_outside_the_folder_are_skipped(tmp_path):
-    """Images of an OBJ file are looked for in ../textures, too; in confinement no file was named there."""
-    scene = tmp_path / "scene"
-    scene.mkdir()
-    path = scene / "a.obj"
-    path.write_text(f"mtllib a.mtl\n{OBJ}")
-    (scene / "a.mtl").write_text("newmtl m\nmap_Kd a.png\n")
-    (tmp_path / "textures").mkdir()
-    Image.new("RGB", (4, 4), (10, 200, 30)).save(tmp_path / "textures" / "a.png")
-    with pytest.warns(InputWarning, match=r"a\.png', which it refers to, is not there; '.*textures/a\.png' is taken"):
-        assert wrt.load(path).shapes
-    with pytest.warns(InputWarning, match=r"a\.png', which it refers to: no such file"):
-        assert wrt.load(path, confined=True).shapes
-    (tmp_path / "textures").rename(scene / "textures")
-    with pytest.warns(InputWarning, match=r"'.*textures/a\.png' is taken"):
-        assert wrt.load(path, confined=True).shapes
-
-
-@pytest.mark.parametrize("exists", [True, False])
-def test_a_mitsuba_scene_does_not_learn_which_files_exist_outside(exists, folders):
+def test_a_mitsuba_scene_does_not_learn_which_files_exist_outside(folders):
     """A file is searched in several folders; one that exists outside would be found first, and refused."""
     scene, outside = folders
     (scene / "sub").mkdir()
     (scene / "a.ply").write_text(PLY)
-    if exists:
-        (outside.parent / "a.ply").write_text(PLY)
     text = '<path value="sub"/><shape type="ply"><string name="filename" value="../a.ply"/></shape>'
     (scene / "a.xml").write_text(xml(text))
-    assert wrt.load(scene / "a.xml", confined=True).shapes
+    for _ in range(2):
+        assert wrt.load(scene / "a.xml", confined=True).shapes
+        (outside.parent / "a.ply").write_text(PLY)
 
 
 def test_nothing_is_downloaded(folders, tmp_path, monkeypatch):
@@ -201,18 +179,15 @@ def test_nothing_is_downloaded(folders, tmp_path, monkeypatch):
             server.accept()
 
 
-@pytest.mark.parametrize(
-    ("tone", "is_refused"),
-    [
+def test_confinement_refuses_tone_curves_in_files(tmp_path):
+    """OpenColorIO would open files anywhere when a picture is developed."""
+    for tone, is_refused in (
         ("ocio:config.ocio", True),
         ("ocio:,sRGB - Display", False),
         ("ocio:ocio://default,sRGB - Display", False),
-    ],
-)
-def test_confinement_refuses_tone_curves_in_files(tone, is_refused, tmp_path):
-    """OpenColorIO would open files anywhere when a picture is developed."""
-    path = tmp_path / "scene.toml"
-    path.write_text(f'settings = {{ tone = "{tone}" }}\n{BOX}')
-    assert wrt.load(path).settings.tone == tone
-    with pytest.raises(wrt.InputError, match="names a file") if is_refused else nullcontext():
-        wrt.load(path, confined=True)
+    ):
+        path = tmp_path / "scene.toml"
+        path.write_text(f'settings = {{ tone = "{tone}" }}\n{BOX}')
+        assert wrt.load(path).settings.tone == tone
+        with pytest.raises(wrt.InputError, match="names a file") if is_refused else nullcontext():
+            wrt.load(path, confined=True)

@@ -1,7 +1,5 @@
 """A scene's digests: the same for the same scene, and another for the one part that differs."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os
@@ -26,7 +24,7 @@ def triangle(**changes: object) -> wrt.Mesh:
         "uvs": np.float32([(0, 0), (1, 0), (0, 1)]),
         "colors": np.ones((3, 3), np.float32),
     }
-    return wrt.Mesh(**{**fields, **changes})  # type: ignore[arg-type]
+    return wrt.Mesh(**{**fields, **changes})
 
 
 def texture(value: float = 0.5) -> wrt.ImageTexture:
@@ -105,7 +103,7 @@ CHANGES: dict[str, dict[str, Change]] = {
 
 
 @pytest.mark.parametrize("part", CHANGES)
-def test_one_change_shows_in_its_part_alone(part: str) -> None:
+def test_one_change_shows_in_its_part_alone(part):
     before = scene_fingerprint(scene())
     assert set(before) == set(CHANGES)
     assert len(set(before.values())) == len(CHANGES)
@@ -116,17 +114,17 @@ def test_one_change_shows_in_its_part_alone(part: str) -> None:
         assert {key for key in before if before[key] != digests[key]} == {part}, name
 
 
-def test_order_of_shapes_counts() -> None:
+def test_order_of_shapes_counts():
     """Triangles are numbered in order, and ties go to the lowest number."""
     swapped = scene()
     swapped.shapes.reverse()
     assert scene_fingerprint(swapped)["geometry"] != scene_fingerprint(scene())["geometry"]
 
 
-def test_names_settings_and_how_a_value_was_typed_do_not_count() -> None:
+def test_names_settings_and_how_a_value_was_typed_do_not_count():
     typed = scene()
-    typed.camera = wrt.PerspectiveCamera([0, np.float32(1), 5], np.zeros(3))  # type: ignore[arg-type]
-    typed.lights = [wrt.PointLight(np.array([0.0, 2.0, 0.0]), intensity=[3, 3, 3])]  # type: ignore[arg-type]
+    typed.camera = wrt.PerspectiveCamera([0, np.float32(1), 5], np.zeros(3))
+    typed.lights = [wrt.PointLight(np.array([0.0, 2.0, 0.0]), intensity=[3, 3, 3])]
     of_field("environment", name="another")(typed)
     image = wrt.ImageTexture(texture().pixels, name="another")
     of_shape(0, name="another", material=wrt.Diffuse(image))(typed)
@@ -135,7 +133,7 @@ def test_names_settings_and_how_a_value_was_typed_do_not_count() -> None:
     assert scene_fingerprint(typed) == scene_fingerprint(scene())
 
 
-def test_digests_are_the_same_in_another_process() -> None:
+def test_digests_are_the_same_in_another_process():
     """A checkpoint outlives the process; Python's own hashes would not do."""
     program = "import json, test_fingerprint as t; print(json.dumps(t.scene_fingerprint(t.scene())))"
     path = os.pathsep.join([str(ROOT / "tests"), str(ROOT), str(Path(__file__).parent)])

@@ -1,7 +1,5 @@
 """3MF, COLLADA and STEP files give the objects, places, colours and textures that their text describes."""
 
-from __future__ import annotations
-
 import io
 import re
 import warnings
@@ -136,9 +134,8 @@ def test_units_of_collada_become_metres_and_what_is_not_read_is_named(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("parts", "expected"),
-    [
+def test_colors_of_triangles_and_corners(tmp_path):
+    for parts, expected in (
         (
             ('pid="2" p1="0" p2="1" p3="0"', 'pid="4" p1="0"', COLORS),
             [[(1, 0, 0, 1), (0, 1, 0, 128 / 255), (1, 0, 0, 1)], [(*linear_from_srgb(np.full(3, 0.25)), 1)] * 3],
@@ -147,12 +144,10 @@ def test_units_of_collada_become_metres_and_what_is_not_read_is_named(tmp_path):
         (("", 'p1="1"', COLORS, 'pid="3" pindex="0"'), [[(1, 1, 1)] * 3, [(0, 0, 0)] * 3]),
         # Colours that are all invisible are opaque: OpenSCAD has written such files.
         (("", "", COLORS.replace("FFFFFF", "FF000000"), 'pid="3" pindex="0"'), [[(1, 0, 0)] * 3] * 2),
-    ],
-)
-def test_colors_of_triangles_and_corners(tmp_path, parts, expected):
-    (shape,) = loaded(tmp_path, model_of(*parts))
-    assert area(shape.mesh) == pytest.approx(1.0)
-    np.testing.assert_allclose(shape.mesh.colors[shape.mesh.faces], expected, atol=1e-6)
+    ):
+        (shape,) = loaded(tmp_path, model_of(*parts))
+        assert area(shape.mesh) == pytest.approx(1.0)
+        np.testing.assert_allclose(shape.mesh.colors[shape.mesh.faces], expected, atol=1e-6)
 
 
 def test_textures_and_properties_of_several_groups(tmp_path):
@@ -241,7 +236,22 @@ def test_collada_geometry_is_there_whatever_else_is_told(tmp_path, text, message
         (shape,) = load_file(write(tmp_path, "a.dae", text)).shapes
     assert any(re.search(rf"a\.dae: .*{message}", str(each.message)) for each in caught)
     assert len(shape.mesh.faces) == 2
+    assert shape.double_sided  # the format does not hide backs
     np.testing.assert_allclose(shape.mesh.bounds, np.add([[0, 0, 0], [1, 2, 3]], shift), atol=1e-6)
+
+
+@pytest.mark.parametrize(("wrap", "color", "lost"), [("WRAP", "0 0 0 1", 0), ("CLAMP", "0.5 0 0 1", 2)])
+def test_collada_values_without_effect_are_not_named(tmp_path, wrap, color, lost):
+    pytest.importorskip("collada")
+    text = GEOMETRY.replace(
+        "</source></sampler2D>", f"</source><wrap_s>{wrap}</wrap_s><minfilter>NONE</minfilter></sampler2D>"
+    )
+    looks = f"<transparent opaque='RGB_ZERO'><color>{color}</color></transparent>"
+    index = "<index_of_refraction><float>1.4</float></index_of_refraction>"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_file(write(tmp_path, "a.dae", text.replace("</diffuse>", f"</diffuse>{looks}{index}")))
+    assert sum("unknown to wrt" in str(each.message) for each in caught) == lost
 
 
 @pytest.mark.filterwarnings("ignore:.*none.png")

@@ -1,7 +1,5 @@
 """Damaged files never kill it: they are read, or refused in one line; and the fuzzer would notice if they did."""
 
-from __future__ import annotations
-
 import collections
 
 import fuzz
@@ -60,7 +58,7 @@ def test_damaged_files_are_read_or_refused(report):
     """The fuzzer's first inputs, of every kind in turn."""
     corpus = fuzz.Corpus()
     inputs = ((number, *corpus.input(0, number, sorted(corpus.files))) for number in range(300))
-    count: collections.Counter[str] = collections.Counter()
+    count = collections.Counter()
     for number, kind, _, outcome in fuzz.run(inputs):
         assert outcome.verdict in ("fine", "refused"), f"{number}, {kind}: {outcome.reason}"
         count[outcome.verdict] += 1

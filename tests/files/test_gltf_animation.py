@@ -1,7 +1,5 @@
 """Animations of glTF files: curves in closed form, skins and morph targets at a time, frames with one camera."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -56,7 +54,7 @@ def corners(path: Path, time: float | None) -> np.ndarray:
 TIMES = np.array([1.0, 2.0, 4.0])
 
 
-def test_lines_and_steps(tmp_path: Path) -> None:
+def test_lines_steps_and_cubic_splines_follow_their_formulas(tmp_path):
     values = [[0, 1, 0], [2, 1, 0], [6, -3, 0]]
     linear, step = (
         saved(tmp_path, animated((0, "translation", method, TIMES, values)), f"{method}.gltf")
@@ -70,9 +68,6 @@ def test_lines_and_steps(tmp_path: Path) -> None:
     ):
         np.testing.assert_allclose(corners(linear, seconds) - POINTS, [between] * 8)
         np.testing.assert_allclose(corners(step, seconds) - POINTS, [before] * 8)
-
-
-def test_a_cubic_spline_follows_the_cubic_that_made_it(tmp_path: Path) -> None:
     cubic, slope = [1.0, -2.0, 0.5, 0.25], polyval(TIMES, [-2.0, 1.0, 0.75])
     keys = np.zeros((3, 3, 3))
     keys[:, :, 0] = np.stack([slope, polyval(TIMES, cubic), slope], axis=1)
@@ -88,7 +83,7 @@ def test_a_cubic_spline_follows_the_cubic_that_made_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("last", "sign"), [(130.0, 1.0), (130.0, -1.0), (10.01, 1.0)])
-def test_rotations_have_a_steady_speed_along_the_shorter_arc(last: float, sign: float, tmp_path: Path) -> None:
+def test_rotations_have_a_steady_speed_along_the_shorter_arc(last, sign, tmp_path):
     first, last = math.radians(10.0), math.radians(last)
     keys = np.array([[0, 0, s * math.sin(a / 2), s * math.cos(a / 2)] for a, s in ((first, 1.0), (last, sign))])
     linear = saved(tmp_path, animated((0, "rotation", "LINEAR", [0, 1], keys)), "linear.gltf")
@@ -101,8 +96,8 @@ def test_rotations_have_a_steady_speed_along_the_shorter_arc(last: float, sign: 
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), np.linalg.norm(POINTS, axis=1), atol=1e-6)
 
 
-def test_nodes_move_turn_and_grow(tmp_path: Path) -> None:
-    channels: list[Channel] = [
+def test_nodes_move_turn_and_grow_with_their_cameras_and_lights(tmp_path):
+    channels = [
         (0, "translation", "LINEAR", [0, 2], [[0, 0, 0], [4, 0, 0]]),
         (0, "rotation", "LINEAR", [0, 1], [[0, 0, 0, 1], [0, HALF, 0, HALF]]),
         (1, "scale", "STEP", [0, 0.5], [[1, 1, 1], [1, 2, 3]]),
@@ -115,14 +110,6 @@ def test_nodes_move_turn_and_grow(tmp_path: Path) -> None:
     c, s = math.cos(math.radians(67.5)), math.sin(math.radians(67.5))
     turned = np.stack([c * x + s * z + 1.5, y, c * z - s * x], axis=1)
     np.testing.assert_allclose(corners(path, 0.75), turned, atol=1e-6)
-
-
-CAMERAS = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
-LIT = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
-LAMP = {"extensions": {"KHR_lights_punctual": {"light": 0}}}
-
-
-def test_cameras_and_lights_move_with_their_nodes(tmp_path: Path) -> None:
     tree = box({"camera": 0, **LAMP}, cameras=CAMERAS, extensions=LIT)
     path = saved(tmp_path, animated((1, "translation", "LINEAR", [0, 1], [[0, 0, 5], [2, 0, 5]]), tree=tree))
     scene = wrt.load(path, time=0.5)
@@ -130,7 +117,12 @@ def test_cameras_and_lights_move_with_their_nodes(tmp_path: Path) -> None:
     assert [light.position for light in scene.lights] == [pytest.approx((1, 0, 5))]
 
 
-def test_morph_targets_follow_their_weights(tmp_path: Path) -> None:
+CAMERAS = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
+LIT = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+LAMP = {"extensions": {"KHR_lights_punctual": {"light": 0}}}
+
+
+def test_morph_targets_follow_their_weights(tmp_path):
     tree = box()
     up, out = POINTS * [0, 1, 0], POINTS * [0, 0, 2]
     tree["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": add(tree, each)} for each in (up, out)]
@@ -142,7 +134,7 @@ def test_morph_targets_follow_their_weights(tmp_path: Path) -> None:
         np.testing.assert_allclose(corners(path, time), POINTS + time * up + 0.5 * time * out, atol=1e-6)
 
 
-def test_a_skin_bends_with_its_joints(tmp_path: Path) -> None:
+def test_a_skin_bends_with_its_joints(tmp_path):
     """The place of its mesh does not count."""
     tree = box(nodes=[{"mesh": 0, "skin": 0, "translation": [9, 9, 9]}, {"children": [2]}, {"translation": [0, 1, 0]}])
     shares = np.zeros((8, 4))
@@ -162,7 +154,7 @@ def test_a_skin_bends_with_its_joints(tmp_path: Path) -> None:
         np.testing.assert_allclose(corners(path, time), where, atol=1e-6)
 
 
-def test_tangents_are_morphed_and_turn_with_a_skin(tmp_path: Path) -> None:
+def test_tangents_are_morphed_and_turn_with_a_skin(tmp_path):
     tree = box(nodes=[{"mesh": 0, "skin": 0, "weights": [0.5]}, {"rotation": [0, 0, HALF, HALF]}])
     rows = {"NORMAL": [0, 0, 1], "TANGENT": [1, 0, 0, -1], "JOINTS_0": [0, 0, 0, 0], "WEIGHTS_0": [1, 0, 0, 0]}
     for name, row in rows.items():
@@ -177,7 +169,7 @@ def test_tangents_are_morphed_and_turn_with_a_skin(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("up", [None, "z"])
-def test_camera_and_studio_stay(tmp_path: Path, up: str | None) -> None:
+def test_camera_and_studio_stay(tmp_path, up):
     path = saved(tmp_path, animated((0, "translation", "LINEAR", [0, 1], [[0, 0, 0], [0, 0, -6]])))
     scenes = [wrt.load(path, time=time, up=up) for time in (0.0, 0.5, 1.0)]
     assert len({scene.camera for scene in scenes}) == 1
@@ -191,8 +183,8 @@ def test_camera_and_studio_stay(tmp_path: Path, up: str | None) -> None:
     assert scenes[0].camera != wrt.load(path, up=up).camera  # which frames the box alone
 
 
-def test_a_camera_is_kept_or_framed_anew_for_all_times(tmp_path: Path) -> None:
-    def cameras(node: dict, **fields: object) -> set[object]:
+def test_a_camera_is_kept_or_framed_anew_for_all_times(tmp_path):
+    def cameras(node, **fields):
         path = saved(tmp_path, animated(SLIDE, tree=box(node, **fields)))
         return {wrt.load(path, time=time).camera for time in (0.0, 0.5, 1.0)}
 
@@ -204,7 +196,7 @@ def test_a_camera_is_kept_or_framed_anew_for_all_times(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_frames_of_a_file_are_its_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_frames_of_a_file_are_its_scenes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = saved(tmp_path, animated(SLIDE))
     command = ["render", path.name, *("--size", "24x18", "--spp", "1", "--quiet", "--fps", "4", "-o", "box_%d.exr")]
@@ -217,33 +209,27 @@ def test_frames_of_a_file_are_its_scenes(tmp_path: Path, monkeypatch: pytest.Mon
         np.testing.assert_array_equal(wrt.load_image(tmp_path / f"box_{number}.exr"), expected)
 
 
-def test_sources_without_animations_have_no_times(tmp_path: Path) -> None:
+def test_damaged_animations_are_told(tmp_path):
+    for channel, words in (
+        ((0, "translation", "LINEAR", [1, 0], [[0, 0, 0], [6, 0, 0]]), "do not increase"),
+        ((0, "translation", "BEZIER", [0, 1], [[0, 0, 0], [6, 0, 0]]), "interpolated by 'BEZIER'"),
+        ((0, "translation", "CUBICSPLINE", [0, 1], [[0, 0, 0], [6, 0, 0]]), "do not have 3 numbers"),
+        ((7, "translation", "LINEAR", [0, 1], [[0, 0, 0], [6, 0, 0]]), "damaged or not as specified"),
+    ):
+        path = saved(tmp_path, animated(channel))
+        check_refused(words, lambda path: wrt.load(path, time=0.5), path)
+        wrt.load(path)  # at rest it does not matter
+
+
+def test_what_cannot_be_animated_is_told(tmp_path):
+    tree = animated(SLIDE)
+    target = {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": "/materials/0/alphaCutoff"}}}
+    tree["animations"][0]["channels"].append({"sampler": 0, "target": target})
+    with pytest.warns(UserWarning, match=r"target\.extensions\.KHR_animation_pointer is unknown to wrt and left out"):
+        load_file(saved(tmp_path, tree), time=0.5)
     check_refused("it has no animation", lambda path: wrt.load(path, time=0.0), saved(tmp_path, box()))
     for source in ("cornell-box", wrt.Scene(), wrt.sphere()):
         with pytest.raises(wrt.InputError, match="a time is for glTF and USD files with an animation"):
             wrt.load(source, time=0.0)
     with pytest.raises(wrt.InputError, match="time must be"):
         wrt.load(saved(tmp_path, animated(SLIDE)), time=math.nan)
-
-
-@pytest.mark.parametrize(
-    ("channel", "words"),
-    [
-        ((0, "translation", "LINEAR", [1, 0], [[0, 0, 0], [6, 0, 0]]), "do not increase"),
-        ((0, "translation", "BEZIER", [0, 1], [[0, 0, 0], [6, 0, 0]]), "interpolated by 'BEZIER'"),
-        ((0, "translation", "CUBICSPLINE", [0, 1], [[0, 0, 0], [6, 0, 0]]), "do not have 3 numbers"),
-        ((7, "translation", "LINEAR", [0, 1], [[0, 0, 0], [6, 0, 0]]), "damaged or not as specified"),
-    ],
-)
-def test_damaged_animations_are_told(tmp_path: Path, channel: Channel, words: str) -> None:
-    path = saved(tmp_path, animated(channel))
-    check_refused(words, lambda path: wrt.load(path, time=0.5), path)
-    wrt.load(path)  # at rest it does not matter
-
-
-def test_what_cannot_be_animated_is_told(tmp_path: Path) -> None:
-    tree = animated(SLIDE)
-    target = {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": "/materials/0/alphaCutoff"}}}
-    tree["animations"][0]["channels"].append({"sampler": 0, "target": target})
-    with pytest.warns(UserWarning, match=r"target\.extensions\.KHR_animation_pointer is unknown to wrt and left out"):
-        load_file(saved(tmp_path, tree), time=0.5)

@@ -1,7 +1,5 @@
 """A scene written as GLB and read back is the same, as far as glTF holds it."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from pathlib import Path
@@ -12,8 +10,6 @@ from support.mesh_files import check_values, values_of
 from support.meshes import area_vector
 from support.outputs import run
 from support.same_scenes import differences
-from support.small_scenes import finish
-from support.statistics import image_z_test
 
 import wrt
 from wrt.errors import InputError
@@ -66,7 +62,7 @@ def again(scene: wrt.Scene, path: Path) -> tuple[wrt.Scene, list[str]]:
 
 
 @pytest.mark.parametrize("name", EXACT)
-def test_materials_come_back(name: str, tmp_path: Path) -> None:
+def test_materials_come_back(name, tmp_path):
     scene = wrt.Scene()
     scene.add(QUAD, material=MATERIALS[name])
     found, messages = again(scene, tmp_path / "a.glb")
@@ -87,7 +83,7 @@ def test_materials_come_back(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(read.emission, scene.shapes[0].emission, rtol=1e-6)
 
 
-def test_normals_screens_and_films_come_back_to_a_step_of_their_images(tmp_path: Path) -> None:
+def test_normals_screens_and_films_come_back_to_a_step_of_their_images(tmp_path):
     scene = wrt.Scene()
     thickness = dataclasses.replace(NUMBERS, factor=(700.0,) * 3)
     for k, material in enumerate((MATERIALS["bumpy"], MATERIALS["screen"], wrt.Principled(film_thickness=thickness))):
@@ -103,7 +99,7 @@ def test_normals_screens_and_films_come_back_to_a_step_of_their_images(tmp_path:
     np.testing.assert_allclose(found, thickness.pixels[..., 1] * 700.0, atol=0.5 * step + 1e-3)
 
 
-def test_geometry_lights_and_camera_come_back(tmp_path: Path) -> None:
+def test_geometry_lights_and_camera_come_back(tmp_path):
     scene = wrt.Scene()
     ball = wrt.sphere((0.1, 0.2, 0.3), 0.5, subdivisions=2)
     colored = dataclasses.replace(ball, colors=RNG.random((len(ball.vertices), 3)).astype(np.float32))
@@ -128,23 +124,7 @@ def test_geometry_lights_and_camera_come_back(tmp_path: Path) -> None:
     assert {name: amount for name, amount in differences(scene, found).items() if amount > 1e-5} == {}
 
 
-@pytest.mark.slow
-def test_pictures_are_alike(tmp_path: Path, device: str) -> None:
-    """What a matt surface and a lamp without a mesh become has the light that they had."""
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 1.0, 3.4), (0, 0.6, 0), fov_degrees=40.0))
-    scene.add(wrt.quad((-2, 0, 2), (4, 0, 0), (0, 0, -4)), material=wrt.Diffuse(COLORS))
-    scene.add(wrt.quad((-2, 0, -1), (4, 0, 0), (0, 3, 0)), material=wrt.Diffuse((0.5, 0.4, 0.2)))
-    scene.add(wrt.sphere((0.0, 0.5, 0.0), 0.5, subdivisions=3), material=wrt.Principled(0.4, coat=1.0))
-    scene.add_light(wrt.RectangleLight((-0.5, 2.5, -0.5), (1, 0, 0), (0, 0, 1), radiance=6.0))
-    films = []
-    for each in (scene, again(scene, tmp_path / "a.glb")[0]):
-        options = {"sampler": "independent", "device": device, "seed": len(films), "max_depth": 4}
-        films.append(finish(wrt.Renderer(each, width=32, height=24, **options), 256))
-    result = image_z_test(*(array for film in films for array in (film.image(), film.variance())), n_a=256, n_b=256)
-    assert result.agrees(), result.message
-
-
-def test_matt_surfaces_and_lamps_are_held_and_one_line_names_what_is_left_out(tmp_path: Path) -> None:
+def test_matt_surfaces_and_lamps_are_held_and_one_line_names_what_is_left_out(tmp_path):
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(0.5))
     scene.add(QUAD, material=wrt.Diffuse((0.5, 0.4, 0.2)))
     scene.add(QUAD, material=wrt.RoughConductor(0.2, metal="gold"))
@@ -160,7 +140,7 @@ def test_matt_surfaces_and_lamps_are_held_and_one_line_names_what_is_left_out(tm
     assert "\n" not in line
 
 
-def test_convert_writes_a_glb_and_replaces_nothing_without_leave(tmp_path: Path) -> None:
+def test_convert_writes_a_glb_and_replaces_nothing_without_leave(tmp_path):
     out = tmp_path / "box.glb"
     out.write_bytes(b"mine")
     assert run("convert", "cornell-box", str(out)) == 2

@@ -1,7 +1,5 @@
 """Small files that would take gigabytes are refused by a limit that is named, in a process of little memory."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -96,7 +94,7 @@ BOMBS: dict[str, tuple[str, str | bytes | Callable[[Path], str | bytes], str]] =
 }
 
 
-def test_a_file_counts_once_under_several_names(tmp_path: Path) -> None:
+def test_a_file_counts_once_under_several_names(tmp_path):
     """Many links to one file do not raise the limits, which are multiples of the bytes read."""
     (tmp_path / "a").write_bytes(bytes(1000))
     (tmp_path / "b").symlink_to("a")
@@ -109,7 +107,7 @@ def test_a_file_counts_once_under_several_names(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_bombs_are_refused(tmp_path: Path) -> None:
+def test_bombs_are_refused(tmp_path):
     """One after the other, in a process that may take 1 GB more than when it began."""
     paths = []
     for name, (suffix, content, _) in BOMBS.items():
@@ -128,7 +126,7 @@ def test_bombs_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_large_honest_scenes_are_read(tmp_path: Path) -> None:
+def test_large_honest_scenes_are_read(tmp_path):
     place = '<shape type="instance"><ref id="g"/><transform name="to_world"><translate x="{}"/></transform></shape>'
     places = "".join(place.format(3 * i) for i in range(10_000))
     group = '<shape type="shapegroup" id="g"><shape type="cube"/></shape>'
@@ -145,7 +143,7 @@ def test_large_honest_scenes_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_polygons_that_take_too_long_are_warned_of(tmp_path: Path) -> None:
+def test_polygons_that_take_too_long_are_warned_of(tmp_path):
     points = np.random.default_rng(0).random((3000, 2))
     text = "".join(f"v {x} {y} 0\n" for x, y in points) + "f " + " ".join(map(str, range(1, 3001))) + "\n"
     (tmp_path / "crossing.obj").write_text(text)

@@ -1,13 +1,10 @@
 """What is no file, is damaged, not what its name says or out of proportion: refused in one line, or shown."""
 
-from __future__ import annotations
-
 import io
 import json
 import math
 import os
 import struct
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,19 +12,17 @@ import pytest
 from PIL import Image
 from support.commands import ROOM, SMALL, without_progress
 from support.mesh_files import box_files, check_refused, joined
-from support.meshes import SQUARE, check_message, gltf_box, write
+from support.meshes import SQUARE, gltf_box, write
 
 import wrt
 from wrt.cli import main
 from wrt.errors import LONGEST_MESSAGE, InputWarning, one_line
 from wrt.io import npy
 from wrt.io.images import load_image
-from wrt.io.load_mesh import load_file, load_mesh, load_shapes
+from wrt.io.load_mesh import load_file, load_mesh
 from wrt.io.mesh.parts import Part, moved
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.npy import read_array
-
-# --- Types of files --------------------------------------------------------------------------------
 
 TREE = json.dumps(gltf_box(np.eye(3), np.array([[0, 1, 2]]))).encode()
 
@@ -68,7 +63,7 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
         assert f"it looks to be {words}" in str(caught.value), name
 
 
-def test_files_that_are_not_rendered_tell_what_to_do(tmp_path):
+def test_files_that_are_not_rendered_tell_what_to_do_and_content_counts_more_than_names(tmp_path):
     for name, message in (
         ("a.blend", "it is a Blender file; in Blender, export it as glTF"),
         ("a.FBX", "it is an FBX file; export it as glTF"),
@@ -86,10 +81,7 @@ def test_files_that_are_not_rendered_tell_what_to_do(tmp_path):
             wrt.load(tmp_path)
         for each in ("b.glb", "a.obj", ".c.obj", "d.xml") if not number else ():
             write(tmp_path, each, b"<a/>")
-
-
-def test_right_content_needs_no_right_name_and_damage_is_told_as_such(tmp_path):
-    """The content of a glTF file decides its form."""
+    # The content of a glTF file decides its form
     assert len(load_file(write(tmp_path, "a.gltf", joined(json.loads(TREE), b""))).shapes) == 1
     assert len(load_file(write(tmp_path, "a.glb", TREE)).shapes) == 1
     for kind in ("obj", "xml", "toml"):
@@ -99,7 +91,7 @@ def test_right_content_needs_no_right_name_and_damage_is_told_as_such(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["obj", "glb", "toml", "xml"])
-def test_pipes_links_in_circles_folders_and_empty_files_are_refused(tmp_path: Path, suffix: str):
+def test_pipes_links_in_circles_folders_and_empty_files_are_refused(tmp_path, suffix):
     pipe, loop, folder, empty = (tmp_path / f"{name}.{suffix}" for name in ("pipe", "loop", "folder", "empty"))
     os.mkfifo(pipe)
     loop.symlink_to(loop)
@@ -116,15 +108,12 @@ def test_pipes_links_in_circles_folders_and_empty_files_are_refused(tmp_path: Pa
             wrt.load(path)
 
 
-def test_messages_are_one_line_whatever_is_in_them():
+def test_messages_are_one_line_whatever_is_in_them_or_in_a_name(tmp_path, monkeypatch, capfd):
     error = wrt.InputError("a\nb\x1b[31m\r\udcff" + "x" * 5000)
     assert str(error).startswith("a\\nb\\x1b[31m\\r\\udcff")
     assert str(error).isprintable()
     assert len(str(error)) == LONGEST_MESSAGE
     assert one_line("Größe: 3 µm") == "Größe: 3 µm"
-
-
-def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, monkeypatch, capfd):
     name = "new\nline \x1b[31m"
     monkeypatch.chdir(tmp_path)
     Path(f"{name}.toml").write_text(ROOM)
@@ -136,29 +125,23 @@ def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path: Path, monkeypatc
     assert "\x1b" not in capfd.readouterr().out + messages
 
 
-# --- Sizes and numbers -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("size", "message"),
-    [
+def test_sizes_beyond_single_precision(tmp_path):
+    for size, message in (
         (1e13, r"its vertices reach to 1e\+13.* scale it down"),
         (1e-12, r"it is .*e-12 across.* scale it up"),
         (math.inf, "a vertex is at .*inf"),
         (1e12, None),
         (1e-10, None),
-    ],
-)
-def test_sizes_beyond_single_precision(tmp_path: Path, size: float, message: str | None):
-    text = "".join(f"v {x!r} {y!r} 0\n" for x, y in ((0.0, 0.0), (size, 0.0), (0.0, size)))
-    path = write(tmp_path, "mesh.obj", text + "f 1 2 3\n")
-    if message is None:
-        assert len(load_mesh(path).faces) == 1
-    else:
-        check_refused(message, load_mesh, path)
+    ):
+        text = "".join(f"v {x!r} {y!r} 0\n" for x, y in ((0.0, 0.0), (size, 0.0), (0.0, size)))
+        path = write(tmp_path, "mesh.obj", text + "f 1 2 3\n")
+        if message is None:
+            assert len(load_mesh(path).faces) == 1
+        else:
+            check_refused(message, load_mesh, path)
 
 
-def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path: Path, monkeypatch):
+def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path, monkeypatch):
     np.save(tmp_path / "a.npy", np.zeros((4, 4, 3), np.float32))
     data = (tmp_path / "a.npy").read_bytes()
     with pytest.raises(wrt.InputError, match=r"takes .* bytes, but the file has 192"):
@@ -170,19 +153,6 @@ def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path: Path, monke
     write(tmp_path, "bomb.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 20000 +X 30000\n\2\2")
     with pytest.raises(wrt.InputError, match=r"too large|claims"):
         load_image(tmp_path / "bomb.hdr")
-
-
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
-        ({"vertices": np.zeros((3, 2)), "faces": [[0, 1, 2]]}, r"vertices must be \(N, 3\), not \(3, 2\)"),
-        ({"vertices": np.zeros((3, 3))}, "there is no array 'faces' in it"),
-        ({"vertices": np.array(["a"], object), "faces": [[0, 1, 2]]}, "not a NumPy archive, or damaged"),
-    ],
-)
-def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path: Path, arrays, message: str):
-    np.savez(tmp_path / "mesh.npz", **arrays)
-    check_refused(message, load_mesh, tmp_path / "mesh.npz")
 
 
 def test_polygons_that_cross_themselves_end_and_corners_are_keyholes_only_where_they_meet():
@@ -197,8 +167,6 @@ def test_polygons_that_cross_themselves_end_and_corners_are_keyholes_only_where_
 
 
 BOXES = box_files()
-# --- Meshes ------------------------------------------------------------------------------------------
-
 POINTS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
 OFF = "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
 SUFFIXES = "obj", "ply", "stl", "off", "glb", "gltf"
@@ -240,31 +208,24 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
 def test_files_that_cannot_be_read_are_refused_in_one_line(tmp_path):
     for name, content, message in REFUSED:
         check_refused(message, load_mesh, write(tmp_path, name, content))
-
-
-def test_broken_files_load_or_are_refused_in_one_line(assets):
-    refused = set()
-    for path in sorted((assets / "broken").glob("*")):
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy's among them
-            warnings.simplefilter("ignore", UserWarning)
-            try:
-                assert all(len(shape.mesh.faces) for shape in load_shapes(path))
-            except wrt.InputError as error:
-                check_message(error, path)
-                refused.add(path.name)
-    assert refused <= {"obj_empty.obj", "obj_points.obj", "ply_empty_bin.ply", "ply_empty_header.ply"}
-    with pytest.warns(InputWarning, match=r"nancolor\.obj: vertex colours are left out"):
-        assert load_shapes(assets / "broken" / "nancolor.obj")[0].mesh.colors is None
+    for arrays, message in (
+        ({"vertices": np.zeros((3, 2)), "faces": [[0, 1, 2]]}, r"vertices must be \(N, 3\), not \(3, 2\)"),
+        ({"vertices": np.zeros((3, 3))}, "there is no array 'faces' in it"),
+        ({"vertices": np.array(["a"], object), "faces": [[0, 1, 2]]}, "not a NumPy archive, or damaged"),
+    ):
+        np.savez(tmp_path / "mesh.npz", **arrays)
+        check_refused(message, load_mesh, tmp_path / "mesh.npz")
 
 
 def test_colors_and_normals_of_no_use_are_told(tmp_path):
-    path = write(tmp_path, "a.off", f"C{OFF}3 0 1 2\n")
-    with pytest.warns(InputWarning, match="vertex colours of the OFF file are left out"):
-        load_mesh(path)
-    text = struct.pack("<80sI", b"", 1) + struct.pack("<12fH", 0, 0, 0, *np.ravel(POINTS), 0)
-    with pytest.warns(InputWarning, match=r"a\.stl: the STL file has no normals; .* the order of corners"):
-        load_mesh(write(tmp_path, "a.stl", text))
+    stl = struct.pack("<80sI", b"", 1) + struct.pack("<12fH", 0, 0, 0, *np.ravel(POINTS), 0)
+    for name, data, message in (
+        ("a.off", f"C{OFF}3 0 1 2\n", "vertex colours of the OFF file are left out"),
+        ("a.obj", "v 0 0 0 nan 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\nf 1 2 3\n", "a.obj: vertex colours are left out"),
+        ("a.stl", stl, r"a\.stl: the STL file has no normals; .* the order of corners"),
+    ):
+        with pytest.warns(InputWarning, match=message):
+            assert load_mesh(write(tmp_path, name, data)).colors is None
 
 
 @pytest.mark.filterwarnings("error")

@@ -1,7 +1,5 @@
 """Every mesh format gives the same meshes; OBJ, PLY, STL and OFF files are read to their letter."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile
@@ -218,16 +216,13 @@ CORNERS = np.random.default_rng(3).random((30, 3))
 TRIANGLES = np.arange(30).reshape(-1, 3)
 
 
-def test_a_mesh_with_map_coordinates_is_shown_as_exactly_as_at_the_origin():
+def test_map_coordinates_are_shown_exactly_or_named():
     away = trimesh.Trimesh(CORNERS + AWAY, TRIANGLES, process=False)
     shown = triangles(wrt.load(away, up="y", strict=True).shapes[0].mesh)
     expected = CORNERS[TRIANGLES]
     np.testing.assert_allclose(shown - shown[:, :1], expected - expected[:, :1], atol=1e-6)
     with pytest.warns(InputWarning, match="move it to the origin"):  # as part of a scene it stays where it is
         assert load_mesh(away).bounds[0, 1] > 5e6
-
-
-def test_arrays_that_single_precision_would_snap_to_a_grid_are_named():
     away = CORNERS + AWAY
     with pytest.warns(InputWarning, match=r"^map: it is 1\.\d+ across and up to 5\.4.* move it to the origin$"):
         wrt.Mesh(away, TRIANGLES, name="map")
@@ -290,23 +285,20 @@ RGB = "uchar red", "uchar green", "uchar blue"
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 
 
-@pytest.mark.parametrize(
-    ("points", "faces"),
-    [
+def test_ply_faces_keep_their_shape_and_color(tmp_path):
+    for points, faces in (
         ([(0, 0, 0), (4, 0, 0), (1, 1, 0), (0, 4, 0), (4, 4, 0)], [(3, 0, 1, 2), (2, 1, 4, 3)]),  # one is concave
         ([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 2, 0)], [(0, 1, 2, 3), (3, 2, 4)]),
-    ],
-)
-def test_ply_faces_keep_their_shape_and_color(tmp_path, points, faces):
-    rows = [(face, *color) for face, color in zip(faces, (RED, BLUE), strict=True)]
-    data = ply("binary_little_endian", ("vertex", XYZ, points), ("face", [INDICES, *RGB], rows))
-    mesh = load_mesh(write(tmp_path, "faces.ply", data))
-    places = np.array(points, np.float64)
-    areas = [np.cross(places[list(f)], np.roll(places[list(f)], -1, axis=0)).sum(axis=0)[2] / 2 for f in faces]
-    assert area_vector(mesh)[2] == pytest.approx(sum(areas))
-    for color, expected in ((0, areas[0]), (2, areas[1])):
-        of_color = mesh.faces[(mesh.colors[mesh.faces] == np.eye(3)[color]).all(axis=(1, 2))]
-        assert area(wrt.Mesh(mesh.vertices, of_color)) == pytest.approx(expected)
+    ):
+        rows = [(face, *color) for face, color in zip(faces, (RED, BLUE), strict=True)]
+        data = ply("binary_little_endian", ("vertex", XYZ, points), ("face", [INDICES, *RGB], rows))
+        mesh = load_mesh(write(tmp_path, "faces.ply", data))
+        places = np.array(points, np.float64)
+        areas = [np.cross(places[list(f)], np.roll(places[list(f)], -1, axis=0)).sum(axis=0)[2] / 2 for f in faces]
+        assert area_vector(mesh)[2] == pytest.approx(sum(areas))
+        for color, expected in ((0, areas[0]), (2, areas[1])):
+            of_color = mesh.faces[(mesh.colors[mesh.faces] == np.eye(3)[color]).all(axis=(1, 2))]
+            assert area(wrt.Mesh(mesh.vertices, of_color)) == pytest.approx(expected)
 
 
 def test_ply_coordinates_of_faces_and_an_image_by_the_word_of_meshlab(tmp_path):

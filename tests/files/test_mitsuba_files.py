@@ -1,12 +1,9 @@
 """Scene files of Mitsuba look as Mitsuba renders them: the same XML, by both, compared by `image_z_test`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from conftest import Report
 
 pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
 
@@ -111,7 +108,7 @@ def agrees(case: Case, result: ImageTest) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_pictures_agree_with_mitsuba_and_notice_a_change(name: str, folder: Path, report: Report) -> None:
+def test_pictures_agree_with_mitsuba_and_notice_a_change(name, folder, report):
     case, path = CASES[name], folder / f"{name}.xml"
     expected = render_by_mitsuba(path, spp=case.spp, variant=case.variant)
     result = compare(path, expected, spp=case.spp)

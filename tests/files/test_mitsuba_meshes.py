@@ -1,7 +1,5 @@
 """Mitsuba's binary meshes are read whole, in every version, or refused in one line; attributes and curves."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path
@@ -80,7 +78,7 @@ def read(folder: Path, data: bytes, index: int = 0, color: str = "", extra: str 
     ("version", "double", "flags"),
     [(3, False, 0xB), (4, True, 0xB), (4, False, 0x0), (4, False, 0x2), (4, False, 0x10), (4, False, 0x9)],
 )
-def test_arrays_of_each_mesh_are_read_as_its_flags_say(version: int, double: bool, flags: int, tmp_path: Path) -> None:
+def test_arrays_of_each_mesh_are_read_as_its_flags_say(version, double, flags, tmp_path):
     meshes = (mesh(version, double=double, flags=flags, shift=shift) for shift in (0.0, 1.0))
     data = together(*meshes, version=version)
     found = read(tmp_path, data, 1, "vertex_color" if flags & 0x8 else "")
@@ -95,7 +93,7 @@ def test_arrays_of_each_mesh_are_read_as_its_flags_say(version: int, double: boo
     assert read(tmp_path, data, extra='<boolean name="face_normals" value="true"/>').normals is None
 
 
-def test_the_newest_version_has_attributes_of_faces_and_vertices(tmp_path: Path) -> None:
+def test_the_newest_version_has_attributes_of_faces_and_vertices(tmp_path):
     data = newest({"vertex_tint": COLORS, "face_heat": HEAT})
     found = read(tmp_path, data, color="vertex_tint")
     for array, values in ((found.vertices, VERTICES), (found.uvs, UVS), (found.colors, COLORS)):
@@ -111,9 +109,8 @@ WHOLE = together(mesh(), mesh(shift=1.0))
 CORNERS = VERTICES.astype("<f4").tobytes() + b"\xff" * 24
 
 
-@pytest.mark.parametrize(
-    ("data", "index", "message"),
-    [
+def test_damaged_files_are_refused(tmp_path):
+    for data, index, message in (
         (b"solid", 0, "not a serialized mesh"),
         (header(7) + b"abcdefgh", 0, "version 7"),
         (WHOLE[:60], 0, "truncated"),
@@ -121,14 +118,12 @@ CORNERS = VERTICES.astype("<f4").tobytes() + b"\xff" * 24
         (WHOLE[:-4] + struct.pack("<I", 2**32 - 1), 1, "more than the file can hold"),
         (packed(struct.pack("<QQ", 60_000_000, 1) + bytes(2**20), level=9), 0, "truncated"),
         (packed(struct.pack("<QQ", 4, 2) + CORNERS), 0, "a face names vertex"),
-    ],
-)
-def test_damaged_files_are_refused(data: bytes, index: int, message: str, tmp_path: Path) -> None:
-    with pytest.raises(wrt.InputError, match=rf"a\.serialized: .*({message})[^\n]*$"):
-        read(tmp_path, data, index)
+    ):
+        with pytest.raises(wrt.InputError, match=rf"a\.serialized: .*({message})[^\n]*$"):
+            read(tmp_path, data, index)
 
 
-def test_attributes_of_ply_have_mitsuba_names(tmp_path: Path) -> None:
+def test_attributes_of_ply_have_mitsuba_names(tmp_path):
     kinds = *XYZ, "float heat_0", "float heat_1", "float heat_2"
     vertices = [(*point, *color) for point, color in zip(VERTICES.tolist(), COLORS.tolist(), strict=True)]
     face = [((0, 1, 2), 0.2, 0.4, 0.6)]
@@ -139,8 +134,8 @@ def test_attributes_of_ply_have_mitsuba_names(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.colors[found.faces][0], expected, atol=1e-6)
 
 
-def test_curves_are_tubes(tmp_path: Path) -> None:
-    def tube(kind: str, text: str) -> wrt.Mesh:
+def test_curves_are_tubes(tmp_path):
+    def tube(kind, text):
         write(tmp_path, "line.txt", text)
         return shape_of(tmp_path, kind, '<string name="filename" value="line.txt"/>').mesh
 

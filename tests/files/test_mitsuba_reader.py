@@ -1,14 +1,11 @@
 """What the reader of Mitsuba's scene files takes, warns of and refuses."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Report
 from support.mesh_files import check_refused
 from support.meshes import write
 from support.mitsuba_files import write_files
@@ -49,14 +46,14 @@ def material(folder: Path, bsdf: str) -> wrt.Material:
     return loaded(folder, sensor(at(5.0)) + f'<shape type="sphere">{bsdf}</shape>').shapes[0].material
 
 
-def test_scenes_of_the_tests_are_read_without_a_warning(tmp_path: Path) -> None:
+def test_scenes_of_the_tests_are_read_without_a_warning(tmp_path):
     write_files(tmp_path)
     for path in sorted(tmp_path.glob("*.xml")):
         if path.stem not in ("view", "lamp"):  # which have nothing to see
             assert wrt.load(path, strict=True).shapes
 
 
-def test_settings(tmp_path: Path) -> None:
+def test_settings(tmp_path):
     depths = '<integer name="max_depth" value="7"/><integer name="rr_depth" value="3"/>'
     sampler = '<sampler type="ldsampler"><integer name="sample_count" value="16"/></sampler>'
     path = f'<integrator type="path">{depths}</integrator>'
@@ -75,13 +72,13 @@ def test_settings(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("axis", "divisor"), [("smaller", 1.0), ("larger", 1.6), ("diagonal", np.hypot(1.6, 1.0))])
-def test_field_of_view(axis: str, divisor: float, tmp_path: Path) -> None:
+def test_field_of_view(axis, divisor, tmp_path):
     fov = f'<float name="fov" value="40"/><string name="fov_axis" value="{axis}"/>'
     camera = loaded(tmp_path, sensor(fov) + BALL).camera
     assert np.tan(np.radians(camera.fov_degrees) / 2) == pytest.approx(np.tan(np.radians(20.0)) / divisor)
 
 
-def test_a_sensor_is_chosen_by_its_number(tmp_path: Path) -> None:
+def test_a_sensor_is_chosen_by_its_number(tmp_path):
     left_out = '<sensor type="radiancemeter"/>' + sensor(kind="orthographic").replace(
         "sensor type", 'sensor id="b" type'
     )
@@ -100,11 +97,11 @@ def test_a_sensor_is_chosen_by_its_number(tmp_path: Path) -> None:
         wrt.load("cornell-box", parameters={"a": 1})
 
 
-def test_default_materials_agree_with_mitsuba(tmp_path: Path) -> None:
+def test_default_materials_agree_with_mitsuba(tmp_path):
     assert isinstance(material(tmp_path, '<bsdf type="conductor"/>'), wrt.Mirror)
     unknown = '<bsdf type="conductor"><string name="material" value="Uuo"/></bsdf>'
     with pytest.warns(InputWarning, match="'Uuo' is not known; aluminium stands in"):
-        assert material(tmp_path, unknown) == wrt.Conductor(*named_conductor("Al"))  # type: ignore[misc]
+        assert material(tmp_path, unknown) == wrt.Conductor(*named_conductor("Al"))
     glass = material(tmp_path, '<bsdf type="roughdielectric"/>')
     assert glass == wrt.RoughDielectric(1.5046, 1.000277, 0.1, "beckmann", "walter")
     coat = material(tmp_path, '<bsdf type="roughplastic"/>')
@@ -116,7 +113,7 @@ def test_default_materials_agree_with_mitsuba(tmp_path: Path) -> None:
     assert [part.opacity for part in found.parts] == [0.25, 0.25]
 
 
-def test_parameters(tmp_path: Path) -> None:
+def test_parameters(tmp_path):
     body = '<default name="r" value="0.2"/><shape type="sphere"><float name="radius" value="$r"/></shape>'
     assert loaded(tmp_path, body).bounds[1, 0] == pytest.approx(0.2)
     assert loaded(tmp_path, body, parameters={"r": 3}).bounds[1, 0] == pytest.approx(3.0)
@@ -128,7 +125,7 @@ def test_parameters(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # pytest makes errors of them
-def test_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_command_line(tmp_path, capfd):
     size = '<default name="size" value="64"/>' + sensor(at(4.0)).replace('"320"', '"$size"').replace("200", "$size")
     path = written(tmp_path, size + '<shape type="sphere"><emitter type="area"/></shape><shape type="heightfield"/>')
     command = ["render", str(path), "-D", "size=8", "--spp", "1", "-o", str(tmp_path / "a.npy")]
@@ -138,7 +135,7 @@ def test_command_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None
     assert main([*command, "--strict"]) == 2
 
 
-def test_outlines_are_off_by_less_than_half_a_pixel(tmp_path: Path, report: Report) -> None:
+def test_outlines_are_off_by_less_than_half_a_pixel(tmp_path, report):
     view = sensor('<float name="fov" value="30"/>' + at(4.0), size=(4000, 4000))
     place = '<transform name="to_world"><scale x="1" y="1.001" z="1"/></transform>'  # a sphere would stay exact
     mesh = loaded(tmp_path, f'{view}<shape type="sphere">{place}</shape>').shapes[0].mesh
@@ -166,9 +163,7 @@ FLIP = '<boolean name="flip_normals" value="true"/>'
         ("sphere", 'x="1" y="2" z="1"', "", None, None),
     ],
 )
-def test_round_shapes_are_exact_where_possible(
-    kind: str, size: str, extra: str, front: float, area: float, tmp_path: Path
-) -> None:
+def test_round_shapes_are_exact_where_possible(kind, size, extra, front, area, tmp_path):
     """A disk under any map, spheres and cylinders as long as they are round; others are triangles."""
     (shape,) = loaded(tmp_path, f'<shape type="{kind}">{PLACE.format(size)}{extra}</shape>', strict=True).shapes
     mesh = shape.mesh
@@ -184,7 +179,7 @@ def test_round_shapes_are_exact_where_possible(
         np.testing.assert_allclose(mesh.centers, [[4.0, 0.0, 0.0]], atol=1e-6)
 
 
-def test_instances_share_a_mesh_and_comments_may_hold_hyphens(tmp_path: Path) -> None:
+def test_instances_share_a_mesh_and_comments_may_hold_hyphens(tmp_path):
     comment = "<!-- a -- b\n<shape> ---- -->"
     group = f'{comment}<shape type="shapegroup" id="a"><shape type="sphere"/></shape>{comment}'
     place = '<transform name="to_world"><translate x="{}"/></transform>'
@@ -196,7 +191,7 @@ def test_instances_share_a_mesh_and_comments_may_hold_hyphens(tmp_path: Path) ->
         loaded(tmp_path, f'{comment}\n<shape type="obj"/>')
 
 
-def test_named_conductors_agree_with_mitsuba(report: Report) -> None:
+def test_named_conductors_agree_with_mitsuba(report):
     """All that Mitsuba comes with, to the four digits that are kept; and a name that only `materials.presets` has."""
     mi = pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
     mi.set_variant("scalar_rgb")
@@ -231,7 +226,7 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("body", ERRORS)
-def test_bad_files_are_refused_in_one_line(body: str, tmp_path: Path) -> None:
+def test_bad_files_are_refused_in_one_line(body, tmp_path):
     write(tmp_path, "lfs.obj", "version https://git-lfs.github.com/spec/v1\noid sha256:f7\nsize 184302\n")
     path = written(tmp_path, body)
     with pytest.raises(wrt.InputError, match=ERRORS[body]) as caught:
@@ -240,7 +235,7 @@ def test_bad_files_are_refused_in_one_line(body: str, tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_other_files_are_refused(tmp_path: Path) -> None:
+def test_other_files_are_refused(tmp_path):
     deep = "<shape>" * 200 + "</shape>" * 200
     entity, address = 'scene [<!ENTITY a "aaaa">]', 'scene SYSTEM "http://localhost/x.dtd"'
     scenes = f"<!DOCTYPE {entity}>{SCENE.format('&a;')}", f"<!DOCTYPE {address}>{SCENE.format('')}", SCENE.format(deep)
@@ -248,7 +243,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         check_refused("scene.xml: ", wrt.load, write(tmp_path, "scene.xml", text))
 
 
-def test_exponential_references_are_refused(tmp_path: Path) -> None:
+def test_exponential_references_are_refused(tmp_path):
     for i in range(12):
         written(tmp_path, f'<include filename="{i + 1}.xml"/>' * 3, f"{i}.xml")
     written(tmp_path, BALL, "12.xml")
@@ -291,7 +286,7 @@ LEFT_OUT = {
 
 
 @pytest.mark.parametrize("body", LEFT_OUT)
-def test_parts_that_are_left_out_are_named(body: str, tmp_path: Path) -> None:
+def test_parts_that_are_left_out_are_named(body, tmp_path):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert loaded(tmp_path, body).shapes
@@ -319,9 +314,8 @@ def seen_from(z: float, medium: str = "") -> str:
 NESTED = [body(0.5, ("exterior", HAZE), ("interior", SMOKE)), body(1.0, ("interior", HAZE))]
 
 
-@pytest.mark.parametrize(
-    ("parts", "around"),
-    [
+def test_the_surrounding_medium_is_not_inside_any_body(tmp_path):
+    for parts, around in (
         (NESTED, None),
         ([*NESTED, seen_from(5.0, SMOKE)], SMOKE),
         ([*NESTED, seen_from(5.0, HAZE)], HAZE),  # the same haze inside and outside
@@ -330,9 +324,7 @@ NESTED = [body(0.5, ("exterior", HAZE), ("interior", SMOKE)), body(1.0, ("interi
         ([body(0.5, ("exterior", HAZE), ("interior", SMOKE))], HAZE),  # of no shape's inside
         ([body(0.5, ("exterior", SMOKE)), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
         ([seen_from(0.75, HAZE), body(1.0, ("interior", HAZE), ("exterior", SMOKE))], SMOKE),
-    ],
-)
-def test_the_surrounding_medium_is_not_inside_any_body(parts: list[str], around: str, tmp_path: Path) -> None:
-    scene = loaded(tmp_path, "".join(parts) + BALL, strict=True)
-    media = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
-    assert scene.medium == media[around]
+    ):
+        scene = loaded(tmp_path, "".join(parts) + BALL, strict=True)
+        media = {None: None, HAZE: wrt.Medium((0.45, 0.35, 0.25), (0.45, 0.35, 0.25)), SMOKE: wrt.Medium(0.15, 0.15)}
+        assert scene.medium == media[around]

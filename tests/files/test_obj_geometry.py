@@ -1,9 +1,6 @@
 """Geometry of OBJ files: numbers in any notation, faces of any kind, and every statement accounted for."""
 
-from __future__ import annotations
-
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -56,7 +53,7 @@ OBJ_STATEMENTS = """
 LINES_FOR = {"vt": "vt 0 0", "vn": "vn 0 0 1", "v": "v 0 0 0", "f": "f 1 2 3", "mtllib": "mtllib none.mtl"}
 
 
-def test_each_statement_of_obj_is_used_or_excused_or_warned_of(tmp_path: Path):
+def test_each_statement_of_obj_is_used_or_excused_or_warned_of(tmp_path):
     left_out = []
     for key in OBJ_STATEMENTS.split():
         path = write(tmp_path, "mesh.obj", SQUARE + "f 1 2 3 4\n" + LINES_FOR.get(key, f"{key} 1 2") + "\n")
@@ -84,14 +81,11 @@ def test_obj_normals_and_coordinates_that_differ_at_a_corner_part_its_vertices(t
     np.testing.assert_array_equal(mesh.vertices[mesh.faces[0]], [[0, 0, 0], [1, 0, 0], [1, 1, 0]])
 
 
-def test_obj_colors_of_some_vertices_are_named(tmp_path):
+def test_obj_colors_of_some_vertices_and_faces_with_too_few_corners_are_named(tmp_path):
     text = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\n"
     assert load_mesh(write(tmp_path, "mesh.obj", text + "f 1 2 3\n")).colors is not None
     with pytest.warns(InputWarning, match="vertex colours are left out, as some vertices have none"):
         assert load_mesh(write(tmp_path, "mesh.obj", text + "v 0 1 0\nf 1 2 3\n")).colors is None
-
-
-def test_obj_faces_with_fewer_than_three_corners_are_counted(tmp_path: Path):
     for more, width in (("f 1 2 3\n", 3), ("", 1)):  # a triangle, or points
         path = write(tmp_path, "mesh.obj", SQUARE + "f 1 2\nf 3\nf\n" + more)
         with pytest.warns(InputWarning, match=r"3 face\(s\) with fewer than 3 corners left out"):

@@ -1,9 +1,5 @@
 """A mesh without a known up axis is stood on its base if it has one, and otherwise left as it is."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
@@ -44,7 +40,7 @@ FILES = {"stanford-bunny.obj": "y", "igea.ply": "y", "Duck.glb": "y", "nefertiti
 
 
 @pytest.mark.parametrize(("name", "up"), FILES.items())
-def test_real_files_stand_as_they_are_meant(name: str, up: str, assets: Path) -> None:
+def test_real_files_stand_as_they_are_meant(name, up, assets):
     """And when they are turned to the other axis, all that stand on a base do there (igea is cut off slantwise)."""
     meshes = [shape.mesh for shape in load_shapes(assets / "meshes" / name, smooth_degrees=0.0)]
     assert up_of(*meshes) == up
@@ -54,7 +50,7 @@ def test_real_files_stand_as_they_are_meant(name: str, up: str, assets: Path) ->
 
 
 @pytest.mark.parametrize("parts", [[CYLINDER], [VASE], TABLE, [TEAPOT]], ids=["cylinder", "vase", "table", "teapot"])
-def test_what_stands_on_one_axis_alone_is_stood_there_whatever_the_default(parts: list[wrt.Mesh]) -> None:
+def test_what_stands_on_one_axis_alone_is_stood_there_whatever_the_default(parts):
     """The same far away, and of another size."""
     for default in ("y", "z"):
         assert up_of(*parts, default=default) == "y"
@@ -62,20 +58,17 @@ def test_what_stands_on_one_axis_alone_is_stood_there_whatever_the_default(parts
         assert up_of(*(turned(mesh).scaled(1e-3) for mesh in parts), default=default) == "z"
 
 
-def test_land_lies() -> None:
+def test_land_lies_and_a_sheet_that_would_be_part_of_the_floor_is_stood_up():
     """Set on its edge it would stand well, and in one valley it has no more than a point on the ground."""
     land = terrain(2_000)
     assert up_of(land) == "y"
     assert up_of(turned(land), default="z") == "z"
-
-
-def test_a_sheet_that_would_be_part_of_the_floor_is_stood_up() -> None:
     assert up_of(SHEET) == up_of(SHEET, SHEET) == "z"
     assert up_of(turned(SHEET), default="z") == up_of(turned(SHEET)) == "y"
     assert up_of(SHEET, SHEET.translated((0.0, 0.01, 0.0))) == "y"
 
 
-def test_in_doubt_the_default_stays() -> None:
+def test_in_doubt_the_default_stays():
     boxes = [wrt.box((0, 0, 0), size) for size in ((1, 1, 1), (1, 1, 4), (1, 4, 1), (1, 0.01, 1))]
     for mesh in (*boxes, wrt.sphere(subdivisions=3), CYLINDER.rotated((0.0, 0.0, 1.0), 90.0)):
         for default in ("y", "z"):
@@ -85,7 +78,7 @@ def test_in_doubt_the_default_stays() -> None:
     assert up_of(wrt.Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]])), default="z") == "z"
 
 
-def test_many_small_faces_change_nothing() -> None:
+def test_many_small_faces_change_nothing():
     """A mesh so large that only a part of its faces is examined, in two parts."""
     fine = lathe([(0.5, 0.05 * k) for k in range(1001)], sides=256)
     assert len(fine.faces) > 500_000
@@ -95,7 +88,7 @@ def test_many_small_faces_change_nothing() -> None:
     assert up_of(*(turned(mesh.transformed(np.diag([1.0, 0.05, 1.0, 1.0]))) for mesh in parts)) == "z"
 
 
-def test_files_that_do_not_say_are_guessed_and_gltf_is_y(tmp_path: Path) -> None:
+def test_files_that_do_not_say_are_guessed_and_gltf_is_y(tmp_path):
     lying = turned(VASE)
     tall = VASE.bounds[1, 1] - VASE.bounds[0, 1]
     for suffix, height in {"obj": tall, "ply": tall, "stl": tall, "off": tall, "glb": 2.0}.items():

@@ -1,7 +1,5 @@
 """wrt replaces no file that it has read or did not write; it writes files whole, and never into devices and pipes."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat
@@ -47,10 +45,7 @@ def check_refused(message: str, folder: Path, capsys: pytest.CaptureFixture[str]
         assert_only_added(before, folder)
 
 
-# --- Files that are replaced, and that are not -----------------------------------------------------
-
-
-def test_an_input_is_not_replaced_under_any_name(folder, capsys):
+def test_an_input_is_not_replaced_under_any_name_unless_it_is_empty_or_gone(folder, capsys):
     (folder / "sub").mkdir()
     save_elsewhere("env.exr")
     os.symlink("env.exr", "link.exr")
@@ -59,9 +54,6 @@ def test_an_input_is_not_replaced_under_any_name(folder, capsys):
     for name in ("env.exr", "link.exr", "hard.exr", "sub/../env.exr"):
         message = f"{name}: would replace a file that was read"
         check_refused(message, folder, capsys, "render", "a.toml", "-o", name, *SMALL)
-
-
-def test_deleted_and_empty_inputs_may_be_written(folder):
     np.save("a.npy", np.zeros((2, 2, 3), np.float32))
     wrt.load_image("a.npy")
     Path("a.npy").unlink()
@@ -112,9 +104,6 @@ def test_checkpoints_replace_only_checkpoints(folder, capsys):
         check_refused("a.ckpt: already exists and is not a checkpoint; name another file", folder, capsys, *options)
 
 
-# --- How files are written -------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir, lambda path: path.symlink_to(path.name)])
 def test_pipes_folders_and_circular_links_are_refused_everywhere(make, folder, capsys):
     write_obj(folder)
@@ -122,7 +111,7 @@ def test_pipes_folders_and_circular_links_are_refused_everywhere(make, folder, c
         make(folder / name)
     (folder / "link.png").symlink_to("a.png")
 
-    def modes() -> list[tuple[str, int]]:
+    def modes():
         return sorted((path.name, path.lstat().st_mode) for path in folder.iterdir())
 
     before = modes()
@@ -159,7 +148,7 @@ def test_files_are_flushed_before_they_are_renamed(folder, monkeypatch):
     assert sorted(path.name for path in folder.iterdir()) == ["a.png"]
 
 
-def test_links_are_followed(folder):
+def test_links_are_followed_permissions_kept_and_a_write_protected_file_left_alone(folder, capsys):
     (folder / "disk").mkdir()
     names = ("a.ckpt", "a.png", "a.toml")
     for name in names:
@@ -168,10 +157,9 @@ def test_links_are_followed(folder):
     assert run("convert", "cornell-box", "a.toml") == 0
     assert sorted(os.listdir(folder / "disk")) == list(names)
     assert all((folder / name).is_symlink() for name in names)
-
-
-def test_permissions_are_kept_and_a_write_protected_file_is_left_alone(folder, capsys):
+    (folder / "plain").touch()
     save_image("a.png", np.zeros((2, 2, 3)))
+    assert (folder / "a.png").stat().st_mode == (folder / "plain").stat().st_mode
     (folder / "a.png").chmod(0o640)
     save_image("a.png", np.ones((2, 2, 3)))
     assert stat.S_IMODE((folder / "a.png").stat().st_mode) == 0o640

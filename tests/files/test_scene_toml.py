@@ -1,7 +1,5 @@
 """Scene files give the scene they describe; messages about mistakes name file and key, in one line."""
 
-from __future__ import annotations
-
 import json
 import re
 import typing
@@ -95,10 +93,7 @@ def test_every_material_has_opacity_and_textures_wherever_values_vary(folder, ki
         np.testing.assert_allclose(made.pixels, 100 / 255, rtol=1e-6)
 
 
-def test_defaults(folder):
-    scene = scene_of(folder, '[environment]\ntype = "constant"\n[[shapes]]\ntype = "box"\n')
-    assert (scene.camera, scene.settings) == (None, wrt.RenderSettings())
-    assert (scene.environment, scene.shapes[0].material) == (wrt.ConstantEnvironment(1.0), wrt.Diffuse())
+BOX = '[[shapes]]\ntype = "box"\n'
 
 
 def test_a_camera_that_moves(folder):
@@ -114,8 +109,9 @@ def test_a_camera_that_moves(folder):
 
 def test_the_number_of_triangles_can_be_replaced(folder):
     text = '[[shapes]]\ntype = "many-triangles"\ntriangles = 4000\n'
-    counts = [len(scene_of(folder, text, n).shapes[0].mesh.faces) for n in (None, 1000, 9000)]
-    assert counts == pytest.approx([4000, 1000, 9000], rel=0.1)
+    scenes = [scene_of(folder, text, n) for n in (None, 1000, 9000)]
+    assert [len(scene.shapes[0].mesh.faces) for scene in scenes] == pytest.approx([4000, 1000, 9000], rel=0.1)
+    assert (scenes[0].camera, scenes[0].settings) == (None, wrt.RenderSettings())  # what the file leaves out
     with pytest.raises(wrt.InputError, match=r"scene\.toml: a number of triangles was given"):
         scene_of(folder, QUAD, 1000)
 
@@ -147,27 +143,7 @@ deformation = { files = ["low.obj", "high.obj"], times = [0.0, 1.0] }
 """
 
 
-def test_instances_within_a_mesh_file_are_placed_again(folder) -> None:
-    tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([[0, 1, 2]]))
-    tree["nodes"] = [{"mesh": 0, "translation": [1, 0, 0]}, {"mesh": 0, "translation": [0, 0, 3]}]
-    tree["scenes"] = [{"nodes": [0, 1]}]
-    (folder / "two.gltf").write_text(json.dumps(tree))
-    places = "{}, { rotate = { axis = [0, 1, 0], degrees = 90 }, translate = [0, 5, 0] }"
-    text = f'[[shapes]]\ntype = "mesh"\nfile = "two.gltf"\nscale = 2.0\ninstances = [{places}]\n'
-    shapes = scene_of(folder, text).shapes
-    found = sorted(tuple(np.round(shape.bounds.ravel(), 6) + 0.0) for shape in shapes)
-    # The triangle's corners lie at the origin, on x and on y. Twice as large, its two places are (2, 0, 0) and
-    # (0, 0, 6); a quarter turn about y takes x to -z and z to x.
-    expected = [
-        ((2, 0, 0), (4, 2, 0)),
-        ((0, 0, 6), (2, 2, 6)),
-        ((0, 5, -4), (0, 7, -2)),
-        ((6, 5, -2), (6, 7, 0)),
-    ]
-    assert found == sorted(tuple(float(x) for corner in each for x in corner) for each in expected)
-
-
-def test_instances_motions_and_deformations(folder) -> None:
+def test_instances_motions_and_deformations(folder):
     matrices = np.tile(np.eye(4), (3, 1, 1))
     matrices[:, 0, 3] = 1.0, 2.0, 3.0
     np.save(folder / "places.npy", matrices)
@@ -188,9 +164,23 @@ def test_instances_motions_and_deformations(folder) -> None:
     half[1, 3] = 1.0
     np.testing.assert_allclose(growing.transform_at(1.0), half, atol=1e-12)
     np.testing.assert_allclose(changing.mesh_at(0.5).bounds[1], [2.0, 4.0, 0.0])
-
-
-# --- Mistakes --------------------------------------------------------------------------------------
+    tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([[0, 1, 2]]))
+    tree["nodes"] = [{"mesh": 0, "translation": [1, 0, 0]}, {"mesh": 0, "translation": [0, 0, 3]}]
+    tree["scenes"] = [{"nodes": [0, 1]}]
+    (folder / "two.gltf").write_text(json.dumps(tree))
+    places = "{}, { rotate = { axis = [0, 1, 0], degrees = 90 }, translate = [0, 5, 0] }"
+    text = f'[[shapes]]\ntype = "mesh"\nfile = "two.gltf"\nscale = 2.0\ninstances = [{places}]\n'
+    shapes = scene_of(folder, text).shapes
+    found = sorted(tuple(np.round(shape.bounds.ravel(), 6) + 0.0) for shape in shapes)
+    # The triangle's corners lie at the origin, on x and on y. Twice as large, its two places are (2, 0, 0) and
+    # (0, 0, 6); a quarter turn about y takes x to -z and z to x.
+    expected = [
+        ((2, 0, 0), (4, 2, 0)),
+        ((0, 0, 6), (2, 2, 6)),
+        ((0, 5, -4), (0, 7, -2)),
+        ((6, 5, -2), (6, 7, 0)),
+    ]
+    assert found == sorted(tuple(float(x) for corner in each for x in corner) for each in expected)
 
 
 @pytest.mark.parametrize("text", MISTAKES, ids=range(len(MISTAKES)))
@@ -214,26 +204,22 @@ def test_syntax_errors_name_line_and_column(folder):
         load_scene(folder / "scene.toml")
 
 
-MOTIONS = {
-    "keys = []": "camera.motion: motion times must be one or more finite numbers",
-    "keys = [{ time = 1 }, { time = 1 }]": "camera.motion: motion times must ascend",
-    "keys = [{ time = 1, scale = 2 }]": "camera: camera motion must be rigid",
-}
-IN_PLACES = {
-    "instances = [{ translat = [1, 0, 0] }]": "shapes[0].instances[0].translat: unknown key",
-    'instances = "bad.npy"': "bad.npy: not a NumPy file",
-    'instances = "flat.npy"': "must be (N, 4, 4) matrices, not an array of (3,)",
-    "motion = { times = [0] }": "times must be two",
-    "motion = { times = [0, 1] }\ninstances = [{}]": "both motion and instances",
-    'deformation = { files = ["bad.npy"], times = [0.0, 1.0] }': "two arrays of one length",
+WRONG_PLACES = {
+    f"[camera.motion]\nkeys = []\n{QUAD}": "scene.toml: camera.motion: motion times must be one or more finite numbers",
+    f"[camera.motion]\nkeys = [{{ time = 1 }}, {{ time = 1 }}]\n{QUAD}": "camera.motion: motion times must ascend",
+    f"[camera.motion]\nkeys = [{{ time = 1, scale = 2 }}]\n{QUAD}": "camera: camera motion must be rigid",
+    f"{BOX}instances = [{{ translat = [1, 0, 0] }}]\n": "shapes[0].instances[0].translat: unknown key",
+    f'{BOX}instances = "bad.npy"\n': "bad.npy: not a NumPy file",
+    f'{BOX}instances = "flat.npy"\n': "must be (N, 4, 4) matrices, not an array of (3,)",
+    f"{BOX}motion = {{ times = [0] }}\n": "times must be two",
+    f"{BOX}motion = {{ times = [0, 1] }}\ninstances = [{{}}]\n": "both motion and instances",
+    f'{BOX}deformation = {{ files = ["bad.npy"], times = [0.0, 1.0] }}\n': "two arrays of one length",
 }
 
 
 def test_invalid_motions_and_instances_are_refused(folder):
     (folder / "bad.npy").write_text("no array")
     np.save(folder / "flat.npy", np.zeros(3))
-    cases = [(f"[camera.motion]\n{keys}\n{QUAD}", f"scene.toml: {message}") for keys, message in MOTIONS.items()]
-    cases += [(f'[[shapes]]\ntype = "box"\n{keys}\n', message) for keys, message in IN_PLACES.items()]
-    for text, message in cases:
+    for text, message in WRONG_PLACES.items():
         with pytest.raises(wrt.InputError, match=re.escape(message)):
             scene_of(folder, text)

@@ -1,7 +1,5 @@
 """A scene that is written and read again is the same scene, to the bit."""
 
-from __future__ import annotations
-
 import dataclasses
 import tempfile
 from pathlib import Path
@@ -41,7 +39,7 @@ def assert_same(a: wrt.Scene, b: wrt.Scene) -> None:
 
 
 @pytest.mark.parametrize("name", ["cornell-box", "still-life"])
-def test_built_in_scenes(name: str, tmp_path: Path) -> None:
+def test_built_in_scenes(name, tmp_path):
     scene = wrt.load(name)
     assert_same(scene, again(scene, tmp_path))
 
@@ -63,7 +61,7 @@ def materials() -> list[wrt.Material]:
     return [*made, mix, wrt.TwoSided(made[1], mix), wrt.Emissive(WOOD), wrt.Unlit(WOOD)]
 
 
-def test_every_kind_of_value_is_kept(tmp_path: Path) -> None:
+def test_every_kind_of_value_is_kept(tmp_path):
     scene = wrt.Scene(settings=wrt.RenderSettings(17, 13, 3, 9, "box", "sobol", 0.5, (1, 2, 9, 8)))
     quad = wrt.quad((0, 0, 0), (1, 0, 0.2), (0, 1, 1 / 3))
     colored = dataclasses.replace(quad, colors=RNG.random((4, 3)).astype(np.float32))
@@ -90,7 +88,7 @@ def test_every_kind_of_value_is_kept(tmp_path: Path) -> None:
     assert_same(scene, again(scene, tmp_path))
 
 
-def test_lights_cameras_and_environments(tmp_path: Path) -> None:
+def test_lights_cameras_and_environments(tmp_path):
     scene = wrt.Scene()
     scene.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)))
     scene.lights = [

@@ -1,7 +1,5 @@
 """Colours of binary STL files, by every convention there is, and words that are none."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 
@@ -39,8 +37,9 @@ def stl(path: Path, words: list[int], header: bytes = b"by hand") -> Path:
         ([VALID | OF_GREEN] * 3, b"a part COLOR=\x80\x80\x80\0", [GREY] * 3),
         ([0, 0, 0], b"COLOR=\x80\x80\x80\xff,MATERIAL=" + bytes(12), [GREY] * 3),
         ([VALID | OF_BLUE, VALID | OF_GREEN, VALID | OF_BLUE], MESHLAB, [RED, GREEN, RED]),
+        ([0, 0, 0], MESHLAB, [tuple(linear_from_srgb(np.full(3, 127 / 255.0)))] * 3),
     ],
-    ids=["viscam", "magics", "material", "whole", "no words", "meshlab"],
+    ids=["viscam", "magics", "material", "whole", "no words", "meshlab", "meshlab without words"],
 )
 def test_faces_have_their_colors(words, header, expected, tmp_path):
     path = stl(tmp_path / "a.stl", words, header)
@@ -50,12 +49,9 @@ def test_faces_have_their_colors(words, header, expected, tmp_path):
         assert shape.material == wrt.Diffuse(wrt.VertexColor())
 
 
-def test_a_part_of_magics_may_be_translucent(tmp_path):
+def test_a_part_may_be_translucent_and_what_is_no_color_is_warned_of_once(tmp_path):
     (shape,) = load_shapes(stl(tmp_path / "a.stl", [VALID, OF_GREEN], b"COLOR=\x80\x80\x80\x33"))
     np.testing.assert_allclose(shape.mesh.colors[shape.mesh.faces[:, 0], 3], (0.2, 1.0))
-
-
-def test_what_is_no_color_is_warned_of_once(tmp_path):
     with pytest.warns(InputWarning, match="an attribute word that is not a colour is unknown .* left out .2 times"):
         (shape,) = load_shapes(stl(tmp_path / "a.stl", [7, 0, 0x2020, 3]))
     assert shape.mesh.colors is None
@@ -63,3 +59,8 @@ def test_what_is_no_color_is_warned_of_once(tmp_path):
     text = f"solid by hand\n{facet}endsolid\n"
     with pytest.warns(InputWarning, match="statement 'color' is unknown"):
         load_shapes(write(tmp_path, "b.stl", text))
+
+
+def test_faces_that_all_refer_to_a_part_without_a_color_have_none(tmp_path):
+    (shape,) = load_shapes(stl(tmp_path / "a.stl", [VALID] * 3))
+    assert shape.mesh.colors is None

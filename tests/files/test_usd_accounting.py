@@ -1,7 +1,5 @@
 """Every property that the schemas of USD give to what is drawn changes the scene, or is excused or warned of."""
 
-from __future__ import annotations
-
 import io
 import warnings
 from collections.abc import Callable
@@ -11,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from support.same_scenes import differences
 
 import wrt
@@ -23,56 +22,8 @@ from wrt.io.usd.process import read_message, write_message
 pytest.importorskip("pxr")
 from pxr import Gf, Sdf, Sdr, Usd, UsdShade
 
-BASE = """#usda 1.0
-(
-    metersPerUnit = 1
-)
-def Mesh "Shape"
-{
-    int[] faceVertexCounts = [3, 3]
-    int[] faceVertexIndices = [0, 1, 2, 3, 4, 5]
-    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (5, 0, 0), (6, 0, 0), (5, 1, 0)]
-    texCoord2f[] primvars:st = [(0, 0), (1, 0), (0, 1), (0, 0), (1, 0), (0, 1)] (
-        interpolation = "vertex"
-    )
-    texCoord2f[] primvars:st2 = [(0, 0), (2, 0), (0, 1), (0, 0), (2, 0), (0, 1)] (
-        interpolation = "vertex"
-    )
-    rel material:binding = </M>
-}
-def Material "M"
-{
-    token outputs:surface.connect = </M/UsdPreviewSurface.outputs:surface>
-    def Shader "UsdPreviewSurface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor.connect = </M/UsdUVTexture.outputs:rgb>
-        float inputs:opacity = 0.5
-        token outputs:surface
-    }
-    def Shader "UsdUVTexture"
-    {
-        uniform token info:id = "UsdUVTexture"
-        asset inputs:file = @ramp.png@
-        token inputs:sourceColorSpace = "raw"
-        token inputs:wrapS = "repeat"
-        token inputs:wrapT = "repeat"
-        float2 inputs:st.connect = </M/UsdTransform2d.outputs:result>
-        float3 outputs:rgb
-    }
-    def Shader "UsdTransform2d"
-    {
-        uniform token info:id = "UsdTransform2d"
-        float2 inputs:in.connect = </M/UsdPrimvarReader_float2.outputs:result>
-        float2 outputs:result
-    }
-    def Shader "UsdPrimvarReader_float2"
-    {
-        uniform token info:id = "UsdPrimvarReader_float2"
-        float2 outputs:result
-    }
-}
-"""
+BASE = (ROOT / "tests/scenes/meshes/painted.usda").read_text("utf-8")
+"""Two triangles of a material whose image is placed by a transform."""
 
 LIGHT = "bool inputs:enableColorTemperature = 1\nfloat inputs:colorTemperature = 3000\n"
 
@@ -91,6 +42,7 @@ PRIMS = {
     "DiskLight": LIGHT,
     "DistantLight": LIGHT,
     "DomeLight": f"{LIGHT}asset inputs:texture:file = @ramp.png@",
+    "Points": "point3f[] points = [(0, 0, 0), (9, 0, 0)]\nfloat[] widths = [1, 2]",
     **dict.fromkeys(("Mesh", "Cube", "Sphere", "Plane", "Cylinder", "Cone", "Capsule"), ""),
 }
 """A prim of each type that is drawn, lights or looks, so that its properties have an effect."""
@@ -175,6 +127,7 @@ def loaded(folder: Path, stage: Any) -> tuple[wrt.Scene, list[str]]:
     stage.GetRootLayer().Export(str(path))
     Sdf.Layer.FindOrOpen(str(path)).Reload()
     with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore", UserWarning)  # of the radius of points
         warnings.simplefilter("always", InputWarning)
         try:
             scene = load_file(path)
@@ -211,7 +164,7 @@ def test_each_property_of_a_prim_is_used_excused_or_warned_of(kind, folder):
     specs = {name: schema.GetSchemaPropertySpec(name) for schema in schemas for name in schema.GetPropertyNames()}
     for name, spec in specs.items():
 
-        def add(stage: Any, name: str = name, spec: Any = spec) -> None:
+        def add(stage, name=name, spec=spec):
             prim = stage.GetPrimAtPath("/p")
             if isinstance(spec, Sdf.RelationshipSpec):
                 prim.CreateRelationship(name, custom=False).SetTargets(["/p/b"])
@@ -254,7 +207,7 @@ def test_each_input_of_a_shader_is_used_excused_or_warned_of(kind, folder):
             continue
         for value in [word for word, _ in declared.GetOptions()] or [SPECIAL.get(name, PLAIN.get(str(type_name)))]:
 
-            def add(stage: Any, name: str = name, type_name: Any = type_name, value: Any = value) -> None:
+            def add(stage, name=name, type_name=type_name, value=value):
                 UsdShade.Shader(stage.GetPrimAtPath(f"/M/{kind}")).CreateInput(name, type_name).Set(value)
 
             if value not in (declared.GetDefaultValue(), known and known.Get()) and unaccounted(
@@ -262,6 +215,33 @@ def test_each_input_of_a_shader_is_used_excused_or_warned_of(kind, folder):
             ):
                 lost.append(f"{name} {value}")
     assert lost == ["opacityMode presence"] * (kind == "UsdPreviewSurface")
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "expected"),
+    [
+        ("Mesh", 'uniform token orientation = "inside"', "Mesh.orientation 'inside'"),
+        ("Mesh", 'token visibility = "faint"', "Mesh.visibility 'faint'"),
+        ("Cone", 'uniform token axis = "W"', "Cone.axis 'W'"),
+        ("Camera", 'token projection = "fisheye"', "Camera.projection 'fisheye'"),
+        ("Mesh", "float[] primvars:displayOpacity = [0.5, 1, 1]", ""),
+        (
+            "Mesh",
+            'color3f[] primvars:displayColor = [(1, 0, 0)] (\ninterpolation = "vertex"\n)',
+            "a primvar displayColor",
+        ),
+        ("Mesh", 'texCoord2f[] primvars:st = [(1, 0)] (\ninterpolation = "edge"\n)', "a primvar st"),
+        ("Mesh", "normal3f[] normals = [(0, 0, 1)]", "a primvar normals"),
+        ("Points", "float[] widths = [1, 0, 1]", "a width of Points that is not positive"),
+    ],
+)
+def test_words_and_values_that_do_not_fit_are_named(kind, text, expected, folder):
+    mesh = "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n" * (kind == "Mesh")
+    points = "point3f[] points = [(0, 0, 0), (9, 0, 0), (0, 9, 0)]\n" * (kind in ("Mesh", "Points"))
+    _, messages = loaded(folder, stage_of(f'{BASE}def {kind} "p" {{\n{mesh}{points}{text}\n}}'))
+    found = [message.partition(": ")[2] for message in messages]
+    assert [message for message in found if not message.startswith(expected or ".")] == []
+    assert bool(found) == bool(expected)
 
 
 def test_types_that_are_not_drawn_are_named_once(folder):

@@ -22,7 +22,7 @@ def mesh(tmp_path, monkeypatch):
     return tmp_path / "box.npz"
 
 
-def test_a_mesh_turns_once_and_its_studio_stays(mesh):
+def test_a_mesh_turns_once_in_its_studio_or_the_camera_around_a_scene(mesh):
     scene = wrt.load(mesh)
     frames = list(wrt.turntable(scene, 4))
     assert len(frames) == 4
@@ -31,9 +31,6 @@ def test_a_mesh_turns_once_and_its_studio_stays(mesh):
     extents = [np.ptp(frame.shapes[0].bounds, axis=0) for frame in frames]
     np.testing.assert_allclose(extents[1], extents[0][[2, 1, 0]], atol=1e-5)  # a quarter swaps width and depth
     np.testing.assert_allclose(extents[2], extents[0], atol=1e-5)
-
-
-def test_the_camera_turns_around_a_scene():
     scene = wrt.load("cornell-box")
     frames = list(wrt.turntable(scene, 3))
     assert frames[0].camera == scene.camera
@@ -79,24 +76,21 @@ def test_keyframes_move_from_frame_to_frame():
     assert not moves(wrt.load("cornell-box"))
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_mistakes_are_reported_in_one_message(mesh, capsys):
+    for options, words in (
         (["--turntable", "1"], "at least 2"),
         (["--frames", "0-2", "-o", "a.gif"], "nothing in it moves"),
         (["--turntable", "3", "-o", "a.png"], "with a place for their numbers"),
         (["--turntable", "3", "--checkpoint", "c"], "--checkpoint is for a single picture"),
         (["--turntable", "2", "-o", "mine.gif", *SMALL], "mine.gif"),  # no other file is replaced
-    ],
-)
-def test_mistakes_are_reported_in_one_message(options, words, mesh, capsys):
-    (mesh.parent / "mine.gif").write_bytes(b"GIF89a of somebody else")
-    assert main(["render", "box.npz", *options]) in (1, 2)
-    printed = capsys.readouterr().err
-    assert words in printed
-    assert "Traceback" not in printed
-    assert sorted(os.listdir()) == ["box.npz", "mine.gif"]
-    assert (mesh.parent / "mine.gif").read_bytes() == b"GIF89a of somebody else"
+    ):
+        (mesh.parent / "mine.gif").write_bytes(b"GIF89a of somebody else")
+        assert main(["render", "box.npz", *options]) in (1, 2)
+        printed = capsys.readouterr().err
+        assert words in printed
+        assert "Traceback" not in printed
+        assert sorted(os.listdir()) == ["box.npz", "mine.gif"]
+        assert (mesh.parent / "mine.gif").read_bytes() == b"GIF89a of somebody else"
 
 
 def test_errors_of_the_frame_generator_reach_the_caller(tmp_path):

@@ -30,20 +30,17 @@ def radiance(tmp_path, monkeypatch):
     return image
 
 
-@pytest.mark.parametrize(
-    ("options", "settings"),
-    [
+def test_a_picture_is_developed_as_from_python(radiance, capsys):
+    for options, settings in (
         ((), {}),
         (("--tone", "none", "--exposure", "-1.5"), {"tone": "none", "exposure": -1.5}),
         (("--tone", "aces", "--exposure", "auto"), {"tone": "aces", "exposure": "auto"}),
         (("--tone", "ocio"), {"tone": "ocio"}),
-    ],
-)
-def test_a_picture_is_developed_as_from_python(radiance, options, settings, capsys):
-    assert run("develop", "room.exr", "-o", "room.png", *options) == 0
-    np.testing.assert_array_equal(codes("room.png"), wrt.develop_image(radiance, **settings))
-    assert f"tone {settings.get('tone', 'soft')}" in capsys.readouterr().err
-    assert tone_of("room.png") == settings.get("tone", "soft")
+    ):
+        assert run("develop", "room.exr", "-o", "room.png", *options) == 0
+        np.testing.assert_array_equal(codes("room.png"), wrt.develop_image(radiance, **settings))
+        assert f"tone {settings.get('tone', 'soft')}" in capsys.readouterr().err
+        assert tone_of("room.png") == settings.get("tone", "soft")
 
 
 def test_the_default_name_follows_the_source_and_replaces_no_foreign_file(capsys):
@@ -58,23 +55,6 @@ def test_the_default_name_follows_the_source_and_replaces_no_foreign_file(capsys
     assert codes("room.png").shape == (48, 64, 3)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("room.exr", "-o", "room.png", "--tone", "agxx"), "did you mean 'agx'"),
-        (("damaged.exr",), "damaged.exr: cannot be read as an image"),
-    ],
-)
-def test_errors_are_one_line_and_write_nothing(arguments, message, capsys):
-    Path("damaged.exr").write_bytes(b"v/1\x01damaged")
-    before = sorted(os.listdir())
-    assert run("develop", *arguments) == 2
-    printed = capsys.readouterr().err
-    assert message in printed
-    assert printed.count("\n") == 1
-    assert sorted(os.listdir()) == before
-
-
 def test_a_render_is_developed_with_its_options(capsys):
     """Which its checkpoint does not depend on."""
     assert run("render", "cornell-box", "-o", "a.exr", *SMALL) == 0
@@ -87,21 +67,29 @@ def test_a_render_is_developed_with_its_options(capsys):
     assert "too bright and clipped; darken it by --exposure 8" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
+def test_unsupported_outputs_are_refused_before_rendering_and_others_leave_nothing(capsys):
+    for options, message in (
         (("--tone", "ocio:none.ocio"), "none.ocio: no such OpenColorIO configuration"),
         (("--transparent",), "c.jpg: a JPEG has no alpha; give it a name that ends in .png or .exr"),
         (("--layers", "albedo"), "c.jpg: layers go into OpenEXR files"),
         (("--layers", "nomal"), "there is no layer 'nomal' (did you mean 'normal'?)"),
         (("--integrator", "aov"), "integrator aov renders only layers; name some"),
         (("--size", "65536x1"), "c.jpg: a JPEG has 65535 pixels a side at most, not 65536x1"),
-    ],
-)
-def test_unsupported_outputs_are_refused_before_rendering(options, message, capsys):
-    assert run("render", "cornell-box", "-o", "c.jpg", *SMALL, *options) == 2
-    assert message in capsys.readouterr().err
-    assert not os.path.exists("c.jpg")
+    ):
+        assert run("render", "cornell-box", "-o", "c.jpg", *SMALL, *options) == 2
+        assert message in capsys.readouterr().err
+        assert not os.path.exists("c.jpg")
+    for arguments, message in (
+        (("room.exr", "-o", "room.png", "--tone", "agxx"), "did you mean 'agx'"),
+        (("damaged.exr",), "damaged.exr: cannot be read as an image"),
+    ):
+        Path("damaged.exr").write_bytes(b"v/1\x01damaged")
+        before = sorted(os.listdir())
+        assert run("develop", *arguments) == 2
+        printed = capsys.readouterr().err
+        assert message in printed
+        assert printed.count("\n") == 1
+        assert sorted(os.listdir()) == before
 
 
 def test_scene_files_have_tone_and_exposure():

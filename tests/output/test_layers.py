@@ -3,16 +3,12 @@
 The alpha of a transparent picture is the layer of what covers each pixel; lights are hidden from the camera alone.
 """
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import OpenEXR
 import pytest
-from conftest import Report
 from numpy.typing import NDArray
 from PIL import Image
 from support.cameras import camera_rays
@@ -69,7 +65,7 @@ def two_panes() -> wrt.Scene:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", "aov"])
-def test_layers_of_panes_agree_with_geometry(integrator: str, device: str) -> None:
+def test_layers_of_panes_agree_with_geometry(integrator, device):
     scene = two_panes()
     layers = render(scene, integrator=integrator, device=device).layers()
     middles = np.stack(np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5), axis=-1)
@@ -111,7 +107,7 @@ def test_layers_of_panes_agree_with_geometry(integrator: str, device: str) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS, ids=lambda material: material.type_name)
-def test_albedo_equals_radiance_under_a_white_sky(material: wrt.Material, device: str) -> None:
+def test_albedo_equals_radiance_under_a_white_sky(material, device):
     """The share of light from everywhere that is sent to the viewer: by the same samples, so to the last digits."""
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
     scene.camera = wrt.PerspectiveCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=20.0)
@@ -122,7 +118,7 @@ def test_albedo_equals_radiance_under_a_white_sky(material: wrt.Material, device
 
 
 @pytest.mark.slow
-def test_albedo_of_clear_glass_is_white_from_both_sides(device: str) -> None:
+def test_albedo_of_clear_glass_is_white_from_both_sides(device):
     """Radiance is 2.25 times as high within; what counts is the light that gets through."""
     scene = wrt.Scene()
     scene.add(wrt.box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)), material=wrt.Dielectric(ior=1.5))
@@ -132,7 +128,7 @@ def test_albedo_of_clear_glass_is_white_from_both_sides(device: str) -> None:
         np.testing.assert_allclose(albedo, 1.0, rtol=1e-5)
 
 
-def test_coverage_is_a_mean_and_depth_is_not(device: str) -> None:
+def test_coverage_is_a_mean_and_depth_is_not(device):
     """An edge that covers 0.3 of a column of pixels, 0.7 of another: depth is one of two, by the pixel's middle."""
     scene = wrt.Scene(camera=wrt.OrthographicCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), view_height=8.0))
     scene.add(wrt.quad((-9.0, -9.0, 0.0), (8.3, 0.0, 0.0), (0.0, 18.0, 0.0)), material=wrt.Diffuse(0.5))  # to x = −0.7
@@ -178,7 +174,7 @@ def project(kind: str, camera: Any, points: Array, width: int, height: int) -> A
 
 
 @pytest.mark.parametrize("kind", CAMERAS)
-def test_a_moving_camera_moves_what_it_sees(kind: str, device: str, report: Report) -> None:
+def test_a_moving_camera_moves_what_it_sees(kind, device, report):
     """From where the film shows a point as the shutter opens to where it does as it closes."""
     make, options = CAMERAS[kind]
     turn = np.radians(3.0)
@@ -207,7 +203,7 @@ def test_a_moving_camera_moves_what_it_sees(kind: str, device: str, report: Repo
 
 
 @pytest.mark.slow
-def test_a_moving_shape_moves_on_the_film(device: str) -> None:
+def test_a_moving_shape_moves_on_the_film(device):
     """A pane that goes 0.3 m to the right and 0.1 m up while the shutter is open, before a wall that stands still."""
     scene = two_panes()
     scene.camera = wrt.OrthographicCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), view_height=3.0, shutter_close=1.0)
@@ -224,7 +220,7 @@ def test_a_moving_shape_moves_on_the_film(device: str) -> None:
 
 
 @pytest.mark.slow
-def test_layers_do_not_change_the_picture(device: str) -> None:
+def test_layers_do_not_change_the_picture(device):
     scene = two_panes()
     plain = render(scene, 8, centred=False, layers=(), device=device)
     with_layers = render(scene, 8, centred=False, device=device)
@@ -250,7 +246,7 @@ def seen(scene: wrt.Scene, spp: int = 4, **options: Any) -> wrt.Renderer:
     return render(scene, spp, centred=False, **{**defaults, **options})
 
 
-def test_a_hidden_environment_still_lights_the_scene(device: str) -> None:
+def test_a_hidden_environment_still_lights_the_scene(device):
     """Light leaves a convex body after one reflection: each covered sample has a radiance of ρ times 0.8."""
     for material, radiance in ((wrt.Diffuse(0.5), 0.4), (wrt.Mirror(), 0.8)):
         renderer = seen(block(material), device=device)
@@ -273,7 +269,7 @@ def test_a_hidden_environment_still_lights_the_scene(device: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["path", "whitted"])
-def test_a_hidden_lamp_covers_no_pixels(integrator: str) -> None:
+def test_a_hidden_lamp_covers_no_pixels(integrator):
     """It hangs before a wall and is hidden, but it lights the wall if it faces that."""
     across, up, pictures = (0.8, 0.0, 0.0), (0.0, 0.8, 0.0), []
     for edges in ((up, across), (across, up)):
@@ -289,7 +285,7 @@ def test_a_hidden_lamp_covers_no_pixels(integrator: str) -> None:
     assert towards.image()[9, 12].min() > 1.5 * away.image()[9, 12].max()
 
 
-def test_a_checkpoint_keeps_coverage_and_is_refused_by_other_layers(device: str, tmp_path: Path) -> None:
+def test_a_checkpoint_keeps_coverage_and_is_refused_by_other_layers(device, tmp_path):
     scene = block(wrt.Diffuse(0.5))
     unbroken = seen(scene, 13, device=device)
     seen(scene, 5, device=device).save_checkpoint(tmp_path / "a.ckpt")
@@ -306,7 +302,7 @@ def test_a_checkpoint_keeps_coverage_and_is_refused_by_other_layers(device: str,
 # --- Files -----------------------------------------------------------------------------------------
 
 
-def test_png_has_straight_alpha_and_the_others_associated(tmp_path: Path) -> None:
+def test_png_has_straight_alpha_and_the_others_associated(tmp_path):
     colors = np.array([[[0.5, 0.25, 0.125], [0.25, 0.125, 0.0625], [0.0, 0.0, 0.0]]], np.float32)
     alpha = np.array([[1.0, 0.5, 0.0]], np.float32)
     for name in ("a.png", "a.exr", "a.npy"):
@@ -328,7 +324,7 @@ def test_png_has_straight_alpha_and_the_others_associated(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
+def test_an_exr_file_has_named_layers(tmp_path):
     """OpenImageIO reads what the renderer holds."""
     import OpenImageIO
 
@@ -349,7 +345,7 @@ def test_an_exr_file_has_named_layers(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_layers_alone_make_files_without_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_layers_alone_make_files_without_light(tmp_path, capsys):
     scene = tmp_path / "a.toml"
     wrt.save_scene(scene, two_panes())
     size = ["--size", "16x12", "--spp", "1", "--sampler", "independent"]

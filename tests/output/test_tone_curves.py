@@ -138,13 +138,6 @@ def test_infinite_and_nan_pixels_become_finite_codes(tone):
     assert codes[0, 1, 0] > 200
 
 
-@pytest.mark.parametrize(
-    ("tone", "message"),
-    [
-        ("ocio:nothing.ocio", "nothing.ocio: no such OpenColorIO configuration"),
-        ("ocio:,sRGB - Display,nothing", "view of 'sRGB - Display' must be one of"),
-    ],
-)
-def test_an_unusable_tone_is_refused(tone, message):
-    with pytest.raises(wrt.InputError, match=message):
-        wrt.develop_image(np.ones((2, 2, 3)), tone=tone)
+def test_a_view_that_is_not_there_is_refused():
+    with pytest.raises(wrt.InputError, match=r"view of 'sRGB - Display' must be one of"):
+        wrt.develop_image(np.ones((2, 2, 3)), tone="ocio:,sRGB - Display,nothing")

@@ -1,7 +1,5 @@
 """What would make a published figure wrong: verdicts, errors, timings, tables; and planted faults."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex
@@ -12,7 +10,7 @@ import mutate
 import numpy as np
 import pytest
 from benchmarks import agreement, measure, render, report, scenes
-from conftest import ROOT, Report
+from conftest import ROOT
 from peers import peer
 from peers.picture_tests import image_z_test
 from support import statistics
@@ -22,16 +20,13 @@ import wrt
 SMALL = scenes.Budget(share=0.01, assets=Path("/nowhere"))
 
 
-# --- Verdicts, errors and timings --------------------------------------------------------------------
-
-
 def stack(factor: float, seed: int, count: int = 6, noise: float = 0.3) -> np.ndarray:
     truth = 1.0 + np.sin(np.arange(64.0))[:, None, None] * np.cos(np.arange(64.0))[None, :, None] * np.ones(3)
     return factor * truth * (1.0 + noise * np.random.default_rng(seed).normal(size=(count, 64, 64, 3)))
 
 
 @pytest.mark.parametrize(("exact", "factor"), [(True, 1.02), (False, 1.08)])
-def test_same_pictures_agree_and_others_do_not(exact: bool, factor: float) -> None:
+def test_same_pictures_agree_and_others_do_not(exact, factor):
     assert statistics.image_z_test is image_z_test
     assert agreement.agreement(stack(1.0, 1), stack(1.0, 2), exact=exact).agrees
     result = agreement.agreement(stack(1.0, 1), stack(factor, 3), exact=exact)
@@ -40,7 +35,7 @@ def test_same_pictures_agree_and_others_do_not(exact: bool, factor: float) -> No
     assert result.block_difference == pytest.approx(factor - 1.0, rel=0.3)
 
 
-def test_errors_are_free_of_the_noise_of_references(report: Report) -> None:
+def test_errors_are_free_of_the_noise_of_references(report):
     """A picture of 10 % noise against two of 30 %: against one of them the error would be 32 %."""
     truth = np.ones((256, 256, 3))
     rng = np.random.default_rng(6)
@@ -54,7 +49,7 @@ def test_errors_are_free_of_the_noise_of_references(report: Report) -> None:
 
 
 @pytest.mark.slow
-def test_a_renderer_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_renderer_in_a_process_of_its_own(tmp_path, monkeypatch):
     """Bits are those of this process; seconds of CPU count over as many cores as are given, and not on a GPU."""
     scene = scenes.CASES["cornell"].scene(24, SMALL)
     peer.prepare(peer.OWN, scene, tmp_path)
@@ -74,10 +69,7 @@ def test_a_renderer_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.
         benchmark.main(["render", "--cpu-seconds", "--device", "cuda", "--peers", "mitsuba-llvm"])
 
 
-# --- Pages -------------------------------------------------------------------------------------------
-
-
-def test_commands_of_the_pages_are_understood() -> None:
+def test_commands_of_the_pages_are_understood():
     pages = [ROOT / "docs" / "performance.md", *sorted((ROOT / "docs" / "notes").glob("*.md"))]
     text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
     lines = re.findall(r"^python scripts/benchmark\.py (.*)$", text, re.MULTILINE)
@@ -86,7 +78,7 @@ def test_commands_of_the_pages_are_understood() -> None:
         benchmark.command_line().parse_args(shlex.split(line, comments=True))
 
 
-def test_pages_show_what_was_measured() -> None:
+def test_pages_show_what_was_measured():
     """The tables of the docs are those of docs/measured."""
     for name in {path.stem for path in measure.MEASURED_FOLDER.glob("*.json")} - {mutate.OUTCOMES.stem}:
         result = measure.result_of(name)
@@ -96,10 +88,7 @@ def test_pages_show_what_was_measured() -> None:
             assert f"<!-- {section.name} -->\n{section.text(result).strip()}\n<!-- end of {section.name} -->" in page
 
 
-# --- Planted faults ----------------------------------------------------------------------------------
-
-
-def test_every_fault_can_be_planted_and_the_page_has_its_outcome() -> None:
+def test_every_fault_can_be_planted_and_the_page_has_its_outcome():
     """A refactoring that moves a line must move its fault."""
     assert len(mutate.MUTANTS) >= 40
     for mutant in mutate.MUTANTS:

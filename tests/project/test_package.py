@@ -1,7 +1,5 @@
 """What is installed is whole, `import wrt` works wherever it is started, and the Dockerfile names what there is."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import os
@@ -32,7 +30,7 @@ def installed_name(path: Path) -> str:
     return relative.as_posix() if relative.parts[0] == "wrt" else f"wrt/{relative.as_posix()}"
 
 
-def test_every_folder_with_python_files_is_a_package_and_others_are_none() -> None:
+def test_every_folder_with_python_files_is_a_package_and_others_are_none():
     folders = {path.parent for source in SOURCES for path in source_files(ROOT / source) if path.suffix == ".py"}
     assert all((folder / "__init__.py").is_file() for folder in folders)
     names = [installed_name(folder).replace("/", ".") for folder in folders]
@@ -61,7 +59,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_the_wheel_holds_every_source_file_and_no_other(wheel: Path) -> None:
+def test_the_wheel_holds_every_source_file_and_no_other(wheel):
     expected = {installed_name(path) for source in SOURCES for path in source_files(ROOT / source)}
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
@@ -99,12 +97,12 @@ def packages_found(*, cwd: Path, python_path: Path | None) -> list[Path]:
     return [Path(line).resolve() for line in result.stdout.splitlines()]
 
 
-def test_the_source_tree_works_without_installation_and_import_is_light() -> None:
+def test_the_source_tree_works_without_installation_and_import_is_light():
     assert packages_found(cwd=ROOT, python_path=None) == [(ROOT / name).resolve() for name in FOUND]
 
 
 @pytest.mark.slow
-def test_an_installed_copy_works_alone_and_beside_the_source_tree(wheel: Path, tmp_path: Path) -> None:
+def test_an_installed_copy_works_alone_and_beside_the_source_tree(wheel, tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "installed")  # as `pip install --target` leaves it
     installed = tmp_path / "installed"
@@ -113,9 +111,9 @@ def test_an_installed_copy_works_alone_and_beside_the_source_tree(wheel: Path, t
     assert packages_found(cwd=ROOT, python_path=installed) == [(ROOT / name).resolve() for name in FOUND]
 
 
-def test_every_public_name_can_be_imported_and_no_other() -> None:
+def test_every_public_name_can_be_imported_and_no_other():
     """Importing a submodule sets the attribute of its name, so a public name that is a module would be hidden."""
-    names: dict[str, object] = {}
+    names = {}
     exec("from wrt import *", names)
     assert set(names) - {"__builtins__"} == set(wrt.__all__) == set(dir(wrt))
     assert {"Renderer", "Scene", "__version__", "register_material", "render"} <= set(names)
@@ -124,22 +122,14 @@ def test_every_public_name_can_be_imported_and_no_other() -> None:
         wrt.rendr  # noqa: B018
 
 
-# --- Dockerfile ------------------------------------------------------------------------------------
-
-DOCKERFILE = (ROOT / "Dockerfile").read_text()
-
-
-def value_of(instruction: str) -> str:
-    (value,) = re.findall(rf"^{instruction} (.*)$", DOCKERFILE, re.MULTILINE)
-    return str(value)
-
-
-def test_the_dockerfile_keeps_kernels_in_a_folder_for_all_users(monkeypatch: pytest.MonkeyPatch) -> None:
-    (made,) = re.findall(r"^RUN mkdir -m 1777 (\S+)$", DOCKERFILE, re.MULTILINE)
+def test_the_dockerfile_keeps_kernels_in_a_folder_for_all_users(monkeypatch):
+    text = (ROOT / "Dockerfile").read_text()
+    (made,) = re.findall(r"^RUN mkdir -m 1777 (\S+)$", text, re.MULTILINE)
+    (variables,) = re.findall(r"^ENV (.*)$", text, re.MULTILINE)
     for name in ("HOME", "XDG_CACHE_HOME", "WARP_CACHE_PATH"):
         monkeypatch.delenv(name, raising=False)
-    for pair in value_of("ENV").split():
+    for pair in variables.split():
         monkeypatch.setenv(*pair.split("="))
     assert cache_folders.user_folder() == Path(made)
-    assert Path(made) in cache_folders.warp_folder().parents
-    assert Path(made) in cache_folders.wrt_folder().parents
+    for folder in (cache_folders.warp_folder(), cache_folders.wrt_folder()):
+        assert Path(made) in folder.parents

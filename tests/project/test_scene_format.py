@@ -1,7 +1,5 @@
 """The JSON schema, whose keys docs/scene-format.md explains, agrees with the code and with the reader."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 import json
@@ -49,7 +47,7 @@ def plain(value: Any) -> Any:
     return list(map(plain, value)) if isinstance(value, tuple) else value
 
 
-def test_every_kind_of_table_is_in_the_schema_and_on_the_page() -> None:
+def test_every_kind_of_table_is_in_the_schema_and_on_the_page():
     for name, kinds in KINDS.items():
         assert DEFINITIONS[name]["properties"]["type"]["enum"] == list(kinds)
         for kind in kinds:
@@ -62,7 +60,7 @@ def test_every_kind_of_table_is_in_the_schema_and_on_the_page() -> None:
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_keys_and_defaults_are_those_of_the_code(name: str) -> None:
+def test_keys_and_defaults_are_those_of_the_code(name):
     found, parameters = DEFINITIONS[name], inspect.signature(TABLES[name]).parameters
     keys = {FROM_FILES.get(key, key): parameter for key, parameter in parameters.items()}
     shared = set(scene_keys.SHAPE) if name.startswith("shape-") else {"type"} if "-" in name else set()
@@ -79,15 +77,12 @@ def test_keys_and_defaults_are_those_of_the_code(name: str) -> None:
         assert len(schema["description"]) >= 5, key
 
 
-# --- Schema ----------------------------------------------------------------------------------------
-
-
 @functools.cache
 def validator() -> jsonschema.Draft7Validator:
     return jsonschema.Draft7Validator(json.loads(SCHEMA))
 
 
-def test_the_published_schema_is_the_one_of_the_code(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_published_schema_is_the_one_of_the_code(capsys):
     jsonschema.Draft7Validator.check_schema(json.loads(SCHEMA))
     assert main(["schema"]) == 0
     assert capsys.readouterr().out == SCHEMA
@@ -107,7 +102,7 @@ materials.wood = { type = "diffuse", reflectance = { texture = "wood.png", wrap 
 """Values at their limits, words and forms that the reader accepts."""
 
 
-def test_all_that_the_reader_reads_or_the_writer_writes_is_valid(tmp_path: Path) -> None:
+def test_all_that_the_reader_reads_or_the_writer_writes_is_valid(tmp_path):
     corpus = ROOT / "tests" / "corpus"
     files = [*(ROOT / "meshes").glob("*.toml"), *(corpus / "seeds").glob("*.toml")]
     for name in ("cornell-box", "still-life"):
@@ -136,7 +131,7 @@ def is_marked(text: str) -> bool:
         return True
 
 
-def test_mistakes_are_marked(report: Any) -> None:
+def test_mistakes_are_marked(report):
     """Except where other files, or several keys at a time, must be read."""
     unmarked = {text: message for text, message in MISTAKES.items() if not is_marked(text) and "0" * 400 not in text}
     report("mistakes that the schema marks", f"{len(MISTAKES) - len(unmarked)} of {len(MISTAKES)}")

@@ -1,7 +1,5 @@
 """Rules of the sources whose breach is a fault: what imports what, and how kernels are declared."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import sys
@@ -64,10 +62,7 @@ def within(name: str, packages: tuple[str, ...]) -> bool:
     return any(name == package or name.startswith(package + ".") for package in packages)
 
 
-# --- Kernels ---------------------------------------------------------------------------------------
-
-
-def test_kernels_import_warp_and_themselves_and_keep_their_annotations() -> None:
+def test_kernels_import_warp_and_themselves_and_keep_their_annotations():
     """Warp reads annotations as objects, which `from __future__ import annotations` turns into text."""
     assert len(KERNEL_FILES) > 20
     for path in KERNEL_FILES:
@@ -76,7 +71,7 @@ def test_kernels_import_warp_and_themselves_and_keep_their_annotations() -> None
             assert standard or within(name, ("warp", "wrt.kernels")), f"{name_of(path)} imports {name}"
 
 
-def test_kernels_are_declared_without_gradients() -> None:
+def test_kernels_are_declared_without_gradients():
     """Gradients would be half of the compiled code, and nothing uses them."""
     count = 0
     for path in KERNEL_FILES:
@@ -90,10 +85,10 @@ def test_kernels_are_declared_without_gradients() -> None:
     assert count >= 5
 
 
-def test_static_expressions_do_not_hang_on_loop_variables() -> None:
+def test_static_expressions_do_not_hang_on_loop_variables():
     """Warp's hash leaves such a `wp.static` out, so two kernels would be taken for one another."""
 
-    def names_in(node: ast.AST) -> set[str]:
+    def names_in(node):
         return {each.id for each in ast.walk(node) if isinstance(each, ast.Name)}
 
     loops = [(path, node) for path in KERNEL_FILES for node in nodes_of(path) if isinstance(node, ast.For)]
@@ -104,8 +99,6 @@ def test_static_expressions_do_not_hang_on_loop_variables() -> None:
                 names = {name for argument in call.args for name in names_in(argument)}
                 assert not names & names_in(loop.target), f"{name_of(path)} line {call.lineno}: {ast.unparse(call)}"
 
-
-# --- Imports ---------------------------------------------------------------------------------------
 
 ORDER = (
     *("wrt.cli", "wrt.view", "wrt.api", "wrt.progress", "wrt.distributed", "wrt.rendering"),
@@ -120,11 +113,6 @@ APART = {
     **dict.fromkeys(("wrt.backend", "wrt.spmd"), (*ABOUT_FILES, "wrt.scene")),
 }
 """What comes after a folder and is not for it, either."""
-
-
-def test_each_folder_has_a_place_in_the_order() -> None:
-    folders = {f"wrt.{path.parent.name}" for path in (ROOT / "wrt").glob("*/__init__.py")}
-    assert folders - {"wrt.meshes"} <= set(ORDER)
 
 
 @pytest.mark.parametrize("part", [part for part in ORDER if part not in ("wrt.kernels", "warp")])
@@ -148,9 +136,11 @@ def circles(graph: dict[str, set[str]]) -> list[str]:
         nodes = inner
 
 
-def test_imports_make_no_circle() -> None:
+def test_imports_make_no_circle_and_each_folder_has_a_place():
     assert circles({"a": {"b"}, "b": {"a", "c"}, "c": set()}) == ["a", "b"]
     graph = {name: imported(path) & set(modules()) for name, path in modules().items()}
     assert len(graph) > 250
     assert sum(map(len, graph.values())) > 500
     assert circles(graph) == []
+    folders = {f"wrt.{path.parent.name}" for path in (ROOT / "wrt").glob("*/__init__.py")}
+    assert folders - {"wrt.meshes"} <= set(ORDER)

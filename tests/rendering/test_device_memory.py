@@ -68,9 +68,6 @@ SCENES = {
 QUICK = ("a ball", "a cloud and an image")
 
 
-# --- What does not fit -------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def gpu():
     with emulated_cuda(optimization=0) as backend:
@@ -127,9 +124,6 @@ def test_the_command_lists_the_parts_and_whether_they_fit(monkeypatch, capsys):
     assert "materials" not in memory_text(memory, 3, 4)
 
 
-# --- GPUs --------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def have(monkeypatch):
     """Return a function that sets the CUDA version of the driver and the number of GPUs."""
@@ -147,19 +141,16 @@ NONE = "no NVIDIA driver was found"
 OLD = "the NVIDIA driver is too old, for CUDA 12.8 instead of 13.0"
 
 
-@pytest.mark.parametrize(
-    ("driver", "count", "name", "message"),
-    [
+def test_a_gpu_that_cannot_be_had_is_one_line(have, capsys):
+    for driver, count, name, message in (
         (None, 0, "cuda", f"{NONE}; use cpu"),
         ((12, 8), 0, "cuda:0", f"{OLD}; update it, or use cpu"),
         ((13, 0), 0, "cuda:1", "no CUDA GPU was found; use cpu"),
         ((13, 1), 3, "cuda:3", "there are only cuda:0 to cuda:2"),
-    ],
-)
-def test_a_gpu_that_cannot_be_had_is_one_line(driver, count, name, message, have, capsys):
-    have(driver, count)
-    assert main(["render", "cornell-box", "--device", name, "--spp", "1"]) == 2
-    assert capsys.readouterr().err == f"wrt: error: device {name!r}: {message}\n"
+    ):
+        have(driver, count)
+        assert main(["render", "cornell-box", "--device", name, "--spp", "1"]) == 2
+        assert capsys.readouterr().err == f"wrt: error: device {name!r}: {message}\n"
 
 
 def test_the_system_lists_gpus_or_says_why_there_are_none(have, monkeypatch, capsys):
@@ -178,9 +169,6 @@ def test_the_system_lists_gpus_or_says_why_there_are_none(have, monkeypatch, cap
     assert ["CUDA", "13.4 compiles kernels, 13.0 is needed, the driver supports 13.1"] in rows()
     for device in ("cuda:0", "cuda:1"):
         assert [device, "NVIDIA H100, sm_90, 85.0 GB of memory, 79.5 GB free"] in rows()
-
-
-# --- What is foretold. Last, for an emulated GPU stays until the module ends. ---
 
 
 @pytest.fixture(scope="module", params=["cpu", pytest.param("emulated", marks=pytest.mark.machinery)])

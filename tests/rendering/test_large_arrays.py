@@ -137,9 +137,9 @@ TEXTURE = np.broadcast_to(np.zeros(3, np.float32), (2**15, 2**15, 3))
 ROOM = wrt.Scene([wrt.Shape(wrt.box())], environment=wrt.ConstantEnvironment(1.0))
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
+def test_larger_arrays_are_refused():
+    """By their shapes alone: the arrays hold one element, or none."""
+    for make, message in (
         (lambda: Texels([TEXTURE, TEXTURE]), r"^2,147,483,648 texels of the scene's textures are more than the"),
         (
             lambda: upload_triangles([MESH, MESH], [MESH], np.zeros(1, np.int64), "cpu"),
@@ -154,10 +154,7 @@ ROOM = wrt.Scene([wrt.Shape(wrt.box())], environment=wrt.ConstantEnvironment(1.0
             lambda: require_countable(MOST_ELEMENTS + 1, "things"),
             "^2,147,483,648 things are more than the 2,147,483,647 that kernels",
         ),
-    ],
-)
-def test_larger_arrays_are_refused(make, message):
-    """By their shapes alone: the arrays hold one element, or none."""
-    require_countable(MOST_ELEMENTS, "things")
-    with pytest.raises(wrt.InputError, match=message):
-        make()
+    ):
+        require_countable(MOST_ELEMENTS, "things")
+        with pytest.raises(wrt.InputError, match=message):
+            make()

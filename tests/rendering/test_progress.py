@@ -27,18 +27,15 @@ def test_progress_counts_the_limit_that_is_nearer():
     assert [bar.duration_text(seconds) for seconds in (59.6, 3725.0)] == ["1:00", "1:02:05"]
 
 
-@pytest.mark.parametrize(
-    ("columns", "line"),
-    [
+def test_what_matters_least_is_left_out_first():
+    for columns, line in (
         (119, "room  25%|{bar}| 16/64 spp  pass 3  2.31 M paths/s  noise 1.2 %  0:15 left"),
         (59, "room  25%|{bar}| 16/64 spp  noise 1.2 %  0:15 left"),
         (39, "room   25%  16/64 spp  0:15 left"),
         (12, "room   25%"),
         (5, " 25%"),
-    ],
-)
-def test_what_matters_least_is_left_out_first(columns, line):
-    assert terminal.fitted_bar("room", " 25%", bar.status_pieces(progress(), time_limit=None), columns) == line
+    ):
+        assert terminal.fitted_bar("room", " 25%", bar.status_pieces(progress(), time_limit=None), columns) == line
 
 
 class Terminal(io.StringIO):

@@ -36,34 +36,27 @@ def test_scenes_too_large_or_too_small_for_rays_are_refused():
     wrt.Renderer(lit(wrt.Mesh(CORNERS * 1e-20, FACE), wrt.box()), width=4, height=4)  # a speck in a room
 
 
-@pytest.mark.parametrize(
-    ("field", "value", "message"),
-    [
+def test_what_a_scene_cannot_have_is_refused_when_made_and_when_rendered():
+    for field, value, message in (
         ("environment", wrt.Diffuse(), "the scene's environment must be one of wrt's environments, not Diffuse"),
         ("shapes", [wrt.box()], "shapes must be a list of wrt.Shape, not of Mesh; "),
         ("lights", wrt.PointLight((0, 3, 0), intensity=1.0), "lights must be a list of wrt's lights, not PointLight"),
         ("settings", {"spp": 3}, "the scene's settings must be wrt.RenderSettings, not dict"),
-    ],
-)
-def test_what_a_scene_cannot_have_is_refused_when_made_and_when_rendered(field, value, message):
-    scene = lit(wrt.box())
-    setattr(scene, field, value)
-    uses = [lambda use=use: use(scene) for use in (wrt.Renderer, wrt.load, wrt.render)]
-    for use in (lambda: wrt.Scene(**{field: value}), *uses):
-        with pytest.raises(wrt.InputError, match=f"^{re.escape(message)}"):
-            use()
-
-
-def test_misspelt_names_are_refused():
+    ):
+        scene = lit(wrt.box())
+        setattr(scene, field, value)
+        uses = [lambda use=use, scene=scene: use(scene) for use in (wrt.Renderer, wrt.load, wrt.render)]
+        for use in (lambda field=field, value=value: wrt.Scene(**{field: value}), *uses):
+            with pytest.raises(wrt.InputError, match=f"^{re.escape(message)}"):
+                use()
     with pytest.raises(AttributeError, match="enviroment"):
         wrt.Scene().enviroment = wrt.ConstantEnvironment()
     with pytest.raises(AttributeError, match="samples"):
         wrt.Scene().settings.samples = 16
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
+def test_arrays_that_are_none_are_refused_in_one_line():
+    for make, message in (
         (lambda: wrt.Mesh(CORNERS.astype(complex), FACE), "mesh: vertices must be an array of numbers"),
         # What files of simulations hold where there is nothing, such as 9.97e36, is masked when they are read.
         (lambda: wrt.Mesh(MASKED, FACE), "mesh: vertices must not have masked values; the first is number 1$"),
@@ -72,12 +65,10 @@ def test_misspelt_names_are_refused():
         (lambda: MESH.rotated((0, 0, 0), 90.0), "axis must not be zero$"),
         (lambda: wrt.Motion(0.5, [np.eye(4)]), "motion times must be one or more finite numbers$"),
         (lambda: wrt.Motion.rotation((0, 1, 0), 90.0, times=0.5), "times must be two numbers, not 0.5$"),
-    ],
-)
-def test_arrays_that_are_none_are_refused_in_one_line(make, message):
-    with pytest.raises(wrt.InputError, match=f"^{message}"):
-        make()
-    assert wrt.Mesh(np.ma.array(CORNERS), FACE).bounds[1, 0] == 1.0
+    ):
+        with pytest.raises(wrt.InputError, match=f"^{message}"):
+            make()
+        assert wrt.Mesh(np.ma.array(CORNERS), FACE).bounds[1, 0] == 1.0
 
 
 def test_a_saved_picture_says_how_it_was_made(tmp_path):
@@ -103,9 +94,8 @@ LAID = wrt.Mesh(CORNERS, FACE, uvs=CORNERS[:, :2])
 TOO_BRIGHT = "^shape: vertex colors must be linear, from 0 to 1; .* from 0 to 3$"
 
 
-@pytest.mark.parametrize(
-    ("shape", "message"),
-    [
+def test_vertex_colors_that_no_surface_has_are_refused():
+    for shape, message in (
         (wrt.Shape(BRIGHT, wrt.Mix(wrt.Mirror(), COLORED)), TOO_BRIGHT),
         (wrt.Shape(BRIGHT, wrt.Diffuse(opacity=wrt.VertexColor())), TOO_BRIGHT),
         (wrt.Shape(DARK, COLORED), "^shape: vertex colors must be linear, from 0 to 1; .* from -0.5 to 0.5$"),
@@ -117,15 +107,13 @@ TOO_BRIGHT = "^shape: vertex colors must be linear, from 0 to 1; .* from 0 to 3$
         (wrt.Shape(BRIGHT, wrt.Diffuse(wrt.VertexColor(1.0 / 3.0))), None),
         (wrt.Shape(MESH, COLORED), None),
         (wrt.Shape(LAID, wrt.Diffuse(HALF), emission=CODES), None),
-    ],
-)
-def test_vertex_colors_that_no_surface_has_are_refused(shape, message):
-    with pytest.raises(wrt.InputError, match=message) if message else contextlib.nullcontext():
-        check_attributes([shape])
+    ):
+        with pytest.raises(wrt.InputError, match=message) if message else contextlib.nullcontext():
+            check_attributes([shape])
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
-def test_images_that_cannot_be_shown_as_they_are_are_warned_of():
+def test_images_that_cannot_be_shown_are_warned_of_and_warnings_name_the_line_outside_of_wrt():
     with pytest.warns(InputWarning, match=r"^texture wood: as reflectance it must be at most 1, but it reaches 200$"):
         check_attributes([wrt.Shape(LAID, wrt.Diffuse(CODES))])
     scene = wrt.Scene([wrt.Shape(MESH, wrt.Diffuse(HALF))], environment=wrt.ConstantEnvironment())
@@ -135,10 +123,6 @@ def test_images_that_cannot_be_shown_as_they_are_are_warned_of():
     ):
         with pytest.warns(InputWarning, match="^shape: its material has an image, but its mesh no texture coordinates"):
             use()
-
-
-@pytest.mark.usefixtures("render_kernels_when_launched")
-def test_warnings_name_the_line_outside_of_wrt():
     dust = trimesh.Scene([trimesh.creation.box(), trimesh.PointCloud(CORNERS)])
     for warned in (lambda: wrt.Renderer(wrt.Scene([wrt.Shape(MESH)]), width=4, height=4), lambda: wrt.load(dust)):
         with pytest.warns(UserWarning, match="the scene has no light|are drawn as spheres") as caught:

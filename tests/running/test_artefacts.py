@@ -1,7 +1,5 @@
 """Compiled kernels run without Warp: the same bits, never a stale file, and Warp compiles what is missing."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import shutil
@@ -32,10 +30,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
     return without_artefacts(tmp_path)
 
 
-# --- From the shell -----------------------------------------------------------------------------------
-
-
-def test_a_process_without_warp_gives_the_same_bits(tmp_path: Path, environment) -> None:
+def test_a_process_without_warp_gives_the_same_bits(tmp_path, environment):
     image = wrt.render("cornell-box", width=24, height=16, spp=2)
     for has_warp in (True, False):
         assert render_small(tmp_path, environment, "compiled.npy", "cornell-box") == (has_warp, "")
@@ -43,7 +38,7 @@ def test_a_process_without_warp_gives_the_same_bits(tmp_path: Path, environment)
 
 
 @pytest.mark.machinery
-def test_the_second_start_is_without_warp_whatever_the_scene_has(tmp_path: Path, environment) -> None:
+def test_the_second_start_is_without_warp_whatever_the_scene_has(tmp_path, environment):
     scene = SCENES["textures"][0]()
     scene.camera = CAMERAS["moving"]
     scene.lights += SCENES["models"][0]().lights
@@ -61,7 +56,7 @@ def read_table(path: Path) -> dict[str, dict[str, object]]:
 
 
 @pytest.mark.slow
-def test_what_is_missing_is_compiled_and_no_message_comes_twice(tmp_path: Path, environment: dict[str, str]) -> None:
+def test_what_is_missing_is_compiled_and_no_message_comes_twice(tmp_path, environment):
     (tmp_path / "dark.toml").write_text(CAMERA + QUAD)
     has_warp, messages = render_small(tmp_path, environment, "a.npy", "dark.toml")
     assert (has_warp, messages.count("no light")) == (True, 1)
@@ -84,8 +79,6 @@ def test_what_is_missing_is_compiled_and_no_message_comes_twice(tmp_path: Path, 
     assert len({(tmp_path / f"{name}.npy").read_bytes() for name in "abc"}) == 1
 
 
-# --- From Python --------------------------------------------------------------------------------------
-
 BEGIN = """
 import json, sys
 import numpy as np
@@ -106,7 +99,6 @@ def digest(*arrays):
     return [hashlib.sha256(np.ascontiguousarray(array)).hexdigest() for array in arrays]
 """
 
-RENDER = "print(json.dumps([has_warp(), digest(wrt.render('cornell-box', width=24, height=24, spp=3))]))"
 
 WITHOUT_WARP = """
 import tempfile
@@ -139,39 +131,11 @@ def run(folder: Path, variables: dict[str, str], script: str, begin: str = BEGIN
 
 
 @pytest.mark.slow
-def test_whatever_a_renderer_does_needs_no_warp_the_second_time(tmp_path: Path, environment: dict[str, str]) -> None:
+def test_whatever_a_renderer_does_needs_no_warp_the_second_time(tmp_path, environment):
     first = run(tmp_path, environment, WITHOUT_WARP)
     assert first[0]
     assert run(tmp_path, environment, WITHOUT_WARP) == (False, first[1])
     assert run(tmp_path, environment, WITHOUT_WARP, "import warp\n" + BEGIN) == (True, first[1])
-
-
-OF_A_USER = """
-import warp as wp
-
-@wp.kernel
-def sums(values: wp.array(dtype=float), total: wp.array(dtype=float)):
-    tile = wp.tile_load(values, shape=8)
-    wp.tile_store(total, wp.tile_sum(tile))
-
-wp.config.enable_cpu_blocks = True
-wp.init()
-values, total = (make(n, dtype=float, device="cpu") for make, n in ((wp.ones, 8), (wp.zeros, 1)))
-"""
-
-
-@pytest.mark.machinery
-def test_cooperative_kernels_of_users_go_on_to_work(tmp_path: Path, environment: dict[str, str]) -> None:
-    """Loading kernels without Warp gives its library functions that must not replace Warp's own."""
-    run(tmp_path, environment, RENDER)
-    compiled = "renderer_with(1)\nassert not has_warp()\n"
-    launch = "wp.launch_tiled(sums, dim=[1], inputs=[values, total], block_dim=8, device='cpu')\n"
-    script = tmp_path / "script.py"
-    script.write_text(BEGIN + compiled + OF_A_USER + launch + "print(total.numpy().tolist())")
-    assert python(tmp_path, environment, str(script)).endswith("[8.0]\n")
-
-
-# --- Structs ------------------------------------------------------------------------------------------
 
 
 def structs_of_kernels() -> list[Any]:
@@ -184,12 +148,12 @@ def structs_of_kernels() -> list[Any]:
     return list(found)
 
 
-def test_structs_lie_in_memory_as_warp_lays_them() -> None:
-    table: dict[str, Any] = {}
+def test_structs_lie_in_memory_as_warp_lays_them():
+    table = {}
     names = {describe_struct(struct, table.__setitem__): struct for struct in structs_of_kernels()}
     assert len(names) > 30
 
-    def layout_of(name: str) -> Layout:
+    def layout_of(name):
         size, fields = json.loads(json.dumps(table[name]))
         return Layout(name, size, fields, layout_of)
 
@@ -199,10 +163,7 @@ def test_structs_lie_in_memory_as_warp_lays_them() -> None:
         assert layout == expected, name
 
 
-# --- The table ----------------------------------------------------------------------------------------
-
-
-def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path, monkeypatch):
     warp = tmp_path / "warp"
     (warp / "bin").mkdir(parents=True)
     for name in ("config.py", "bin/warp.so", "bin/warp-clang.so"):
@@ -228,11 +189,11 @@ def test_a_change_of_anything_that_a_build_depends_on_is_seen(tmp_path: Path, mo
     assert len(set(found)) == len(changes)
 
 
-def test_another_version_of_warp_launches_its_kernels_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_version_of_warp_launches_its_kernels_itself(monkeypatch):
     """Only the versions that were tested lay out arguments as wrt does."""
     assert Artefacts().can_launch
     assert wp.config.version in artefacts.TESTED
-    options: dict[str, Any] = {"width": 24, "height": 16, "spp": 2}
+    options = {"width": 24, "height": 16, "spp": 2}
     image = wrt.render("cornell-box", **options)
     monkeypatch.setattr(artefacts, "TESTED", ("0.0.0",))
     assert not Artefacts().can_launch
@@ -255,7 +216,7 @@ def table_of(path: Path) -> Artefacts:
     return found
 
 
-def test_what_another_render_saves_is_kept(tmp_path: Path) -> None:
+def test_what_another_render_saves_is_kept(tmp_path):
     """Else the render after it would import Warp."""
     tables = [table_of(tmp_path / "artefacts.json") for _ in range(2)]
     for table, name in zip(tables, ("scalar", "wide"), strict=True):
@@ -264,7 +225,7 @@ def test_what_another_render_saves_is_kept(tmp_path: Path) -> None:
     assert set(table_of(tmp_path / "artefacts.json").table["values"]) == {"scalar", "wide"}
 
 
-def test_models_of_users_are_not_kept_for_other_processes() -> None:
+def test_models_of_users_are_not_kept_for_other_processes():
     """Another process may register other functions under the name."""
     model = model_of("mirror")
     BSDFS.register("mirror_of_a_user", model)
@@ -278,10 +239,10 @@ def test_models_of_users_are_not_kept_for_other_processes() -> None:
         BSDFS.forget("mirror_of_a_user")
 
 
-def test_kernels_of_one_name_are_told_apart() -> None:
-    def make(factor: int) -> wp.Kernel:
+def test_kernels_of_one_name_are_told_apart():
+    def make(factor):
         @wp.kernel(module=wp.get_module("wrt.test_artefacts"), enable_backward=False)
-        def times(first: int, values_out: wp.array(dtype=int)):  # type: ignore[valid-type]
+        def times(first: int, values_out: wp.array(dtype=int)):
             values_out[first + wp.tid()] = wp.static(factor)
 
         return times

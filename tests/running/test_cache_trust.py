@@ -1,7 +1,5 @@
 """Machine code is loaded only from folders to which no user but this one and root can write."""
 
-from __future__ import annotations
-
 import os
 import stat
 import warnings
@@ -24,24 +22,23 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
-def test_private_folders_are_used(cache: Path) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert cache_folders.warp_folder() == cache / "warp"
-        assert cache_folders.wrt_folder() == cache / "wrt"
-
-
-def test_a_new_cache_is_private_whatever_the_umask(cache: Path) -> None:
+def test_a_new_cache_is_private_and_in_a_shared_folder_each_user_has_one(cache):
     before = os.umask(0)
     try:
-        cache_folders.require_writable(cache_folders.warp_folder() / "1.0")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert cache_folders.warp_folder() == cache / "warp"
+            assert cache_folders.wrt_folder() == cache / "wrt"
+            cache_folders.require_writable(cache_folders.warp_folder() / "1.0")
     finally:
         os.umask(before)
     assert stat.S_IMODE((cache / "warp").stat().st_mode) == 0o700
+    cache.chmod(0o1777)
+    assert cache_folders.warp_folder() == cache / f"uid-{os.getuid()}" / "warp"
 
 
 @pytest.mark.parametrize("open_to_others", ["cache/warp", "cache", "."])
-def test_folders_that_others_can_write_to_are_not_used(open_to_others: str, cache: Path, tmp_path: Path) -> None:
+def test_folders_that_others_can_write_to_are_not_used(open_to_others, cache, tmp_path):
     (cache / "warp").mkdir(parents=True)
     (tmp_path / open_to_others).chmod(0o777)
     with pytest.warns(UserWarning, match="others can write to"):
@@ -51,20 +48,14 @@ def test_folders_that_others_can_write_to_are_not_used(open_to_others: str, cach
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can give folders away")
-def test_folders_of_other_users_are_not_used(cache: Path) -> None:
+def test_folders_of_other_users_are_not_used(cache):
     (cache / "wrt").mkdir(parents=True)
     os.chown(cache / "wrt", 12345, 12345)
     with pytest.warns(UserWarning, match="belongs to another user"):
         assert cache_folders.wrt_folder() == cache_folders.work_folder() / "wrt"
 
 
-def test_each_user_has_a_folder_in_a_shared_one(cache: Path) -> None:
-    cache.mkdir()
-    cache.chmod(0o1777)
-    assert cache_folders.warp_folder() == cache / f"uid-{os.getuid()}" / "warp"
-
-
-def test_no_table_names_code_where_others_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_table_names_code_where_others_write(tmp_path, monkeypatch):
     shared = tmp_path / "shared"
     shared.mkdir()
     code = shared / "module.o"
@@ -72,7 +63,7 @@ def test_no_table_names_code_where_others_write(tmp_path: Path, monkeypatch: pyt
     Path(f"{code}{DIGEST}").write_bytes(digest(b"machine code") + b" meta")
     artefacts = Artefacts()
     artefacts.table["files"]["module"] = {"file": str(code), "bytes": 12, "kernels": {"kernel": ["symbol", 8, []]}}
-    loaded: list[str] = []
+    loaded = []
     monkeypatch.setattr(artefacts, "load", lambda file, symbol: loaded.append(symbol) or symbol)
     assert artefacts.kernel("module", "kernel") == ("symbol", [8, []])
     shared.chmod(0o777)
@@ -80,12 +71,12 @@ def test_no_table_names_code_where_others_write(tmp_path: Path, monkeypatch: pyt
     assert loaded == ["symbol"]
 
 
-def test_checksums_do_not_depend_on_the_python() -> None:
+def test_checksums_do_not_depend_on_the_python():
     """Two interpreters that share a cache must not find each other's kernels damaged."""
     assert digest(b"kernel") == b"5dd29aab00000006"
 
 
-def test_folders_whose_paths_are_not_utf8_are_not_used(cache: Path, tmp_path: Path, monkeypatch) -> None:
+def test_folders_whose_paths_are_not_utf8_are_not_used(cache, tmp_path, monkeypatch):
     """Compilers take paths in UTF-8."""
     odd = tmp_path / "\udcff"
     odd.mkdir()

@@ -1,10 +1,7 @@
 """Python processes that wrt starts import nothing from the current folder, where an upload may be."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -71,9 +68,7 @@ def call_in_another_process() -> None:
         ),
     ],
 )
-def test_nothing_is_imported_from_the_current_folder(
-    use: Callable[[], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_imported_from_the_current_folder(use, tmp_path, monkeypatch):
     for name in SHADOWS:
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'a').write({name!r})\n")
     monkeypatch.chdir(tmp_path)

@@ -1,7 +1,5 @@
 """Kernels compiled for later renders: by a process of low priority, by `wrt compile`, by `wrt.precompile`."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import hashlib
@@ -94,9 +92,7 @@ def serve(table: Path, kernels: Path) -> int:
         ("", "false", True, "for the next"),
     ],
 )
-def test_build_machines_and_the_switch(
-    switch: str, machine: str | None, compiles: bool, text: str, started, table: Path, tmp_path: Path, monkeypatch
-) -> None:
+def test_build_machines_and_the_switch(switch, machine, compiles, text, started, table, tmp_path, monkeypatch):
     monkeypatch.setenv(SWITCH, switch)
     monkeypatch.setenv(WIDE, "8")
     if machine is not None:
@@ -106,7 +102,7 @@ def test_build_machines_and_the_switch(
     assert text in system_text()
 
 
-def test_what_is_requested_is_compiled_once(started, table: Path, compiled, tmp_path: Path) -> None:
+def test_what_is_requested_is_compiled_once(started, table, compiled, tmp_path):
     kernels, elsewhere = tmp_path / "kernels", tmp_path / "elsewhere"
     path = request(MIRROR, 8, kernels)
     path_elsewhere = request(dataclasses.replace(MIRROR, composite="holes"), 8, elsewhere)
@@ -123,8 +119,8 @@ def test_what_is_requested_is_compiled_once(started, table: Path, compiled, tmp_
 
 
 def test_what_cannot_be_compiled_is_left_for_an_hour_and_damaged_requests_are_removed(
-    started, table: Path, compiled, tmp_path: Path
-) -> None:
+    started, table, compiled, tmp_path
+):
     path, damaged = request(DIFFUSE, 8, tmp_path), request(MIRROR, 8, tmp_path)
     rejected = request(DIFFUSE, 16, tmp_path)
     assert path is not None
@@ -142,13 +138,11 @@ def test_what_cannot_be_compiled_is_left_for_an_hour_and_damaged_requests_are_re
     assert len(started) == 4
 
 
-def test_one_process_compiles_and_serves_what_comes_meanwhile(
-    started, table: Path, compiled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_process_compiles_and_serves_what_comes_meanwhile(started, table, compiled, tmp_path, monkeypatch):
     second = dataclasses.replace(MIRROR, composite="holes")
     paths = []
 
-    def compile_kernel(features: Features, *_: object) -> None:
+    def compile_kernel(features, *_):
         if features == MIRROR:
             paths.append(request(second, 8, tmp_path))
             assert serve(table, tmp_path) == 0, "another process ends at once"
@@ -163,13 +157,10 @@ def test_one_process_compiles_and_serves_what_comes_meanwhile(
     assert is_done(paths[0])
 
 
-def test_a_cache_that_cannot_be_written_to_is_left_alone(started: list[Path], table: Path, tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written_to_is_left_alone(started, table, tmp_path):
     (tmp_path / "file").touch()
     assert request(MIRROR, 8, tmp_path / "file") is None
     assert started == []
-
-
-# --- The process --------------------------------------------------------------------------------------
 
 
 def processes(folder: Path) -> list[int]:
@@ -208,14 +199,14 @@ print(*(name for name in (() if "warp" in sys.modules else loaded) if ".wide" in
 
 @needs_lanes
 @pytest.mark.machinery
-def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None:
+def test_the_second_render_from_the_shell_has_the_kernel(tmp_path):
     """The compiler is killed once, which leaves nothing; the picture is the same, and the shell never waits."""
     variables = {key: value for key, value in os.environ.items() if key not in (WIDE, BUILD_MACHINE)}
     variables |= {SWITCH: "1", "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     variables.pop("WARP_CACHE_PATH", None)
     copy_of_warm_cache(tmp_path / "cache")
 
-    def render(name: str) -> list[str]:
+    def render(name):
         """Return the wide kernels that were loaded without Warp."""
         # The streams are read to their end: a compiler that held them open would keep the shell waiting.
         return python(tmp_path, variables, "-c", SHORT, name).split()
@@ -246,10 +237,7 @@ def test_the_second_render_from_the_shell_has_the_kernel(tmp_path: Path) -> None
     assert len(films) == 1
 
 
-# --- Before any render --------------------------------------------------------------------------------
-
-
-def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_goes_on_after_a_mistake(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("bad.toml").write_text("shapes = 1")
     assert main(["compile", "none.obj", "cornell-box", "bad.toml", "--threads", "1"]) == 2
@@ -266,10 +254,10 @@ def test_the_command_goes_on_after_a_mistake(tmp_path: Path, capsys, monkeypatch
     assert capsys.readouterr().err == "wrt: error: name a scene, or give --general\n"
 
 
-def test_general_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, capsys, tmp_path: Path) -> None:
+def test_general_kernels_are_compiled_once(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv(WIDE, "8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    compiled: list[Features] = []
+    compiled = []
     monkeypatch.setattr(kernel, "compile_kernel", lambda features, *_: compiled.append(features))
     assert main(["compile", "--general", "--sampler", "independent"]) == 0
     plain = Features(("diffuse",), False, "none", sampler="independent")
@@ -285,7 +273,7 @@ def test_general_kernels_are_compiled_once(monkeypatch: pytest.MonkeyPatch, caps
 @needs_lanes
 @pytest.mark.machinery
 @pytest.mark.parametrize("cache", ["warm", "empty"])
-def test_the_first_render_has_everything(cache: str, tmp_path: Path) -> None:
+def test_the_first_render_has_everything(cache, tmp_path):
     """A render then starts without Warp, in another size, and gives the picture of the scalar kernel."""
     variables = without_artefacts(tmp_path)
     del variables[WIDE]

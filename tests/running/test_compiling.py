@@ -3,8 +3,6 @@
 Headers that Warp precompiles for the CPU are made once a machine, and shared by all threads that compile.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -12,7 +10,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -54,7 +51,7 @@ def kernel(name: str) -> Kernel:
     return Kernel(name, "", lambda: None)
 
 
-def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> None:
+def test_two_threads_compile_from_both_ends_each_kernel_once(loads):
     device = Device("cpu", threads=2)
     with device.compiling(map(kernel, "abcd")):
         for name in "dcb":
@@ -65,7 +62,7 @@ def test_two_threads_compile_from_both_ends_each_kernel_once(loads: Loads) -> No
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_what_does_not_compile_is_told(threads: int, loads: Loads) -> None:
+def test_what_does_not_compile_is_told(threads, loads):
     with (
         pytest.raises(RuntimeError, match="does not compile"),
         Device("cpu", threads=threads).compiling([kernel("broken")]),
@@ -73,8 +70,8 @@ def test_what_does_not_compile_is_told(threads: int, loads: Loads) -> None:
         pass
 
 
-def test_after_an_error_nobody_waits_for_what_was_begun_and_nothing_else_begins(loads: Loads) -> None:
-    def fail() -> None:
+def test_after_an_error_nobody_waits_for_what_was_begun_and_nothing_else_begins(loads):
+    def fail():
         while not loads.begun:
             time.sleep(0.01)
         raise ZeroDivisionError
@@ -100,7 +97,7 @@ def test_an_interrupt_does_not_wait_for_the_compiler(
     release = threading.Event()
     load = loads.__call__
 
-    def slow(_: Backend, kernel: Kernel, device: str) -> None:
+    def slow(_, kernel, device):
         if not release.is_set():
             signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
         assert release.wait(timeout=60.0)
@@ -145,11 +142,11 @@ assert os.waitpid(child, 0)[1] == 0
 """
 
 
-def test_a_fork_works_by_threads_of_its_own() -> None:
+def test_a_fork_works_by_threads_of_its_own():
     python(ROOT, VARIABLES, "-c", FORKED)
 
 
-def test_a_process_ends_with_its_last_message_and_its_folders(tmp_path: Path) -> None:
+def test_a_process_ends_with_its_last_message_and_its_folders(tmp_path):
     # A signal may end a process whose compiler still runs: that would complain of the folder that has been removed.
     program = """import atexit, os, sys, tempfile
 from wrt.cli.process import end
@@ -160,9 +157,6 @@ end(143)"""
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=VARIABLES, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (143, "Stopped.\n")
     assert not list(tmp_path.iterdir())
-
-
-# --- Headers ------------------------------------------------------------------------------------------
 
 
 COMPILE_ONCE = """
@@ -188,11 +182,11 @@ print(len(written))
 
 
 @pytest.mark.machinery
-def test_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp_path: Path) -> None:
+def test_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp_path):
     (tmp_path / "program.py").write_text(COMPILE_ONCE)
     variables = {**VARIABLES, "XDG_CACHE_HOME": str(tmp_path)}
 
-    def compile_once(number: int) -> str:
+    def compile_once(number):
         return python(tmp_path, variables, "program.py", str(tmp_path / f"kernels{number}"))
 
     assert [compile_once(0), compile_once(1)] == ["1\n", "0\n"]
@@ -204,7 +198,7 @@ def test_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp
     assert cached.stat().st_size == size
 
 
-def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path, monkeypatch):
     for name in ("__init__.py", "config.py", "bin/warp.so", "bin/warp-clang.so", "native/vec.h"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()

@@ -1,10 +1,9 @@
 """One kernel for each set of features: never two for one set, never one for two; and what factories read of them."""
 
-from __future__ import annotations
-
 import ast
 import itertools
-from typing import Any
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from warp._src.context import user_modules
 import wrt
 from wrt.backend import current_backend
 from wrt.backend.device import Device
+from wrt.kernels import native
 from wrt.kernels.core.features import Features, identifier
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.render import make_render_kernel
@@ -24,7 +24,7 @@ from wrt.upload.scene_data import SceneUpload
 PLAIN = Features(("diffuse",), False, "none")
 
 
-def test_names_are_of_modules_and_tell_variants_apart() -> None:
+def test_names_are_of_modules_and_tell_variants_apart():
     names = [make_render_kernel.module_name(features) for features in FEATURES]
     assert names[0] == "wrt.render.diffuse_plain_none"
     assert names == [make_render_kernel(features).module.name for features in FEATURES]
@@ -38,13 +38,13 @@ def test_names_are_of_modules_and_tell_variants_apart() -> None:
 
 def scene(*materials: wrt.Material, environment: object = None) -> wrt.Scene:
     result = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0)))
-    result.environment = environment or wrt.ConstantEnvironment(1.0)  # type: ignore[assignment]
+    result.environment = environment or wrt.ConstantEnvironment(1.0)
     for i, material in enumerate(materials):
         result.add(wrt.quad((-9, -9, -i), (18, 0, 0), (0, 18, 0)), material=material)
     return result
 
 
-def test_scenes_state_what_they_use() -> None:
+def test_scenes_state_what_they_use():
     image = wrt.ImageEnvironment(np.ones((2, 4, 3), np.float32))
     texture = wrt.ImageTexture(np.ones((2, 2, 3), np.float32))
     expected = [
@@ -69,14 +69,14 @@ def loaded() -> set[str]:
 
 
 @pytest.mark.slow
-def test_a_new_scene_of_seen_features_loads_nothing(device: str) -> None:
+def test_a_new_scene_of_seen_features_loads_nothing(device):
     """Other meshes, sizes, values, numbers of lights, depths and seeds."""
 
-    def scene_with(subdivisions: int, lamps: int) -> wrt.Scene:
+    def scene_with(subdivisions, lamps):
         lights = [wrt.PointLight((k - 1.0, 3.0, 1.0), intensity=4.0) for k in range(lamps)]
         return block_scene(shapes=[wrt.Shape(wrt.sphere(subdivisions=subdivisions)), LAMP], lights=lights)
 
-    options: dict[str, Any] = {"device": device, "light_choice": "power"}
+    options = {"device": device, "light_choice": "power"}
     finish(wrt.Renderer(scene_with(4, 1), **options, width=16, height=12), 2)
     before = loaded()
     for kernels in ("wrt.render." if device == "cpu" else "wrt.regenerating.", "wrt.kernels.accel.build.split"):
@@ -86,20 +86,17 @@ def test_a_new_scene_of_seen_features_loads_nothing(device: str) -> None:
     assert loaded() == before
 
 
-# --- Factories of device functions --------------------------------------------------------------------
-
-
-def test_what_a_factory_does_not_declare_it_cannot_read() -> None:
+def test_what_a_factory_does_not_declare_it_cannot_read():
     @specialised("models", "nested")
-    def make_one(features: Features) -> Any:
+    def make_one(features):
         return features.models, features.nested
 
     @specialised("models")
-    def make_through(features: Features) -> Any:
+    def make_through(features):
         return make_one(features)
 
     @specialised("nested")
-    def make_derived(features: Features) -> Any:
+    def make_derived(features):
         return features.bodies
 
     assert make_one(PLAIN) == (("diffuse",), False)
@@ -110,7 +107,7 @@ def test_what_a_factory_does_not_declare_it_cannot_read() -> None:
         specialised("texturd")(lambda features: None)
 
 
-def test_what_declares_device_functions_at_each_call_is_specialised() -> None:
+def test_what_declares_device_functions_at_each_call_is_specialised():
     """Else one process would have several functions for the same features, and their modules other hashes."""
     for path in sorted((ROOT / "kernels").rglob("*.py")):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
@@ -119,3 +116,16 @@ def test_what_declares_device_functions_at_each_call_is_specialised() -> None:
                 decorators = {ast.unparse(each).partition("(")[0] for f in inner for each in f.decorator_list}
                 if decorators & {"wp.func", "wp.kernel", "wp.func_native"}:
                     assert any(ast.unparse(each).startswith("specialised") for each in node.decorator_list), node.name
+
+
+def test_headers_are_whole_and_have_the_constants_of_python():
+    """Warp hashes the text that a module gets; `tests/cuda/test_cuda_compile.py` compiles it."""
+    folder = Path(native.__file__).parent
+    for name in sorted(str(path.relative_to(folder)) for path in folder.rglob("*.h")):
+        text = native.text_of(name)
+        assert "#include" not in text
+        assert str(ROOT) not in text
+        assert len(re.findall(r"^#ifndef WRT_\w+_H$", text, re.MULTILINE)) == len(set(native.headers_of(name)))
+    text = native.constants_header()
+    assert f"constexpr int NODE_FLOATS = {native.constants.NODE_FLOATS};" in text
+    assert f"constexpr double BOX_PAD = {native.constants.BOX_PAD};" in text

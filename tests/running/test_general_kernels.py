@@ -1,10 +1,6 @@
 """General kernels render scenes of other features with the bits of the scenes' own kernels."""
 
-from __future__ import annotations
-
 import dataclasses
-from pathlib import Path
-from typing import Any
 
 import pytest
 from PIL import Image
@@ -28,9 +24,8 @@ SMALL, LARGE, WITH_HOLES = general.general_features(PLAIN)
 GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
 
 
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
+def test_what_they_cover():
+    for changes, expected in (
         ({}, [True, True, True]),
         ({"textured": True, "mipmapped": True, "uv2_alpha": True, "tangents": True}, [True, True, True]),
         ({"environment": "image", "light_tree": True, "composite": "sides"}, [True, True, True]),
@@ -44,25 +39,20 @@ GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
         ({"instances": "still"}, [False, False, False]),
         ({"exact": "spheres"}, [False, False, False]),
         ({"integrator": "whitted"}, [False, False, False]),
-    ],
-)
-def test_what_they_cover(changes: dict[str, Any], expected: list[bool]) -> None:
-    scene = dataclasses.replace(PLAIN, **changes)
-    assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES)] == expected
-    assert not PLAIN.covers(WITH_HOLES)
-    for integrator in ("whitted", "ao"):  # which do not decide at run time
-        plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
-        assert [large.covers(plain), large.covers(large)] == [False, True]
-
-
-def test_the_exercise_has_all_models_and_lights() -> None:
+    ):
+        scene = dataclasses.replace(PLAIN, **changes)
+        assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES)] == expected
+        assert not PLAIN.covers(WITH_HOLES)
+        for integrator in ("whitted", "ao"):  # which do not decide at run time
+            plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
+            assert [large.covers(plain), large.covers(large)] == [False, True]
     names = {model_name(material) for material in general.materials() if not material.parts}
     assert names == set(WITH_HOLES.models)
     assert {light.model for light in general.lights()} >= set(WITH_HOLES.light_shapes)
 
 
-def test_the_best_that_is_compiled_is_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled: set[str] = set()
+def test_the_best_that_is_compiled_is_chosen(monkeypatch):
+    compiled = set()
     monkeypatch.setattr(general, "is_compiled", lambda features, lanes: name_of_kernel(features, lanes) in compiled)
     scalar, wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
     generals = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
@@ -85,7 +75,7 @@ def test_the_best_that_is_compiled_is_chosen(monkeypatch: pytest.MonkeyPatch) ->
 @needs_lanes
 @pytest.mark.usefixtures("render_kernels_when_launched")
 def test_long_renders_request_one_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
-    requested: list[tuple[Features, int]] = []
+    requested = []
     monkeypatch.setattr(later, "request", lambda features, lanes: requested.append((features, lanes)))
     monkeypatch.setattr(render_kernel, "is_compiled", lambda *_: False)
     monkeypatch.setattr(WideKernel, "prepare", lambda *_, **__: None)
@@ -96,9 +86,6 @@ def test_long_renders_request_one_that_covers_the_scene(monkeypatch: pytest.Monk
         assert requested == [(SMALL, 16)] * expected
     renderer.denoising_guides()
     assert requested[1:] == [(GUIDES[0], SCALAR)]
-
-
-# --- Bits ---------------------------------------------------------------------------------------------
 
 
 CASES = cases()
@@ -112,7 +99,7 @@ NAMES = (
 
 @pytest.mark.machinery
 @pytest.mark.parametrize("name", NAMES)
-def test_films_have_the_bits_of_the_scenes_kernel(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_films_have_the_bits_of_the_scenes_kernel(name, monkeypatch):
     options = {key: value for key, value in CASES[name].options.items() if key not in FEW_USE}
     case = dataclasses.replace(CASES[name], options={**options, "sampler": "sobol"})
     expected = rendered(case)
@@ -152,7 +139,7 @@ metallic = 0.5
 
 @needs_lanes
 @pytest.mark.machinery
-def test_a_new_kind_of_scene_needs_no_warp(tmp_path: Path) -> None:
+def test_a_new_kind_of_scene_needs_no_warp(tmp_path):
     variables = {**without_artefacts(tmp_path), "WRT_WIDE": ""}
     Image.new("RGB", (8, 8), (200, 60, 30)).save(tmp_path / "squares.png")
     (tmp_path / "new.toml").write_text(NEW)

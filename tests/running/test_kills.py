@@ -1,7 +1,5 @@
 """What is killed or interrupted at any moment leaves nothing broken, and the next render gives the same bytes."""
 
-from __future__ import annotations
-
 import random
 import signal
 import time
@@ -21,7 +19,7 @@ def temporary_files(folder: Path) -> set[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_killed_render_is_resumed_to_the_byte(seed: int, tmp_path: Path) -> None:
+def test_a_killed_render_is_resumed_to_the_byte(seed, tmp_path):
     """It is killed twice while it writes a checkpoint, and once at any time; files are whole after each kill."""
     scene = ("render", "cornell-box", "--size", "64x48", "--spp", "256", "--quiet", "-o")
     run(tmp_path, *scene, "expected.npy")
@@ -52,9 +50,7 @@ def test_a_killed_render_is_resumed_to_the_byte(seed: int, tmp_path: Path) -> No
     ("number", "seconds", "options"),
     [(signal.SIGTERM, 0.1, ["--threads", "1"]), (signal.SIGINT, 0.7, []), (signal.SIGKILL, 1.5, [])],
 )
-def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(
-    number: signal.Signals, seconds: float, options: list[str], tmp_path: Path
-) -> None:
+def test_a_signal_in_a_compile_is_obeyed_and_the_next_render_is_right(number, seconds, options, tmp_path):
     """The two kernels that take longest are not compiled yet."""
     environment = {**ENVIRONMENT, "TMPDIR": str(tmp_path)}
     run(tmp_path, *CORNELL_BOX, "right.npy", env=environment)

@@ -1,7 +1,5 @@
 """Passes switch to the wide kernel when that pays, with the same bits."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
@@ -90,10 +88,7 @@ def kernel_of(renderer: wrt.Renderer) -> WideKernel:
     return WideKernel(renderer.device, renderer._kernel._features, renderer._kernel.records)
 
 
-# --- When it is compiled and loaded -------------------------------------------------------------------
-
-
-def test_it_is_compiled_once_and_only_for_long_renders(cache, renderer: wrt.Renderer, requested: list[Any]) -> None:
+def test_it_is_compiled_once_and_only_for_long_renders(cache, renderer, requested):
     """A shorter render has it compiled for the next, the shortest does not."""
     kernel = kernel_of(renderer)
     kernel.prepare(LOADING_SECONDS / 2)
@@ -115,13 +110,13 @@ def test_it_is_compiled_once_and_only_for_long_renders(cache, renderer: wrt.Rend
     assert len(started) == 1
 
 
-def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(cache, renderer, monkeypatch) -> None:
+def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(cache, renderer, monkeypatch):
     kernel = kernel_of(renderer)
     kernel.wait()
     kernel.prepare(math.inf)
     assert (kernel.kernel, len(started)) == (None, 1)
 
-    def fail(*_: Any, **__: Any) -> None:
+    def fail(*_, **__):
         raise FileNotFoundError(2, "no such file")
 
     monkeypatch.setattr(subprocess, "Popen", fail)
@@ -130,7 +125,7 @@ def test_what_does_not_compile_is_not_tried_again_and_no_python_is_no_error(cach
     assert kernel.kernel is None
 
 
-def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, requested, monkeypatch) -> None:
+def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, requested, monkeypatch):
     monkeypatch.setattr(WideKernel, "_folders", lambda _: [])
     monkeypatch.setattr(WideKernel, "_is_usable", lambda _: True)
     real, sleep = subprocess.Popen, [sys.executable, "-c", "import time; time.sleep(60)"]
@@ -144,7 +139,7 @@ def test_a_render_that_ends_before_its_compiler_asks_for_the_next(renderer, requ
     assert requested == [features]
 
 
-def test_what_loads_quickly_is_loaded_before_the_first_pass(cache: SimpleNamespace, renderer, monkeypatch) -> None:
+def test_what_loads_quickly_is_loaded_before_the_first_pass(cache, renderer, monkeypatch):
     """But nothing is compiled on a guess."""
     kernel = kernel_of(renderer)
     kernel.expect(math.inf)
@@ -156,7 +151,7 @@ def test_what_loads_quickly_is_loaded_before_the_first_pass(cache: SimpleNamespa
 
 
 @pytest.mark.parametrize("lacking", ["processor", "warp", "array", "film", "integrator", "switch", "cpu"])
-def test_nothing_is_tried_where_it_cannot_run(lacking: str, cache: SimpleNamespace, renderer, monkeypatch) -> None:
+def test_nothing_is_tried_where_it_cannot_run(lacking, cache, renderer, monkeypatch):
     kernel = kernel_of(renderer)
     if lacking == "processor":
         monkeypatch.setattr(processor, "processor_flags", lambda: NEEDED[8] - {"avx2"})
@@ -181,7 +176,7 @@ def test_nothing_is_tried_where_it_cannot_run(lacking: str, cache: SimpleNamespa
     assert (kernel.kernel, started) == (None, [])
 
 
-def test_lanes_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lanes_are_those_of_the_processor(monkeypatch):
     for flags, setting, expected in (
         (NEEDED[16] | NEEDED[8], "", 16),
         (NEEDED[8] | {"avx512f"}, "", 8),
@@ -197,7 +192,7 @@ def test_lanes_are_those_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> No
         assert lanes_here() == 8
 
 
-def test_the_largest_array_is_found_wherever_it_is() -> None:
+def test_the_largest_array_is_found_wherever_it_is():
     scene = wrt.load("cornell-box")
     pixels = np.random.default_rng(1).random((300, 200, 3), np.float32)
     shape, material = scene.shapes[0], wrt.Diffuse(wrt.ImageTexture(pixels))
@@ -206,12 +201,9 @@ def test_the_largest_array_is_found_wherever_it_is() -> None:
     assert pixels.nbytes <= found <= 2 * pixels.nbytes
 
 
-# --- With kernels that are compiled -------------------------------------------------------------------
-
-
 @needs_lanes
 @pytest.mark.machinery
-def test_a_picture_is_the_same_if_passes_change_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_is_the_same_if_passes_change_over(tmp_path, monkeypatch):
     """Some passes by one kernel, others by the other, a checkpoint in between; or all by the first."""
     scene, size = wrt.load("cornell-box"), {"width": 37, "height": 21}
     scalar = wrt.Renderer(scene, **size)
@@ -240,7 +232,7 @@ for progress in wrt.Renderer(wrt.load("cornell-box"), width=64, height=64).passe
 
 @needs_lanes
 @pytest.mark.slow
-def test_the_process_that_compiles_ends_with_the_render(tmp_path: Path) -> None:
+def test_the_process_that_compiles_ends_with_the_render(tmp_path):
     """Killed while another compiles, so that its own waits; nothing is left of it."""
     environment, artefacts = without_artefacts(tmp_path), Artefacts()
     assert artefacts.path is not None

@@ -172,6 +172,21 @@ def textures() -> wrt.Scene:
     return scene
 
 
+def sides() -> wrt.Scene:
+    """Single-sided and unlit surfaces: an outlined ball and a sheet, also seen in glass and a mirror, by two lamps."""
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.add(wrt.sphere((0, 0.6, 0), 0.8), material=wrt.Diffuse((0.8, 0.4, 0.1)))
+    shell = wrt.sphere((0, 0.6, 0), 1.0)
+    shell = wrt.Mesh(shell.vertices, shell.faces[:, ::-1])
+    scene.add(shell, material=wrt.Unlit((0.0, 0.1, 0.2)), double_sided=False)
+    scene.add(wrt.quad((1.5, 0.2, 2), (-3, 0, 0), (0, 1.2, 0)), material=wrt.Diffuse(0.3), double_sided=False)
+    scene.add(wrt.box((-0.4, 0.2, 1.6), (0.4, 0.6, 2.4)), material=wrt.Dielectric())
+    scene.add(wrt.quad((-4, -0.6, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Mirror(), double_sided=False)
+    scene.add_light(wrt.RectangleLight((-2, 3, -2), (4, 0, 0), (0, 0, 4), 4.0))
+    scene.add_light(wrt.DiskLight((1.0, 1.4, 1.6), (0, 0, 1), 0.2, 4.0, two_sided=True))
+    return scene
+
+
 def panes() -> wrt.Scene:
     """Media that absorb and emit, and surfaces that rays pass straight."""
     body = wrt.Medium(absorption=(0.5, 0.2, 1.5), emission=(0.1, 0.4, 0.1))
@@ -257,6 +272,7 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
         {"layers": tuple(LAYERS), "clamp_indirect": 2.0, "regularization": 0.2},
         ("perspective", "fisheye", "moving"),
     ),
+    "sides": (sides, {}, ("perspective",)),
     "panes": (panes, {}, ("perspective", "panorama")),
     "bodies": (bodies, {"sampler": "independent"}, ("perspective", "moving")),
     "clouds": (clouds, {"sampler": "stratified"}, ("perspective",)),

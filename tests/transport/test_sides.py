@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.covering_kernels import covering, rendering_with
-from support.wide_scenes import differences, needs_lanes
 
 import wrt
 
@@ -164,16 +163,3 @@ def test_unlit_surfaces_light_nothing_and_cast_shadows() -> None:
     assert np.array_equal(*pictures)
     assert np.allclose(film(wrt.Shape(square(0.0), wrt.Unlit(BRIGHT))), BRIGHT)
     assert np.allclose(film(wrt.Shape(back(), wrt.Unlit(BRIGHT))), BRIGHT)
-
-
-@needs_lanes
-@pytest.mark.machinery
-def test_the_wide_kernel_sees_the_same() -> None:
-    scene = outlined(shell=True)
-    hidden: dict[str, Any] = {"material": wrt.Diffuse(0.3), "double_sided": False}
-    scene.add(wrt.quad((1, -0.1, 0.5), (-2, 0, 0), (0, 0.3, 0)), **hidden)
-    scene.add(wrt.box((-0.1, -0.1, 0.4), (0.1, 0.0, 0.6)), material=wrt.Dielectric())
-    scene.add(wrt.quad((-1, -0.3, -1), (2, 0, 0), (0, 0, -2)), material=wrt.Mirror())
-    scene.add_light(wrt.RectangleLight((-0.5, 1, -0.5), (1, 0, 0), (0, 0, 1), 4.0))
-    scene.add_light(wrt.DiskLight((0.25, 0.2, 0.4), (0, 0, 1), 0.05, 4.0, two_sided=True))  # behind the sheet
-    assert differences(scene) == []

@@ -1,7 +1,5 @@
 """Errors of the live view end with the change that fixes them, Ctrl-C ends the view, and its token stays private."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import queue
@@ -21,7 +19,6 @@ from websockets.typing import Origin
 
 import wrt
 from wrt.errors import InputError
-from wrt.view.controls import Settings
 from wrt.view.pictures import Pictures
 from wrt.view.server import bound_socket, run_server
 from wrt.view.session import Session
@@ -37,21 +34,19 @@ def session_of(open: Callable[[], wrt.Renderer]) -> Iterator[Session]:
 
 
 @pytest.mark.parametrize("error", [InputError("cannot be rendered"), RuntimeError("CUDA error")])
-def test_the_error_of_a_render_ends_with_the_change_that_mends_it(
-    error: Exception, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_error_of_a_render_ends_with_the_change_that_mends_it(error, monkeypatch):
     get, messages = Pictures.get, queue.Queue[Any]()
 
-    def fail_for_whitted(self: Pictures, settings: Settings) -> wrt.Renderer:
+    def fail_for_whitted(self, settings):
         if settings.integrator == "whitted":
             raise error
         return get(self, settings)
 
-    def wait_for(matches: Callable[[Any], bool]) -> None:
+    def wait_for(matches):
         while not matches(messages.get(timeout=60)):
             pass
 
-    def is_state(text: str) -> Callable[[Any], bool]:
+    def is_state(text):
         return lambda what: isinstance(what, dict) and text in what["error"] and bool(what["error"]) == bool(text)
 
     monkeypatch.setattr(Pictures, "get", fail_for_whitted)
@@ -67,8 +62,8 @@ def test_the_error_of_a_render_ends_with_the_change_that_mends_it(
         wait_for(is_state(str(error)))
 
 
-def test_who_asks_gets_the_error_and_the_next_one_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
+def test_who_asks_gets_the_error_and_the_next_one_an_answer(monkeypatch):
+    def fail(*_):
         raise RuntimeError("CUDA error")
 
     with session_of(lambda: wrt.Renderer(wrt.load("cornell-box"), width=32, height=32)) as session:
@@ -80,17 +75,17 @@ def test_who_asks_gets_the_error_and_the_next_one_an_answer(monkeypatch: pytest.
         assert session.pick(0.5, 0.5).result(timeout=60)
 
 
-def test_a_tab_that_waits_for_an_answer_does_not_keep_the_server_open() -> None:
+def test_a_tab_that_waits_for_an_answer_does_not_keep_the_server_open():
     ready, begun = threading.Event(), threading.Event()
 
-    def open_late() -> wrt.Renderer:
+    def open_late():
         begun.set()
         assert ready.wait(timeout=60)
         raise InputError("never")
 
     bound, addresses = bound_socket(None), queue.Queue[str]()
 
-    async def serve() -> None:
+    async def serve():
         serving = asyncio.create_task(run_server(session, bound, "a-token", addresses.put))
         address = urlsplit(await asyncio.to_thread(addresses.get))
         live = f"ws://{address.netloc}/live?{address.query}"
@@ -111,14 +106,14 @@ def test_a_tab_that_waits_for_an_answer_does_not_keep_the_server_open() -> None:
             bound.close()
 
 
-def test_the_token_is_not_in_the_command_line_of_the_browser(tmp_path: Path) -> None:
+def test_the_token_is_not_in_the_command_line_of_the_browser(tmp_path):
     browser = tmp_path / "browser"
     browser.write_text('#!/bin/sh\nprintf %s "$*" > arguments.part\nmv arguments.part arguments\n')
     browser.chmod(0o700)
     environment = {**ENVIRONMENT, "BROWSER": f"{browser} %s"}
     process = start(tmp_path, "view", "cornell-box", "--size", "16x16", env=environment)
     try:
-        address = process.stdout.readline().split()[-1]  # type: ignore[union-attr]
+        address = process.stdout.readline().split()[-1]
         deadline = time.monotonic() + 60
         while not (tmp_path / "arguments").exists():
             assert time.monotonic() < deadline, "no browser was opened"

@@ -56,16 +56,15 @@ class Developed:
 
 
 def develop_image(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = None) -> NDArray[np.uint8]:
-    """Return linear radiance as 8-bit codes for a display, as PNG files hold them.
+    """Return linear radiance as 8-bit sRGB codes.
 
     Args:
-        image: linear Rec. 709 radiance, row 0 at the top, as `wrt.render` and `load_image` return it: (H, W, 3); with
-            associated alpha, (H, W, 4); of one channel or a mask, (H, W) or (H, W, 1); or a stack, (N, H, W, C). NaN
-            becomes black.
+        image: linear Rec. 709 radiance, row 0 at the top: (H, W, 3); with associated alpha, (H, W, 4); of one channel or
+            a mask, (H, W); or a stack, (N, H, W, C). NaN becomes black.
         tone: name of the tone curve: "soft", "none", "neutral", "agx", "aces", "ocio" or
             "ocio:CONFIG,DISPLAY,VIEW" (see docs/tone.md).
         exposure: stops (factors of two) by which the picture is brightened first, or "auto". By default 0, unless the
-            picture would be mostly white; see `wrt.develop.exposure.stops`. `Renderer.save` brightens dark renders too.
+            picture would be mostly white; `Renderer.save` brightens dark renders too.
 
     Returns:
         (H, W, 3) uint8, dithered: row 0 at the top; with alpha (H, W, 4), not associated; (N, H, W, C) of a stack.

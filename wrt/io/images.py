@@ -76,8 +76,7 @@ def load_image(path: PathLike, *, linear: bool | None = None) -> NDArray[np.floa
 
     Args:
         path: the file.
-        linear: whether integer formats hold linear values; by default they hold sRGB.
-            Floating-point formats are always linear.
+        linear: whether integer formats hold linear values instead of sRGB. Floating-point formats are always linear.
 
     Raises:
         InputError: when the file does not exist or cannot be decoded.
@@ -262,16 +261,14 @@ def save_image(
     It replaces pictures that wrt wrote; with `force` also other files, but never one that this process has read.
 
     Args:
-        path: ends in .png, .jpg or .jpeg (8 bits, developed as by `develop_image`), .exr (float32 R, G, B) or .npy
-            (float32 (H, W, 3)).
+        path: ends in .png, .jpg or .jpeg (8 bits, as by `develop_image`), .exr (float32) or .npy (float32 (H, W, 3)).
         image: (H, W, 3), (H, W, 4) whose last channel is `alpha`, or (H, W), row 0 at the top; None to write layers
             only.
-        tone: tone curve of a PNG or JPEG, see `develop_image`; the other formats keep the radiance unchanged.
-        exposure: stops (factors of two) by which a PNG or JPEG is brightened, "auto", or None; see `develop_image`.
-        alpha: (H, W) coverage, 0 to 1, by which the radiance is multiplied already (associated alpha). OpenEXR and
-            NumPy files keep both, with a channel A. A PNG, whose alpha is not associated, holds the quotient; a JPEG
-            cannot hold any.
-        metadata: names and values, stored as text in PNG and JPEG and as attributes in OpenEXR.
+        tone: tone curve of a PNG or JPEG, see `develop_image`.
+        exposure: exposure of a PNG or JPEG, see `develop_image`.
+        alpha: (H, W) coverage, 0 to 1, by which the radiance is multiplied already (associated alpha). A PNG holds the
+            quotient; a JPEG has no alpha.
+        metadata: names and values, as text in PNG and JPEG, attributes in OpenEXR.
         layers: the result of `wrt.Renderer.layers`, for OpenEXR: 32-bit channels such as `albedo.R`.
         background: linear colour behind a PNG or JPEG with alpha, which then has none. The tone curve leaves it as it
             is.

@@ -36,10 +36,9 @@ def load_mesh(source: Any, *, smooth_degrees: float | None = None, file_type: st
     """Read all triangles of a file or a trimesh object as one mesh in world space, without its materials.
 
     Args:
-        source: the path of a file, whose suffix is one of MESH_SUFFIXES; an archive with one such file, bytes or an
-            open file; or an object of trimesh, PyVista, Open3D, or with `vertices` and `faces`.
-        smooth_degrees: if the source has no normals, edges folded by up to this angle are smoothed (see
-            `wrt.scene.normals.with_normals`); 0 leaves the mesh flat, and None is what its format says, or else 60.
+        source: the path of a mesh file or of an archive with one; bytes or an open file; or an object of trimesh,
+            PyVista, Open3D, or with `vertices` and `faces`.
+        smooth_degrees: as for `load`.
         file_type: type of bytes, or of an open file without a name, such as "stl".
 
     Raises:

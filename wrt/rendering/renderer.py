@@ -76,8 +76,7 @@ class Renderer(Picture):
             threads: CPU threads; by default all cores.
             strategy: "mis", or "light" or "bsdf" to sample surface and image lights with only one technique.
             light_choice: how next-event estimation selects a light: "auto", or "power" or "tree" to compare the two.
-            settings: fields of `wrt.RenderSettings`, such as `width`, `max_depth` or `layers`; without a field, or
-                with None, the scene's own value holds.
+            settings: fields of `wrt.RenderSettings`; by default those of the scene.
 
         Raises:
             InputError: on unusable values, an empty scene, or a device that does not exist.
@@ -228,16 +227,14 @@ class Renderer(Picture):
         samples of a pixel in a row read the same memory.
 
         Args:
-            spp: total samples per pixel, including those already taken. Without spp, time and noise, the scene's
-                settings decide.
+            spp: total samples per pixel, including those already taken. Without `spp`, `time` and `noise` the settings
+                decide.
             time: seconds of rendering; the pass that runs then is finished.
-            noise: relative noise of the whole picture, such as 0.01; see `noise`. The number of samples at which
-                rendering ends does not depend on passes, threads or interruptions.
-            adaptive: whether tiles of the picture that are good enough for this noise stop before the others, which is
-                slightly biased; see docs/noise.md.
-            pass_seconds: approximate duration of a pass after the first, at most 10 s; by default a quarter of the
-                time of all earlier passes, but at least 0.4 s. On CUDA at most 0.4 s, because nothing can interrupt a
-                pass there.
+            noise: relative noise of the whole picture, such as 0.01; see `noise`.
+            adaptive: whether tiles that are good enough for this noise stop before the others; slightly biased
+                (docs/noise.md).
+            pass_seconds: approximate duration of a pass after the first, at most 10 s, on CUDA 0.4 s; by default a
+                quarter of the time of all earlier passes, at least 0.4 s.
         """
         limits = Limits.of(self, spp, time, noise, adaptive, pass_seconds)
         self._kernel.expect(limits.least_seconds(self.film))
@@ -294,7 +291,7 @@ class Renderer(Picture):
 
     @property
     def lanes(self) -> int:
-        """Paths that the kernel of the next pass follows at once: 1 for the scalar one, which CUDA has too."""
+        """Paths that the kernel of the next pass follows at once; 1 for the scalar one."""
         return self._kernel.lanes
 
     def compile(self) -> float:
@@ -332,11 +329,10 @@ class Renderer(Picture):
         return self._guides.layers()
 
     def set_camera(self, camera: Camera) -> None:
-        """Look at the scene through another camera and restart the picture; nothing else is built again.
+        """Restart the picture with another camera; nothing is built again.
 
         Args:
-            camera: one with the same shutter times, since trees of moving shapes depend on them; a camera class of
-                your own cannot replace another class.
+            camera: one with the same shutter times; a class of your own cannot replace another class.
 
         Raises:
             InputError: if the kernel or the trees do not fit this camera.
@@ -360,10 +356,10 @@ class Renderer(Picture):
         of the build. Nothing else in the scene changes.
 
         Args:
-            shape: one of the scene's shapes, or its number; it must not emit, and the scene must not have instances or
-                shapes that move during the exposure.
-            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device, which stays there; metres, in world
-                space, as many as the shape's mesh has.
+            shape: one of the scene's shapes, or its number; it must not emit, and the scene must have no instances and
+                no motion.
+            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device; metres, in world space, as many as the
+                mesh has.
             normals: shading normals, likewise; by default they are recomputed if the mesh has any.
 
         Raises:
@@ -397,8 +393,8 @@ class Renderer(Picture):
         share them as `device_image`; dividing `total` by `count` gives the picture, in double precision.
 
         Returns:
-            "total" and "total_of_squares", vec3d sums of samples and of their squares; "count", int32 samples, and
-            "rejected", int32 of these that were not finite and count as black; "rays", int64 rays traced.
+            "total" and "total_of_squares", vec3d sums of samples and of their squares; int32 "count" of samples, and
+            "rejected", those that were not finite and count as black; int64 "rays".
         """
         return self.film.on_device()
 
@@ -482,7 +478,7 @@ class Renderer(Picture):
 
         Args:
             number: which part.
-            of: how many parts the picture has: bands of rows, a few from all over the picture in each part.
+            of: number of parts; each has a few bands of rows from all over the picture.
             spp: samples per pixel; by default those of the scene's settings.
 
         Raises:

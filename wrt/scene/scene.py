@@ -63,15 +63,15 @@ class Shape(Description):
     Attributes:
         mesh: the triangles.
         material: material of the surface.
-        emission: radiance emitted from its front, per channel, W·sr⁻¹·m⁻², also an image or the mesh's vertex colours;
-            0 for the emission of the material.
+        emission: radiance from its front, per channel, W·sr⁻¹·m⁻², also an image or vertex colours; 0 for that of the
+            material.
         two_sided_emission: whether its back emits too.
         name: for messages.
-        transform: a (4, 4) affine matrix from the mesh's space to the world, or a Motion. Shapes with a transform that
-            share a mesh are instances and share its memory. A mirroring transform keeps the mesh's front.
+        transform: a (4, 4) affine matrix from the mesh's space to the world, or a `Motion`. Shapes with a transform
+            that share a mesh are instances. A mirroring one keeps the mesh's front.
         deformation: keyframes of the vertices.
         double_sided: whether its back is seen. If not, the camera, mirrors and clear glass show what is behind it, as
-            in glTF; light stops at it all the same. What transmits light or emits from its back has both sides.
+            in glTF; light stops all the same. What transmits, or emits from its back, has both sides.
     """
 
     mesh: _Mesh
@@ -172,32 +172,29 @@ class RenderSettings(Description):
         width, height: pixels.
         spp: samples per pixel.
         noise: relative noise at which a render ends instead, such as 0.01; see `wrt.Renderer.noise`.
-        adaptive: whether tiles of the picture that are good enough for `noise` stop before the others, which is
-            slightly biased.
+        adaptive: whether tiles that are good enough for `noise` stop before the others; slightly biased.
         max_depth: maximum number of path segments; 1 shows emission only, 2 adds direct light.
         filter: reconstruction filter, one of FILTERS.
         sampler: sampler, one of SAMPLERS.
         tone: tone curve of pictures written as PNG or JPEG, see `wrt.develop_image`.
         exposure: stops (factors of two) by which these are brightened, or "auto"; None for 0, unless the picture would
-            be mostly white or dark. The radiance of the film does not depend on tone and exposure.
-        denoise: whether saved pictures are denoised, by the extra wrt[denoise]; see `wrt.Renderer.denoised`.
-        crop: part of the picture to render, in pixels: first column, first row, and the column and row after the last;
-            None for the whole. The pixels are identical to those of the whole picture.
-        max_scatterings: maximum number of scattering events in media along a path; max_depth counts surfaces only.
+            be mostly white or dark.
+        denoise: whether saved pictures are denoised, by the extra wrt[denoise].
+        crop: part of the picture to render: first column and row, and the column and row after the last.
+        max_scatterings: maximum number of scattering events along a path.
         integrator: one of INTEGRATORS; None for "volpath" if media scatter, else "path".
         min_attenuation: integrator "whitted" ends rays whose throughput is below this.
-        jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a material "glossy"; later
-            ones send one. With 0 it has direct light alone.
-        ao_distance: distance up to which surfaces occlude for integrator "ao", metres; None for no limit.
+        jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a "glossy" material; with
+            0 that has direct light alone.
+        ao_distance: distance up to which surfaces occlude for integrator "ao", metres.
         layers: layers to render besides radiance, see docs/integrators.md.
-        clamp_indirect: limit of the indirect radiance of one path per channel, W·sr⁻¹·m⁻²; None for no limit. Biased:
-            energy above the limit is lost.
+        clamp_indirect: limit of the indirect radiance of one path, W·sr⁻¹·m⁻²; biased.
         regularization: roughness r that widens rough surfaces to √(α² + r²) after the first non-specular scattering of
-            a path, 0 to 1. Biased: reflections between rough surfaces are blurred.
-        background: colour behind a transparent picture, which has no alpha channel then; in a PNG or JPEG it is exact,
+            a path, 0 to 1; biased.
+        background: colour behind a transparent picture, which has no alpha channel then; exact in a PNG or JPEG,
             whatever the tone. It implies `transparent`.
-        transparent: whether the camera sees neither the environment nor lights without a mesh, and pictures have an
-            alpha channel; both still light the scene, and are seen in mirrors and through glass.
+        transparent: whether pictures have an alpha channel, and the camera sees neither the environment nor lights
+            without a mesh.
     """
 
     width: _Length = 768
@@ -273,8 +270,8 @@ class Scene:
         camera: the camera; None lets the renderer frame the shapes.
         settings: render settings.
         medium: medium that fills all space outside bodies; None for a vacuum.
-        studio_shapes: how many of the first shapes stand in wrt's studio, which the others are; 0 elsewhere.
-        cameras: the cameras of the scene's file by name, in its order; `camera` is one of them, or wrt's own.
+        studio_shapes: how many of the first shapes stand in wrt's studio, which the others are.
+        cameras: the cameras of the scene's file by name.
     """
 
     shapes: list[Shape] = field(default_factory=list)

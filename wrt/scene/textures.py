@@ -55,8 +55,7 @@ class ImageTexture(Description):
     Attributes:
         pixels: (H, W, 3) float32, linear Rec. 709; row 0 is the top, at v = 1.
         name: source of the pixels, for messages.
-        channel: "r", "g" or "b" to use this channel for all three. glTF stores roughness in green and metalness in
-            blue.
+        channel: use this channel for all three.
         factor: multiplies the pixels; for emission, the radiance of white, W·sr⁻¹·m⁻².
         scale: scale of the texture coordinates, one number or two for u and v.
         rotation_degrees: rotation of the texture coordinates.
@@ -154,11 +153,10 @@ class NormalMap(Description):
         filter: whether to filter highlights.
         name: source of the pixels, for messages.
         wrap: as for an ImageTexture.
-        heights: whether the pixels are heights instead, in red: a bump map, whose slopes follow from how the texture is
-            stretched over the mesh. `scale` is in metres then.
-        convention: "gltf", or "mitsuba" for maps made for it: y points along the cross product of the normal and u,
-            normals that face away from the viewer are mirrored about the mesh's own, and light from near the horizon is
-            reduced (Estevez, Lecocq and Stellpflug 2019); or "right-handed", with the first of these only.
+        heights: whether the pixels are heights, in red: a bump map; `scale` is in metres then.
+        convention: "gltf"; "mitsuba": y points along normal × u, normals that face away from the viewer are mirrored,
+            and light from near the horizon is reduced (Estevez, Lecocq and Stellpflug 2019); or "right-handed", with
+            the first of these only.
     """
 
     pixels: Annotated[NDArray[np.float32] | ImageTexture, _encoded_normals] = field(repr=False)

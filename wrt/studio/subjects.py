@@ -56,6 +56,7 @@ def share_of_picture(camera: Camera, points: NDArray[Any], aspect: float) -> flo
         if depth.min() <= 0.0:
             return 1.0
         film, half = film / depth[:, None], float(np.tan(np.radians(camera.fov_degrees) / 2.0))
+        aspect *= camera.pixel_aspect
     else:
         return 1.0
     film = film / np.array([half * aspect, half])

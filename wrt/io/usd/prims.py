@@ -31,6 +31,7 @@ _OF_LIGHTS = tuple(
 
 _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "Mesh": ("points", "faceVertexCounts", "faceVertexIndices", "orientation", "holeIndices"),
+    "Points": ("points",),
     "PointInstancer": ("protoIndices",),
     "Camera": (
         *("verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"),
@@ -92,9 +93,12 @@ class _Prim:
         """Yield the kinds of properties that say something else than the schema does, and were not used."""
         prim, kind = self.prim, str(self.prim.GetTypeName())
         for name in prim.GetAuthoredPropertyNames():
+            attribute = prim.GetAttribute(name)
+            words = attribute.GetMetadata("allowedTokens") if attribute and name in self._used else None
+            if words and (word := attribute.Get(time)) not in (None, *words):
+                yield f"{kind}.{name} {str(word)!r}"
             if name in self._used or name.startswith(_READ_BY_LIBRARY):
                 continue
-            attribute = prim.GetAttribute(name)
             if prim.GetProperty(name).IsCustom():
                 continue  # of no schema
             if not attribute:
@@ -172,7 +176,7 @@ class Description:
             if is_instancer:
                 values = self._instances(prim)
                 walk.PruneChildren()
-            elif kind == "Mesh" or kind in _SOLIDS:
+            elif kind in ("Mesh", "Points", *_SOLIDS):
                 values = {"shape": self._shape(prim, kind)}
             elif kind in _ATTRIBUTES:  # a camera or a light
                 values = {"values": self._values(prim, kind)}
@@ -240,7 +244,7 @@ class Description:
         return {name: self._value(attribute) for name, attribute in attributes.items() if attribute}
 
     def _shape(self, prim: _Prim, kind: str) -> str:
-        """Describe a mesh or a solid, unless it has been, and return its key, which instances of it have too."""
+        """Describe a mesh, points or a solid, unless it has been; return its key, which instances of it have too."""
         key = _key(prim.prim) + self._inherited(prim.prim)
         if key not in self.content["shapes"]:
             primvars = UsdGeom.PrimvarsAPI(prim.prim)
@@ -252,7 +256,13 @@ class Description:
                 "colors": [[name, self._primvar(primvar)] for name, primvar in _colors(primvars).items()],
                 "opacities": self._primvar(primvars.FindPrimvarWithInheritance("displayOpacity")),
             }
-            self.content["shapes"][key] = shape | (self._of_mesh(prim, primvars) if kind == "Mesh" else {})
+            if kind == "Mesh":
+                shape |= self._of_mesh(prim, primvars)
+            elif kind == "Points":
+                widths = self._plain(prim.attribute("widths").Get(self._time))
+                own = [widths, str(UsdGeom.Points(prim.prim).GetWidthsInterpolation())]
+                shape["widths"] = self._primvar(primvars.GetPrimvar("widths")) or own
+            self.content["shapes"][key] = shape
         return key
 
     def _inherited(self, prim: Any) -> str:

@@ -21,7 +21,7 @@ from wrt.io.mesh.parts import NO_ANIMATION, Contents, Part, placed
 from wrt.io.safe_read import require_file
 from wrt.io.usd.lights import Values, camera_of, light_of
 from wrt.io.usd.materials import UsdMaterials
-from wrt.io.usd.meshes import indices, part_of_solid, parts_of_mesh
+from wrt.io.usd.meshes import indices, part_of_points, part_of_solid, parts_of_mesh
 from wrt.io.usd.process import description
 from wrt.linalg import inverse, product
 from wrt.scene.camera import Camera
@@ -69,6 +69,9 @@ WITHOUT_EFFECT = {
     "Mesh.faceVaryingLinearInterpolation": _OF_CAGES,
     "Mesh.interpolateBoundary": _OF_CAGES,
     "Mesh.triangleSubdivisionRule": _OF_CAGES,
+    "Points.ids": "names of points over time",
+    "Points.normals": "spheres have their own",
+    "Points.orientation": "the outside of spheres is known",
     "Material.inputs:*": "values that shaders read; what a shader reads is accounted for there",
     "Material.outputs:*:*": "the same material for other renderers",
     "a prim of type Physics*": "how bodies move",
@@ -128,6 +131,8 @@ class _Reader:
             warn(f"{path}: its unit of length is not a number as it should be; taken as metres")
             self._scale = 1.0
         self._world = np.diag([self._scale, self._scale, self._scale, 1.0])
+        if content["up"] not in ("Y", "Z"):
+            warn(f"{path}: its up axis {content['up']!r} is not one of USD; taken as Y")
         if content["up"] == "Z":
             self._world = product(np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]]), self._world)
         self._materials = UsdMaterials(path, content)
@@ -189,6 +194,8 @@ class _Reader:
                 shape = {**shape, "colors": own or [["displayColor", [np.array([color]), "constant"]]]}
             if shape["kind"] == "Mesh":
                 self._parts[key] = parts_of_mesh(self._path, shape, self._materials)
+            elif shape["kind"] == "Points":
+                self._parts[key] = [part_of_points(shape, self._materials)]
             else:
                 self._parts[key] = [part_of_solid(self._path, shape, self._materials)]
         memory_limits.take(memory_limits.SHAPES, memory_limits.BYTES_PER_SHAPE * len(self._parts[key]))
