@@ -80,7 +80,7 @@ def load(
         frame: True frames everything except floors, backdrops and lamps, from the direction of the view or the camera;
             False keeps the camera. By default a camera in a mesh's file is replaced, with a warning, if the mesh fills
             less than half of its picture.
-        material: replaces the materials of a mesh: a material, a colour, the image file of a texture, or a text such as "gold".
+        material: replaces the materials of a mesh: a material, a colour, an image file, or a text such as "gold".
         environment: replaces the studio's light or the scene's environment: an environment, an image file, or "sky".
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
         double_sided: whether everything is seen from behind, also what a file calls single-sided.

@@ -59,8 +59,8 @@ def develop_image(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Expos
     """Return linear radiance as 8-bit sRGB codes.
 
     Args:
-        image: linear Rec. 709 radiance, row 0 at the top: (H, W, 3); with associated alpha, (H, W, 4); of one channel or
-            a mask, (H, W); or a stack, (N, H, W, C). NaN becomes black.
+        image: linear Rec. 709 radiance, row 0 at the top: (H, W, 3); with associated alpha, (H, W, 4); of one
+            channel or a mask, (H, W); or a stack, (N, H, W, C). NaN becomes black.
         tone: name of the tone curve: "soft", "none", "neutral", "agx", "aces", "ocio" or
             "ocio:CONFIG,DISPLAY,VIEW" (see docs/tone.md).
         exposure: stops (factors of two) by which the picture is brightened first, or "auto". By default 0, unless the
