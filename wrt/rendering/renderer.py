@@ -314,7 +314,8 @@ class Renderer(Picture):
         """
         require_denoiser()
         threads = self.threads if self.device.is_cpu else None
-        return denoise(self.image(), **self.denoising_guides(), threads=threads)
+        guides = self.denoising_guides()
+        return denoise(self.image(), **guides, threads=threads)
 
     def denoising_guides(self) -> dict[str, NDArray[np.float32]]:
         """Return what `denoised` is guided by: "albedo" and "normal", (H, W, 3) each; see `wrt.develop.denoise`.

@@ -58,7 +58,7 @@ def named_material(text: str) -> Material:
         return Diffuse(color_of_text(key, "material"))
     else:
         names = [*LOOKS, *MATERIALS]
-        hint = did_you_mean(key, [*names, *color_names()])
+        hint = did_you_mean(key, names) or did_you_mean(key, color_names())
         raise InputError(f"there is no material {word!r}{hint}; known are colours and {', '.join(names)}")
     parameters = _parameters(cls, assignments, text)
     if parameters.keys() & {"eta", "k", "f0", "metal"}:  # a metal is given in one way only
