@@ -24,7 +24,7 @@ def scene_file(step: int) -> str:
     tables: dict[str, str] = {}
     for text in steps[: step + 1]:
         own: dict[str, str] = {}
-        for table, name in re.findall(r"^(\[+(\w+).*\n(?:[^\[].*\n|\n)*)", text, re.MULTILINE):
+        for table, name in re.findall(r"^(\[+(\w+).*\n(?:[^\[\n].*\n|\n)*)", text, re.MULTILINE):
             own[name] = own.get(name, "") + table
         tables |= own
     return "\n".join(tables.values())

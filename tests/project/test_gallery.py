@@ -12,6 +12,7 @@ import pytest
 from conftest import ROOT
 from PIL import Image
 
+import wrt
 from wrt.scene.camera import CAMERAS
 from wrt.scene.materials import MATERIALS
 from wrt.scene.scene import INTEGRATORS
@@ -31,6 +32,12 @@ def test_docs_show_what_the_gallery_makes():
     shown = {name for page in pages for name in re.findall(r"pictures/([\w-]+)\.jpg", page.read_text(encoding="utf-8"))}
     files = [path.stem for path in (ROOT / "docs" / "pictures").glob("*.jpg")]
     assert sorted(shown) == sorted(files) == sorted([*PICTURES, *OWN_SCRIPT, *SCREENSHOTS])
+
+
+def test_steps_of_the_tutorial_replace_tables_of_its_file():
+    scenes = [pictures.tutorial.make_scene(step) for step in range(3)]
+    assert [(len(scene.shapes), len(scene.lights)) for scene in scenes] == [(2, 0), (2, 0), (2, 2)]
+    assert [type(scene.shapes[0].material) for scene in scenes] == [wrt.Diffuse, wrt.Plastic, wrt.Plastic]
 
 
 @pytest.mark.slow

@@ -341,7 +341,7 @@ class Renderer(Picture):
         require_camera(camera)
         old = self.camera
         if outside_cameras(camera) != outside_cameras(old):
-            names = f"from {type(old).__name__} to {type(camera).__name__}"
+            names = f"from {type(old).__name__} ({old.model}) to {type(camera).__name__} ({camera.model})"
             raise InputError(f"the camera cannot change {names}, which need different kernels; make a new Renderer")
         if (camera.shutter_open, camera.shutter_close) != (old.shutter_open, old.shutter_close):
             raise InputError("the camera must have the same shutter times as before; make a new Renderer")
@@ -395,7 +395,7 @@ class Renderer(Picture):
 
         Returns:
             "total" and "total_of_squares", vec3d sums of samples and of their squares; int32 "count" of samples, and
-            "rejected", those that were not finite and count as black; int64 "rays".
+            "rejected", the ones that were not finite and count as black; int64 "rays".
         """
         return self.film.on_device()
 
