@@ -223,7 +223,8 @@ def options_text() -> str:
         if explained:
             parts.append(listing(explained))
         if same:
-            parts.append(f"As for render: {', '.join(same)}.\n")
+            names = (f"`{re.findall('-+[a-z-]+', key)[0]}`" for key in same)
+            parts.append(f"As for render: {', '.join(names)}.\n")
     return "\n".join(parts)
 
 
