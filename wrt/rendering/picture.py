@@ -59,7 +59,7 @@ class Picture(ABC):
         """Return `image` without most of its noise."""
 
     def alpha(self) -> NDArray[np.float32] | None:
-        """Return (H, W) float32 coverage of a transparent picture, 0 to 1; None for others.
+        """Return (H, W) float32 coverage of a transparent picture, 0 to 1, or None.
 
         It is how much of a pixel shows a surface. `image` holds the radiance of those alone (associated alpha).
         """

@@ -382,7 +382,7 @@ class Renderer(Picture):
 
         Returns:
             "total" and "total_of_squares", vec3d sums of samples and of their squares; int32 "count" of samples, and
-            "rejected", those that were not finite and count as black; int64 "rays".
+            "rejected", the ones that were not finite and count as black; int64 "rays".
         """
         return self.film.on_device()
 

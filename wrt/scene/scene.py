@@ -62,8 +62,8 @@ class Shape(Description):
     Attributes:
         mesh: the triangles.
         material: material of the surface.
-        emission: radiance from its front, per channel, W·sr⁻¹·m⁻², also an image or vertex colours; 0 for that of the
-            material.
+        emission: radiance from its front, per channel, W·sr⁻¹·m⁻², also an image or vertex colours; 0 for the
+            material's.
         two_sided_emission: whether its back emits too.
         name: for messages.
         transform: a (4, 4) affine matrix from the mesh's space to the world, or a `Motion`. Shapes with a transform

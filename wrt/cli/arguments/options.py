@@ -86,7 +86,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
     "--denoise": _flag("remove noise from the picture (needs the extra wrt[denoise])"),
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
-    "--double-sided": _flag("show the backs of all surfaces, also of those that a file calls single-sided"),
+    "--double-sided": _flag("show the backs of all surfaces, also of single-sided ones"),
     "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
     "--quiet": _flag("show only errors and warnings"),
     "--json": _flag("print a summary of each render to standard output as a line of JSON"),
