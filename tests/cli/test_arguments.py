@@ -91,7 +91,7 @@ TYPED = {
     "render x --width=40": "there is no option --width (did you mean '--size'?)",
     "render y.obj -x.obj": "'-x.obj' begins like an option; to name the file, type ./-x.obj",
     "render x --xyzzy": "there is no option --xyzzy (see 'wrt render --help')",
-    "info x y": "unexpected argument 'y' (see 'wrt info --help')",
+    "convert x y z": "unexpected argument 'z' (see 'wrt convert --help')",
     "completion bsh": "argument SHELL: must be one of bash, zsh, fish, not 'bsh' (did you mean 'bash'?)",
     "render x -o a.png -o b.png": "argument -o/--output: given twice, as 'a.png' and as 'b.png'",
     "materials difuse": "there is no material 'difuse' (did you mean 'diffuse'?)",

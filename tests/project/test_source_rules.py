@@ -102,15 +102,17 @@ def test_static_expressions_do_not_hang_on_loop_variables():
 
 ORDER = (
     *("wrt.cli", "wrt.view", "wrt.api", "wrt.progress", "wrt.distributed", "wrt.rendering"),
-    *("wrt.compiling", "wrt.upload", "wrt.backend", "wrt.spmd", "wrt.kernels", "warp"),
-    *("wrt.animation", "wrt.studio", "wrt.io", "wrt.describe", "wrt.develop", "wrt.scene"),
+    *("wrt.compiling", "wrt.upload", "wrt.animation", "wrt.studio", "wrt.io", "wrt.describe", "wrt.develop"),
+    *("wrt.backend", "wrt.spmd", "wrt.kernels", "warp", "wrt.scene"),
 )
 """From the command line down: a folder imports only what comes after it."""
 
+RUN_KERNELS = ("wrt.backend", "wrt.spmd", "wrt.kernels", "warp")
 ABOUT_FILES = ("wrt.animation", "wrt.studio", "wrt.io", "wrt.describe", "wrt.develop")
 APART = {
     **dict.fromkeys(("wrt.upload", "wrt.compiling"), ABOUT_FILES),
-    **dict.fromkeys(("wrt.backend", "wrt.spmd"), (*ABOUT_FILES, "wrt.scene")),
+    **dict.fromkeys(("wrt.backend", "wrt.spmd"), ("wrt.scene",)),
+    **dict.fromkeys(("wrt.animation", "wrt.studio", "wrt.describe", "wrt.develop"), RUN_KERNELS),
 }
 """What comes after a folder and is not for it, either."""
 
