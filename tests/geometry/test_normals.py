@@ -11,6 +11,7 @@ from support.meshes import SQUARE, triangles, write
 
 import wrt
 from wrt.io.load_mesh import load_mesh
+from wrt.io.mesh.creases import creased
 from wrt.io.mitsuba.sdfgrid import isosurface
 from wrt.io.mitsuba.surfaces import is_closed
 from wrt.scene.normals import with_normals
@@ -115,3 +116,21 @@ def test_a_grid_without_a_surface_is_refused(tmp_path: Path) -> None:
     (tmp_path / "scene.xml").write_text(SCENE.format("smooth"), "utf-8")
     with pytest.raises(wrt.InputError, match=r"^[^\n]*one sign[^\n]*$"):
         wrt.load(tmp_path / "scene.xml")
+
+
+def test_the_kernel_of_large_meshes_finds_the_normals_and_creases_of_numpy() -> None:
+    rng = np.random.default_rng(5)
+    sphere = wrt.sphere(subdivisions=4)
+    rough = sphere.vertices + rng.normal(size=sphere.vertices.shape) * 0.03
+    corners = np.stack([rng.permutation(250)[:3] for _ in range(3000)])  # edges of many faces, vertices at one place
+    points = rng.normal(size=(200, 3))[np.r_[:200, :50]]
+    corners = corners[[len(set((face % 200).tolist())) == 3 for face in corners]]
+    for mesh in (sphere, wrt.Mesh(rough, sphere.faces), wrt.Mesh(points, corners)):
+        bare = wrt.Mesh(mesh.vertices, mesh.faces)
+        expected, found = with_normals(bare, 60.0), creased(bare, 60.0)
+        assert found is not None
+        for name in ("vertices", "faces", "normals"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    degenerate, opposite = [[0, 1, 1], [0, 1, 2]], [[0, 1, 2], [0, 2, 1]]
+    for faces in degenerate, opposite:
+        assert creased(wrt.Mesh(np.eye(3), faces), 180.0) is None

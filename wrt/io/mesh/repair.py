@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
+from wrt.io.mesh.creases import smoothed
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, checked_faces, moved, rows_of
 from wrt.io.mesh.points import is_cloud, spheres_of, with_radii
 from wrt.linalg import norm, product
 from wrt.scene.materials import Diffuse, Material
 from wrt.scene.mesh import FARTHEST, LARGEST, SMALLEST, VERTEX_ATTRIBUTES, Mesh, box_around, far_away, merge
-from wrt.scene.normals import CHUNK, CREASE_DEGREES, with_normals
+from wrt.scene.normals import CHUNK, CREASE_DEGREES
 from wrt.scene.scene import Shape
 from wrt.scene.textures import ColorSource, VertexColor
 
@@ -231,12 +232,12 @@ def _smooth(meshes: list[Mesh], parts: list[Part], angle: float) -> list[Mesh]:
     together = [i for i in bare if i not in flat and not parts[i].places]
     kept = flat if len(together) < 2 else flat.union(together)
     groups: list[Any] = [part.smoothing for part in parts]
-    result = [mesh if i in kept else with_normals(mesh, angle, groups[i]) for i, mesh in enumerate(meshes)]
+    result = [mesh if i in kept else smoothed(mesh, angle, groups[i]) for i, mesh in enumerate(meshes)]
     if len(together) < 2:
         return result
     has_groups = all(groups[i] is not None for i in together)  # an OBJ file has some in all parts, or in none
     merged_groups = np.concatenate([groups[i] for i in together]) if has_groups else None
-    merged = with_normals(merge([meshes[i] for i in together], "mesh"), angle, merged_groups)
+    merged = smoothed(merge([meshes[i] for i in together], "mesh"), angle, merged_groups)
     assert merged.normals is not None
     stop = 0
     for i in together:
