@@ -129,8 +129,10 @@ def test_the_kernel_of_large_meshes_finds_the_normals_and_creases_of_numpy() -> 
         bare = wrt.Mesh(mesh.vertices, mesh.faces)
         expected, found = with_normals(bare, 60.0), creased(bare, 60.0)
         assert found is not None
-        for name in ("vertices", "faces", "normals"):
+        for name in ("vertices", "faces"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        # NumPy's arctan2 may differ in the last bit, which shows where a component cancels to nothing.
+        np.testing.assert_allclose(found.normals, expected.normals, rtol=0.0, atol=1e-15)
     degenerate, opposite = [[0, 1, 1], [0, 1, 2]], [[0, 1, 2], [0, 2, 1]]
     for faces in degenerate, opposite:
         assert creased(wrt.Mesh(np.eye(3), faces), 180.0) is None
