@@ -55,7 +55,7 @@ GROUPS: dict[str, str] = {
     "Media": "Medium DensityGrid",
     "Textures": "ImageTexture VertexColor NormalMap",
     "Rays": "Intersector Hits",
-    "Files and pictures": "load_image save_image develop_image save_video turntable save_scene load_density "
+    "Files and pictures": "load_image save_image develop_image show save_video turntable save_scene load_density "
     "load_measurement",
     "Errors": "InputError InputWarning",
 }
