@@ -93,10 +93,11 @@ def views_of(options: RenderOptions) -> list[tuple[str, Output, RenderOptions]]:
     is_file = options.output is not None and len(names) == 1 and not options.output.endswith("/")
     folder = "" if options.output is None or is_file else folder_for(options.output)
     prefix = "" if folder else f"{Path(default_output(options.inputs[0])).stem}-"
+    suffix = ".exr" if options.settings["layers"] else ".png"
     checkpoint = None if options.checkpoint is None else Path(options.checkpoint)
     views: list[tuple[str, Output, RenderOptions]] = []
     for name in names:
-        file = str(options.output) if is_file else os.path.join(folder, f"{prefix}{name}.png")
+        file = str(options.output) if is_file else os.path.join(folder, f"{prefix}{name}{suffix}")
         force = options.force and options.output is not None
         output = Output(file, not is_file, force, checkpoint, pictures)
         views.append((name, output, ViewOptions(**values, seen=cameras[name], shared=shared)))
