@@ -55,7 +55,7 @@ GROUPS: dict[str, str] = {
     "Media": "Medium DensityGrid",
     "Textures": "ImageTexture VertexColor NormalMap",
     "Rays": "Intersector Hits",
-    "Files and pictures": "load_image save_image develop_image save_video turntable save_scene load_density "
+    "Files and pictures": "load_image save_image develop_image show save_video turntable save_scene load_density "
     "load_measurement",
     "Errors": "InputError InputWarning",
 }
@@ -223,7 +223,8 @@ def options_text() -> str:
         if explained:
             parts.append(listing(explained))
         if same:
-            parts.append(f"As for render: {', '.join(same)}.\n")
+            names = (f"`{re.findall('-+[a-z-]+', key)[0]}`" for key in same)
+            parts.append(f"As for render: {', '.join(names)}.\n")
     return "\n".join(parts)
 
 

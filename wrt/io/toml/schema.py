@@ -229,7 +229,7 @@ def _number(
 
 def _color(maximum: float = math.inf) -> list[Schema]:
     grey = _number(minimum=0.0, maximum=maximum)
-    return [grey, array_of(grey, 3, 3)]
+    return [grey, array_of(grey, 3, 3), {"type": "string"}]
 
 
 def _that_vary() -> list[Schema]:
