@@ -286,7 +286,11 @@ def test_a_file_with_lights_is_rendered_as_it_is_and_others_in_the_studio(tmp_pa
     scene = wrt.load(path)
     assert len(scene.shapes) > 1
     assert scene.camera.origin == (0.5, 0.5, 2.0)
-    check_refused("an up axis is for files without lights and cameras", lambda path: wrt.load(path, up="z"), path)
+    turned = wrt.load(path, up="z", frame=False)  # (x, y, z) becomes (x, z, -y)
+    assert turned.camera.origin == pytest.approx((0.5, 2.0, -0.5))
+    np.testing.assert_allclose(turned.shapes[0].bounds, [[0, 0, -1], [1, 0, 0]], atol=1e-6)
+    lit = saved(tmp_path, tree_with([light(0)]))
+    check_refused("an up axis is for files without lights", lambda path: wrt.load(path, up="z"), lit)
 
 
 def test_dark_lights_light_nothing(tmp_path):
