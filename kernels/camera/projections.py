@@ -84,7 +84,7 @@ def _fisheye_ray(camera: Camera, x: float, y: float, u_lens: wp.vec2) -> CameraR
     result.ray.direction = wp.normalize(
         camera.forward * wp.cos(angle) + camera.right * (x * across) + camera.up * (y * across)
     )
-    result.footprint = wp.vec2(0.0, camera.pixel[1] * wp.abs(across))
+    result.footprint = wp.vec2(0.0, wp.min(camera.pixel[0], camera.pixel[1]) * wp.abs(across))
     result.visible = angle <= camera.limit
     return result
 

@@ -44,6 +44,130 @@ def test_rays_of_camera_matrices_meet_what_opencv_projects(device):
         assert (same.shift_x, same.shift_y) == pytest.approx((camera.shift_x, camera.shift_y))
 
 
+def brown(x, y, coefficients):
+    """Return distorted points as in OpenCV's documentation of calib3d."""
+    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
+    s = x**2 + y**2
+    factor = (1 + k1 * s + k2 * s**2 + k3 * s**3) / (1 + k4 * s + k5 * s**2 + k6 * s**3)
+    return (
+        x * factor + 2 * p1 * x * y + p2 * (s + 2 * x**2),
+        y * factor + p1 * (s + 2 * y**2) + 2 * p2 * x * y,
+    )
+
+
+def fisheye(angle, coefficients):
+    """Return the radius of an angle as in OpenCV's documentation of fisheyes."""
+    return angle * (1 + sum(k * angle ** (2 * i) for i, k in enumerate(coefficients, 1)))
+
+
+def distorted_pixels(points, k, r, t, coefficients):
+    x, y, z = (points @ r.T + t).T
+    if len(coefficients) == 8:
+        x, y = brown(x / z, y / z, coefficients)
+    else:
+        across = np.hypot(x, y)
+        scale = fisheye(np.arctan2(across, z), coefficients) / across
+        x, y = x * scale, y * scale
+    return np.stack([k[0, 0] * x + k[0, 2], k[1, 1] * y + k[1, 2]], axis=1)
+
+
+def random_coefficients(rng, kind):
+    """Return k1, k2, p1, p2, k3, k4, k5, k6 of barrels and pincushions, or k1 to k4 of a fisheye."""
+    if kind is wrt.FisheyeCamera:
+        return rng.uniform(-1, 1, 4) * [0.1, 0.05, 0.02, 0.01]
+    return rng.uniform(-1, 1, 8) * [0.4, 0.2, 0.01, 0.01, 0.1, 0.2, 0.1, 0.05]
+
+
+@pytest.mark.parametrize("kind", [wrt.PerspectiveCamera, wrt.FisheyeCamera])
+def test_rays_of_lenses_that_distort_meet_what_opencv_projects(kind, device):
+    shares = []
+    for rng, k, r, t, width, height in random_cameras(4):
+        coefficients = random_coefficients(rng, kind)
+        pixels = rng.uniform(-0.5, np.array([width, height]) - 0.5, (64, 2))
+        camera = kind.from_opencv(k, r, t, width, height, distortion=coefficients)
+        rays = camera_rays(camera, width, height, pixels + 0.5, device=device)
+        points = rays.origins + rays.directions * rng.uniform(1.0, 50.0, (64, 1))
+        seen = rays.visible
+        np.testing.assert_allclose(distorted_pixels(points, k, r, t, coefficients)[seen], pixels[seen], atol=0.01)
+        np.testing.assert_allclose(camera.project(points, width, height)[seen] - 0.5, pixels[seen], atol=0.01)
+        shares.append(seen.mean())
+    assert np.mean(shares) > 0.8
+    assert min(shares) > 0.1
+
+
+@pytest.mark.parametrize("kind", [wrt.PerspectiveCamera, wrt.FisheyeCamera])
+def test_only_pixels_without_an_inverse_are_black(kind, device):
+    """They lie beyond the largest radius that the model reaches before it folds over."""
+    black = 0
+    for rng, k, r, t, width, height in random_cameras(5):
+        coefficients = random_coefficients(rng, kind) * (
+            [1, 1, 0, 0, 1, 1, 1, 1] if kind is wrt.PerspectiveCamera else 1
+        )
+        angles = np.linspace(0.0, np.radians(89.9) if kind is wrt.PerspectiveCamera else np.pi, 100_000)
+        with np.errstate(all="ignore"):
+            radii = (
+                fisheye(angles, coefficients)
+                if kind is wrt.FisheyeCamera
+                else brown(np.tan(angles), 0.0 * angles, coefficients)[0]
+            )
+        folds = np.flatnonzero(~(np.diff(radii) > 0.0))
+        reach = radii[folds[0] if len(folds) else -1]
+        pixels = rng.uniform(-0.5, np.array([width, height]) - 0.5, (64, 2))
+        camera = kind.from_opencv(k, r, t, width, height, distortion=coefficients)
+        visible = camera_rays(camera, width, height, pixels + 0.5, device=device).visible
+        film = np.hypot(*((pixels - k[:2, 2]) / [k[0, 0], k[1, 1]]).T)
+        clear = np.abs(film - reach) > 1e-3
+        np.testing.assert_array_equal(visible[clear], film[clear] < reach)
+        black += (~visible).sum()
+    assert black > 20
+
+
+@pytest.mark.parametrize("kind", [wrt.PerspectiveCamera, wrt.FisheyeCamera])
+def test_the_motion_of_a_distorted_picture(kind, device):
+    """Points of a wall, seen by a camera that moves, go from where it projects them to where it does so later."""
+    motion = wrt.Motion.translation((0.2, 0.1, 0.3))
+    lens = {"distortion": (-0.1, 0.02, 0.01, 0.02), "shutter_close": 1.0, "motion": motion}
+    camera = kind((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=70.0, **lens)
+    scene = wrt.Scene(camera=camera)
+    scene.add(wrt.quad((-9, -9, 0), (18, 0, 0), (0, 18, 0)))
+    names = ("position", "motion", "object")
+    renderer = wrt.Renderer(scene, width=40, height=30, integrator="aov", layers=names, device=device)
+    for _ in renderer.passes(spp=2):
+        pass
+    layers = {name: layer.reshape(1200, -1) for name, layer in renderer.layers().items()}
+    before, after = (camera.project(layers["position"], 40, 30, time=time) for time in (0.0, 1.0))
+    seen = np.isfinite(before + after).all(axis=1) & (layers["object"][:, 0] == 1)
+    assert seen.mean() > 0.5
+    np.testing.assert_allclose(layers["motion"][seen], (after - before)[seen], atol=1e-3)
+
+
+def test_lenses_of_scene_files(tmp_path):
+    for camera in (
+        wrt.PerspectiveCamera(distortion=(-0.1, 0.02, 0.0, 0.0, 0.3), pixel_aspect=1.01),
+        wrt.FisheyeCamera(distortion=(-0.1, 0.02), circular=False, shift_x=0.1),
+    ):
+        scene = wrt.Scene(camera=camera)
+        scene.add(wrt.sphere())
+        wrt.save_scene(tmp_path / f"{camera.type_name}.toml", scene)
+        assert wrt.load(tmp_path / f"{camera.type_name}.toml").camera == camera
+
+
+def test_distortion_is_checked_and_kept():
+    camera = wrt.PerspectiveCamera(distortion=np.array([[0.1, 0.0, 0.0, 0.0, 0.0, *[0.0] * 9]]))
+    assert camera.distortion == (0.1,)
+    assert wrt.PerspectiveCamera(distortion=[0.0] * 5) == wrt.PerspectiveCamera()
+    for kind, value, message in (
+        (wrt.PerspectiveCamera, [0.0] * 8 + [0.1], "camera distortion has coefficients beyond k1, k2, p1, p2, k3, k4,"),
+        (wrt.FisheyeCamera, [0.1] * 5, "camera distortion has coefficients beyond k1, k2, k3, k4, which wrt does not"),
+        (wrt.PerspectiveCamera, ["a"], "camera distortion must be an array of numbers"),
+        (wrt.PerspectiveCamera, [np.inf], "camera distortion[0] must be finite"),
+    ):
+        with pytest.raises(wrt.InputError, match=re.escape(message)):
+            kind(distortion=value)
+    with pytest.raises(wrt.InputError, match="PanoramaCamera has no focal lengths; take a PerspectiveCamera or a Fish"):
+        wrt.PanoramaCamera.from_opencv(K, width=100, height=80)
+
+
 def test_poses_of_both_conventions_and_rotation_vectors():
     _, k, r, t, width, height = next(random_cameras(2))
     camera = wrt.PerspectiveCamera.from_opencv(k, r, t, width, height)

@@ -60,6 +60,12 @@ CAMERAS = {
         (ORIGIN, np.cos(THETA) * FORWARD + np.sin(THETA) * (X * RIGHT + Y * UP) / np.maximum(RHO, 1e-30)),
     ),
 }
+LENSES = {
+    "barrel": wrt.PerspectiveCamera(**POSE, fov_degrees=50.0, distortion=(-0.3, 0.1)),
+    "pincushion": wrt.PerspectiveCamera(**POSE, fov_degrees=50.0, distortion=(0.3, 0.1, 0.001, 0.002)),
+    "bent fisheye": wrt.FisheyeCamera(**POSE, fov_degrees=160.0, distortion=(-0.05, 0.01), circular=False, shift_x=0.1),
+}
+"""Cameras whose rays tests/camera/test_camera_matrices.py checks."""
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -75,10 +81,10 @@ def test_rays_are_those_of_the_formula(name, device):
     assert error(dataclasses.replace(camera, **change)) > 5e-4
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("name", [*CAMERAS, *LENSES])
 def test_a_pixel_is_as_wide_as_its_rays_are_apart(name, device):
     """Its narrower side is the smaller singular value of how points at a distance move with the film."""
-    camera, distance, step = CAMERAS[name][0], 7.0, 0.25
+    camera, distance, step = LENSES[name] if name in LENSES else CAMERAS[name][0], 7.0, 0.25
     rays = camera_rays(camera, WIDTH, HEIGHT, FILM, device=device)
 
     def point(*offset):

