@@ -129,7 +129,7 @@ def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any)
         options: as for `load`; a width and a height among the settings are the aspect.
 
     Raises:
-        InputError: see `load`; also if the picture is to be denoised and the extra wrt[denoise] is not installed.
+        InputError: see `load`; also if the picture is to be denoised and Open Image Denoise is not installed.
     """
     width, height = settings.get("width"), settings.get("height")
     if settings.get("background") is not None:

@@ -12,7 +12,7 @@ from wrt.develop import denoise as denoising
 from wrt.develop.denoise import denoise
 
 needs_denoiser = pytest.mark.skipif(
-    importlib.util.find_spec(denoising.PACKAGE) is None, reason="the extra wrt[denoise] is not installed"
+    importlib.util.find_spec(denoising.PACKAGE) is None, reason="Open Image Denoise has no wheel here"
 )
 SIZE = {"width": 64, "height": 64}
 

@@ -87,7 +87,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--camera": _value("NAME", str, "name or number, from 0, of one of the input's cameras (default: the first)",
         dest="camera"),
     "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
-    "--denoise": _flag("remove noise from the picture (needs the extra wrt[denoise])"),
+    "--denoise": _flag("remove noise from the picture"),
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
     "--double-sided": _flag("show the backs of all surfaces, also of single-sided ones"),
     "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
