@@ -69,8 +69,8 @@ def load(
             in doubt z for STL and OFF, and y for the others. A trimesh object follows the type of its file, and without
             one is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        camera: a camera; or the name of one of the source's cameras, or its number from 0; by default the first, with
-            a warning if there are several.
+        camera: a camera in the coordinates of the source, which is then neither turned nor scaled; or the name of one of
+            the source's cameras, or its number from 0; by default the first, with a warning if there are several.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
             The default is what the format says, or 60.
         strict: whether unsupported content raises an error instead of a warning.
@@ -101,13 +101,12 @@ def load(
     reading["camera"] = None if isinstance(camera, Camera) else camera
     reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
-    stage = Stage(view, frame, material, environment, transparent, aspect, time)
+    own = camera if isinstance(camera, Camera) else None
+    stage = Stage(view, frame, material, environment, transparent, aspect, time, camera=own)
     with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
         folder = confinement_folder() if file is not source else _folder_of(source)
         with confined_to(folder) if confined else contextlib.nullcontext():
             scene = _load(file, reading, stage)
-    if isinstance(camera, Camera):
-        scene = dataclasses.replace(scene, camera=camera)
     if double_sided and not all(shape.double_sided for shape in scene.shapes):
         scene = dataclasses.replace(scene, shapes=[_both_sides(shape) for shape in scene.shapes])
     if confined and scene is not source and names_file(scene.settings.tone):
@@ -217,7 +216,7 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     from wrt.io.trimesh_objects import file_type
 
     source = as_trimesh(source)
-    scene = load_object(source, standalone=True, **surface)
+    scene = load_object(source, standalone=True, in_place=stage.camera is not None, **surface)
 
     return _present(source, scene, reading["up"], file_type(source), stage)
 
@@ -269,9 +268,10 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
     up = reading["up"]
-    scene = load_file(path, time=stage.time, standalone=stage.time is None, **surface)
+    keeps_place = stage.camera is not None
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=keeps_place, **surface)
     scene = with_camera(path, scene, camera)
-    if camera is None and stage.view is None:
+    if camera is None and stage.view is None and stage.camera is None:
         note_several(path, list(scene.cameras))
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up
@@ -312,10 +312,11 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         stage: how to show it.
     """
     name = name_of(source)
-    if up is None and not (scene.lights or scene.camera):
+    fixed = scene.lights or scene.camera or stage.camera
+    if up is None and not fixed:
         from wrt.studio.orientation import guess_up
 
         up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
-    if up not in (None, "y") and (scene.lights or scene.camera):
+    if up not in (None, "y") and fixed:
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))

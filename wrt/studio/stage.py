@@ -45,6 +45,7 @@ class Stage:
         transparent: whether the picture shows neither backdrop nor environment, but how much of each pixel is covered.
         aspect: width of the picture over its height; None to take it from the source's settings.
         time: the time of the source's animation, seconds; None for the source at rest.
+        camera: a camera in the source's own coordinates, in place of its own.
         reach: what that animation shows at all times, if there is a time; the studio and its camera are made for it.
     """
 
@@ -56,6 +57,7 @@ class Stage:
     aspect: float | None = None
     time: float | None = None
     reach: Reach | None = None
+    camera: Camera | None = None
 
     def __post_init__(self) -> None:
         """Check the options, as a person gives them, and keep the things that they stand for.
@@ -89,7 +91,7 @@ class Stage:
             raise InputError(f"{FOR_ANIMATIONS}; --frames renders a scene's own keyframes")
         if self.material is not None:
             raise InputError("a material is for meshes; the shapes of a scene have their own")
-        settings, camera = scene.settings, scene.camera
+        settings, camera = scene.settings, self.camera or scene.camera
         if self.transparent:
             settings = dataclasses.replace(settings, transparent=True)
         if self.frame or self.view is not None or (self.reach is not None and camera is None):
@@ -129,7 +131,7 @@ class Stage:
             up: the axis that points up.
             neutral: whether the studio's light is that of glTF's viewers.
         """
-        shapes, camera = scene.shapes, scene.camera
+        shapes, camera = scene.shapes, self.camera or scene.camera
         if self.material is not None:
             shapes = [dataclasses.replace(shape, material=self.material, emission=0.0) for shape in shapes]
         if self.frame or self.view is not None:
@@ -140,7 +142,12 @@ class Stage:
             return dataclasses.replace(self, material=None, time=None).shown(lit)
         if scene.lights and self.environment is None:
             warn(f"{name_of(source)}: its lights are dark, so the studio lights it", UserWarning)
-        if camera is not None and self.frame is None and isinstance(source, (str, os.PathLike)):
+        if (
+            camera is not None
+            and camera is not self.camera
+            and self.frame is None
+            and isinstance(source, (str, os.PathLike))
+        ):
             camera = self._worth_keeping(source, shapes, camera)
         made = present(
             shapes,
