@@ -69,8 +69,8 @@ def load(
             in doubt z for STL and OFF, and y for the others. A trimesh object follows the type of its file, and without
             one is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        camera: a camera in the coordinates of the source, which is then neither turned nor scaled; or the name of one of
-            the source's cameras, or its number from 0; by default the first, with a warning if there are several.
+        camera: a camera in the coordinates of the source, which is then neither turned nor scaled; or the name of one
+            of the source's cameras, or its number from 0; by default the first, with a warning if there are several.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
             The default is what the format says, or 60.
         strict: whether unsupported content raises an error instead of a warning.

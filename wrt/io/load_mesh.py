@@ -208,10 +208,10 @@ def _scene(
     contents: Contents,
     smooth_degrees: float | None,
     *,
-    standalone: bool = False,
+    movable: bool = False,
     point_radius: float | None = None,
 ) -> Scene:
-    movable = standalone and not (contents.lights or contents.cameras)
+    movable = movable and not (contents.lights or contents.cameras)
     shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees, point_radius)
     names = unique(name for name, _ in contents.cameras)
     cameras = dict(zip(names, (camera for _, camera in contents.cameras), strict=True))
