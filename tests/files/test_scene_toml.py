@@ -3,7 +3,6 @@
 import json
 import re
 import typing
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from wrt.scene.srgb import linear_from_srgb
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     write_beside(tmp_path)
     return tmp_path
 
