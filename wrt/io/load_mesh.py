@@ -114,7 +114,7 @@ def load_file(
     with naming_file(file), hinting(file):
         contents = _contents(file, read_file(file), time)
         return _scene(
-            str(file), contents, smooth_degrees, standalone=standalone and not in_place, point_radius=point_radius
+            str(file), contents, smooth_degrees, movable=standalone and not in_place, point_radius=point_radius
         )
 
 
@@ -193,9 +193,7 @@ def load_object(
     from wrt.io.trimesh_objects import read_object
 
     contents = read_object(as_trimesh(source))
-    return _scene(
-        OF_TRIMESH, contents, smooth_degrees, standalone=standalone and not in_place, point_radius=point_radius
-    )
+    return _scene(OF_TRIMESH, contents, smooth_degrees, movable=standalone and not in_place, point_radius=point_radius)
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = None) -> list[Shape]:

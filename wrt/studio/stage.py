@@ -142,12 +142,8 @@ class Stage:
             return dataclasses.replace(self, material=None, time=None).shown(lit)
         if scene.lights and self.environment is None:
             warn(f"{name_of(source)}: its lights are dark, so the studio lights it", UserWarning)
-        if (
-            camera is not None
-            and camera is not self.camera
-            and self.frame is None
-            and isinstance(source, (str, os.PathLike))
-        ):
+        from_file = camera is not self.camera and isinstance(source, (str, os.PathLike))
+        if camera is not None and from_file and self.frame is None:
             camera = self._worth_keeping(source, shapes, camera)
         made = present(
             shapes,
