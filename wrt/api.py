@@ -41,6 +41,7 @@ def load(
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     camera: Camera | int | str | None = None,
+    cameras: PathLike | None = None,
     smooth_degrees: float | None = None,
     strict: bool = False,
     confined: bool = False,
@@ -69,8 +70,10 @@ def load(
             in doubt z for STL and OFF, and y for the others. A trimesh object follows the type of its file, and without
             one is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        camera: a camera in the coordinates of the source, which is then neither turned nor scaled; or the name of one
-            of the source's cameras, or its number from 0; by default the first, with a warning if there are several.
+        camera: a camera, for which the source keeps its place, too; or the name of one of the source's cameras, or its
+            number from 0; by default the first, with a warning if there are several.
+        cameras: a file of cameras, see `wrt.load_cameras`, which replace the source's; `camera` chooses among them. The
+            source keeps its place, and gets no backdrop from the studio.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
             The default is what the format says, or 60.
         strict: whether unsupported content raises an error instead of a warning.
@@ -97,12 +100,22 @@ def load(
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
     smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
+    others: dict[str, Camera] = {"camera": camera} if isinstance(camera, Camera) else {}
+    if cameras is not None:
+        from wrt.io.camera_files import load_cameras
+        from wrt.io.cameras import number_of
+
+        if isinstance(camera, Camera):
+            raise InputError("choose a camera or a file of cameras")
+        others = {name: found.camera for name, found in load_cameras(cameras).items()}
+        first = list(others)[0 if camera is None else number_of(cameras, list(others), camera)]
+        others = {first: others[first], **others}
+        camera, frame = None, False if frame is None and view is None else frame
     reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None}
     reading["camera"] = None if isinstance(camera, Camera) else camera
     reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
-    own = camera if isinstance(camera, Camera) else None
-    stage = Stage(view, frame, material, environment, transparent, aspect, time, camera=own)
+    stage = Stage(view, frame, material, environment, transparent, aspect, time, cameras=others)
     with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
         folder = confinement_folder() if file is not source else _folder_of(source)
         with confined_to(folder) if confined else contextlib.nullcontext():
@@ -216,7 +229,7 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     from wrt.io.trimesh_objects import file_type
 
     source = as_trimesh(source)
-    scene = load_object(source, standalone=True, in_place=stage.camera is not None, **surface)
+    scene = load_object(source, standalone=True, in_place=bool(stage.cameras), **surface)
 
     return _present(source, scene, reading["up"], file_type(source), stage)
 
@@ -268,10 +281,9 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
     up = reading["up"]
-    keeps_place = stage.camera is not None
-    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=keeps_place, **surface)
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=bool(stage.cameras), **surface)
     scene = with_camera(path, scene, camera)
-    if camera is None and stage.view is None and stage.camera is None:
+    if camera is None and stage.view is None and not stage.cameras:
         note_several(path, list(scene.cameras))
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up
@@ -311,12 +323,15 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
-    name = name_of(source)
-    fixed = scene.lights or scene.camera or stage.camera
-    if up is None and not fixed:
+    name, scene = name_of(source), stage.with_cameras(scene)
+    if up is None and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
         up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
-    if up not in (None, "y") and fixed:
-        raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
+    if up not in (None, "y") and (scene.lights or scene.camera):
+        if scene.lights or stage.time is not None:
+            raise InputError(f"{name}: an up axis is for files without lights and animations: it would not turn these")
+        from wrt.studio.presentation import upright
+
+        scene, up = upright(scene, up), "y"
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
