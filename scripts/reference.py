@@ -26,6 +26,7 @@ import wrt
 from wrt.cli.arguments.options import make_parser
 from wrt.cli.arguments.parser import commands_of
 from wrt.describe.docstrings import meanings_of, plain, summary_of
+from wrt.io.toml.reader import shape_makers
 from wrt.io.toml.schema import scene_schema, schema_text
 from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS
@@ -48,54 +49,96 @@ GROUPS: dict[str, str] = {
     "Scenes": "Scene Shape RenderSettings",
     "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon",
     "Motion": "Motion Deformation",
-    "Cameras": f"Camera {_names(CAMERAS)} register_camera",
+    "Cameras": f"Camera {_names(CAMERAS)} load_cameras FileCamera register_camera",
     "Lights": f"{_names(LIGHTS)} {_names(ENVIRONMENTS)} Light register_light",
     "Materials": f"Material {_names(MATERIALS)} Measurement register_material",
     "Media": "Medium DensityGrid",
     "Textures": "ImageTexture VertexColor NormalMap",
     "Rays": "Intersector Hits",
-    "Files and pictures": "load_image save_image develop_image save_video turntable save_scene load_density "
+    "Files and pictures": "load_image save_image develop_image show save_video turntable save_scene load_density "
     "load_measurement",
     "Errors": "InputError InputWarning",
 }
 """The public names by subject, in the order in which a reader meets them."""
 
 INTERNAL_MEMBERS = {
-    "arguments_for",
-    "check",
-    "has_updated_vertices",
-    "require_own_tone",
-    "restore",
-    "share",
-    "with_backend",
+    *(
+        "arguments_for",
+        "denoising_guides",
+        "check",
+        "greatest",
+        "half_angles",
+        "has_updated_vertices",
+        "is_isotropic",
+        "is_rigid",
+        "keys_of",
+    ),
+    *("moves", "needs_tangents", "outline", "parts", "reduction", "renders_light", "require_fit", "require_own_tone"),
+    *("restore", "share", "shines", "table_key", "taking", "with_backend"),
+    *dir(tuple),
 }
-"""Members without an underscore that only wrt itself calls."""
+"""Members without an underscore that only wrt itself calls, or that a named tuple has."""
+
+
+BASES_OF_SCENE_FILES = {
+    wrt.Camera: "scene-format.md#camera",
+    wrt.Material: "scene-format.md#materialsname",
+}
+"""Classes whose members this page explains, and the places of their fields."""
 
 
 def names_text() -> str:
     """Return signature, summary, arguments and errors of every public name, and the members of classes."""
     parts = []
+    explained: dict[tuple[str, str], str] = {}
     for title, listed in GROUPS.items():
-        parts += [f"## {title}\n", *map(entry_of, listed.split())]
+        parts += [f"## {title}\n", *(entry_of(name, explained) for name in listed.split())]
     return "\n".join(parts)
 
 
-def entry_of(name: str) -> str:
-    """Return the entry of a public name. Classes of scene files are explained on the page of these."""
+def entry_of(name: str, explained: dict[tuple[str, str], str]) -> str:
+    """Return the entry of a public name. Classes of scene files are explained on the page of these.
+
+    Args:
+        name: the public name.
+        explained: the name under which each row, a key and its meaning, was listed first; new ones are added.
+    """
     thing = getattr(wrt, name)
     heading = f"### wrt.{name}\n\n`wrt.{name}{signature_of(thing)}`"
     if place := scene_file_section(thing):
-        return f"{heading}: [its fields]({place}).\n"
+        short = re.sub(r"[*], .*[)]`$", "*, ...)`", heading)
+        made = {
+            use: text
+            for use, text in members_of(thing).items()
+            if use.startswith("`from_") and use[1:].partition("(")[0] in vars(thing)
+        }
+        if thing is wrt.Medium:  # a type of scene files explains the arguments of each
+            made = {use: text.partition(" `")[0] for use, text in made.items()}
+        meaning = "its fields" if inspect.isclass(thing) else "its arguments"
+        return f"{short}: [{meaning}]({place}).\n" + (f"\nMembers:\n\n{listing(made)}" if made else "")
     parts = [f"{heading}\n\n{summary_of(thing)}\n"]
     is_class = inspect.isclass(thing)
     for kind, documented in {"Arguments": getattr(thing, "__init__", None), "Fields": thing}.items():
-        if documented and (meanings := meanings_of(documented)):
+        if place := BASES_OF_SCENE_FILES.get(thing) if documented is thing else None:
+            parts.append(f"[Its fields]({place}).\n")
+        elif documented and (meanings := meanings_of(documented)):
             title = f"{kind}:\n\n" if is_class else ""
-            parts.append(title + listing({f"`{key}`": meaning for key, meaning in meanings.items()}))
+            parts.append(title + rows_of(name, {f"`{key}`": meaning for key, meaning in meanings.items()}, explained))
     parts += [f"{title}: {text}\n" for title, text in results_of(thing).items()]
     if is_class and not issubclass(thing, Exception) and (members := members_of(thing)):
-        parts.append("Members:\n\n" + listing(members))
+        parts.append("Members:\n\n" + rows_of(name, members, explained))
     return "\n".join(parts)
+
+
+def rows_of(name: str, meanings: dict[str, str], explained: dict[tuple[str, str], str]) -> str:
+    """Return a list of names and their meanings; longer ones that an earlier entry has word for word, by name alone."""
+    likewise: dict[str, list[str]] = {}
+    for row in meanings.items():
+        place = name if row[1].count(" ") < 3 else explained.setdefault(row, name)
+        likewise.setdefault(place, []).append(row[0])
+    own = {key: meanings[key] for key in likewise.pop(name, [])}
+    same = "".join(f"- as for `wrt.{other}`: {', '.join(keys)}\n" for other, keys in likewise.items())
+    return listing(own) + same
 
 
 def signature_of(thing: Callable[..., Any]) -> str:
@@ -123,11 +166,12 @@ def scene_file_section(thing: Any) -> str:
         wrt.ImageTexture: "textures",
         wrt.VertexColor: "values-that-vary",
         wrt.NormalMap: "normal-maps",
+        wrt.Medium: "medianame",
         (wrt.ConstantEnvironment, wrt.SphericalHarmonicsEnvironment, wrt.SunSkyEnvironment): "environment",
     }.items():
         if inspect.isclass(thing) and issubclass(thing, base) and thing not in (wrt.Camera, wrt.Material, wrt.Light):
             return f"scene-format.md#{anchor}"
-    return ""
+    return "scene-format.md#shapes" if thing in shape_makers().values() else ""
 
 
 def results_of(thing: Any) -> dict[str, str]:
@@ -179,7 +223,8 @@ def options_text() -> str:
         if explained:
             parts.append(listing(explained))
         if same:
-            parts.append(f"As for render: {', '.join(same)}.\n")
+            names = (f"`{re.findall('-+[a-z-]+', key)[0]}`" for key in same)
+            parts.append(f"As for render: {', '.join(names)}.\n")
     return "\n".join(parts)
 
 
@@ -228,16 +273,20 @@ def keys_text(name: str) -> str:
             )
     common = {key: row for key, row in first.items() if all(keys.get(key) == row for keys in all_keys.values())}
     parts = [f"Keys of every type:\n\n{list_of_keys(common)}"] if common else []
-    explained: dict[str, tuple[str, list[str]]] = {}
+    explained: dict[tuple[str, ...], str] = {}
     for kind, keys in all_keys.items():
         about = definitions[f"{name}-{kind}"].get("description", "").removeprefix("Return ")
         parts.append(f'### type = "{kind}"\n\n{about[:1].upper()}{about[1:]}\n')
         likewise: dict[str, list[str]] = {}
+        shown = {}
         for key, row in keys.items():
-            if key not in common and key in explained and explained[key][1] == row:
-                likewise.setdefault(explained[key][0], []).append(f"`{key}`")
-        shown = {key: row for key, row in keys.items() if key not in common and explained.get(key, ("", []))[1] != row}
-        explained |= {key: (kind, row) for key, row in shown.items() if key not in explained}
+            if key in common:
+                continue
+            place = explained.setdefault((key, *row), kind)
+            if place == kind:
+                shown[key] = row
+            else:
+                likewise.setdefault(place, []).append(f"`{key}`")
         if shown:
             parts.append(list_of_keys(shown))
         if likewise:
@@ -263,8 +312,10 @@ def list_of_keys(keys: dict[str, list[str]]) -> str:
     """Return a list of keys, each with its value, default and meaning."""
     meanings = {}
     for key, (kind, default, meaning) in keys.items():
-        prefix = "" if default == "required" else "default "
-        meanings[f"`{key}` ({kind}{f'; {prefix}{default}' if default else ''})"] = meaning
+        if default in ("", "required"):
+            meanings[f"`{key}` ({kind}{default and '; required'})"] = meaning
+        else:
+            meanings[f"`{key}={default.strip('`')}` ({kind})"] = meaning
     return listing(meanings)
 
 
@@ -275,7 +326,9 @@ def meaning_of(value: dict[str, Any], kind: str) -> str:
     text = re.sub(r"one of [A-Z_]+; ", "", text)
     text = re.sub(r"\bNone (is|for)\b", "by default", text)
     text = re.sub(",? per channel", "", text) if kind.startswith("colour") else text
-    text = re.sub(r", 0 (to|and at most) 1\b", "", text) if " 0 to 1" in kind else text
+    if limits := re.search(r"(?:above )?(\S+) (?:up )?to ([\d.]+)", kind.replace(",", "")):  # "0 to 1" in the text, too
+        low, high = re.escape(limits[1]), re.escape(limits[2])
+        text = re.sub(rf",? (?:above )?{low} (?:to|and at most) {high}\b,?", "", text)
     return text[:1].upper() + text[1:]
 
 

@@ -1,4 +1,4 @@
-"""`load` and `render`: from a file, mesh or scene to a picture."""
+"""`load`: from a file, a mesh or an object to a scene."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import os
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
 from wrt.io.archives import first_of, unpacked
 from wrt.io.file_type import renderable
 from wrt.io.safe_read import PathLike, confined_to, confinement_folder
+from wrt.scene.camera import Camera
 from wrt.scene.developing import names_file
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
@@ -25,10 +25,7 @@ from wrt.scene.mesh import Mesh
 from wrt.scene.scene import RenderSettings, Scene, Shape
 from wrt.studio.stage import FOR_ANIMATIONS, Stage
 from wrt.studio.views import ViewLike
-from wrt.values import number
-
-if TYPE_CHECKING:
-    from wrt.rendering.renderer import Renderer
+from wrt.values import ColorLike, number
 
 MOST_NAMES = 10_000
 """Maximum number of file names in a folder to search for one similar to a missing file's."""
@@ -43,13 +40,13 @@ def load(
     triangles: int | None = None,
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
-    camera: int | str | None = None,
+    camera: Camera | int | str | None = None,
     smooth_degrees: float | None = None,
     strict: bool = False,
     confined: bool = False,
     view: ViewLike | None = None,
     frame: bool | None = None,
-    material: Material | str | None = None,
+    material: Material | ColorLike | PathLike | None = None,
     environment: Environment | PathLike | None = None,
     transparent: bool = False,
     double_sided: bool = False,
@@ -62,44 +59,36 @@ def load(
 
     Args:
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
-            PLY, STL, OFF, GLB, glTF); an archive (.zip, .gz, .bz2) with one of these, or `archive.zip/scene.xml`; bytes
-            or an open file; a trimesh object, a Mesh, or a Scene (returned unchanged).
-            Meshes are put into a studio (see `wrt.studio.presentation`) unless their file has lights; a camera in the
-            file is kept if it shows the mesh well. A trimesh object is read like its file, as far as trimesh keeps the
-            file's content: materials, colours, up axis, camera and lights.
+            PLY, STL, OFF, GLB, glTF); an archive (.zip, .gz, .bz2) with one of these, or archive.zip/scene.xml; bytes
+            or an open file; an object of trimesh, PyVista, Open3D, or with `vertices` and `faces`; a `Mesh`,
+            or a `Scene` (returned unchanged). Meshes are put into a studio unless their file has lights; a camera in
+            the file is kept if it shows the mesh well.
         triangles: number of triangles of a scene's procedural meshes.
-        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF and z for 3MF, by
-            their specifications, and y for a Mesh, which has wrt's axes; a COLLADA file names its own. For other files
-            it is the one of y and z on which the mesh stands (see `wrt.studio.orientation.guess_up`); in doubt z for
-            STL and OFF, as most programs write them, and y for the others. A trimesh object follows the type of the
-            file it was loaded from; an object that was not loaded from a file, or was copied, is treated like an OBJ
-            file.
+        up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF and a `Mesh`, z for
+            3MF, and what a COLLADA or USD file says. For other files it is the one of y and z on which the mesh stands;
+            in doubt z for STL and OFF, and y for the others. A trimesh object follows the type of its file, and without
+            one is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        camera: the name of one of the source's cameras, or its number, counted from 0; by default the first, with a
-            warning if there are several. `Scene.cameras` has them by name.
+        camera: a camera; or the name of one of the source's cameras, or its number from 0; by default the first, with
+            a warning if there are several.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
-            The default is what the format says, or else 60 (docs/foreign-files.md).
+            The default is what the format says, or 60.
         strict: whether unsupported content raises an error instead of a warning.
-        confined: whether to refuse references to files outside the source's folder, as is wise for uploads (see
-            docs/security.md).
-        view: where to look from, instead of the source's camera: "AZIMUTH,ELEVATION" or the two angles in degrees, or
-            "front", "right", "back", "left", "top", "bottom" or "three-quarter". 0,0 is from the front, +z, and the
-            azimuth grows towards +x. The studio's light comes from the camera's side.
-        frame: True ignores the source's camera, and frames what it shows without floors, backdrops and lamps; False
-            keeps the camera. Without a view a scene is framed from its camera's direction. By default a camera in a
-            mesh's file is replaced, with a warning, if the mesh fills less than half of its picture.
-        material: replaces the materials of a mesh: a material, or a text such as "gold" (see
-            `wrt.scene.materials.named.named_material`).
-        environment: replaces the studio's light, or the scene's own environment: an environment, an image file, or
-            "sky" for a clear sky with the sun, at the radiance of an exposed picture.
+        confined: whether to refuse references to files outside the source's folder, as for uploads.
+        view: where to look from: "AZIMUTH,ELEVATION" or the two angles in degrees, or "front", "right", "back", "left",
+            "top", "bottom" or "three-quarter". 0,0 is from the front, +z; the azimuth grows towards +x.
+        frame: True frames everything except floors, backdrops and lamps, from the direction of the view or the camera;
+            False keeps the camera. By default a camera in a mesh's file is replaced, with a warning, if the mesh fills
+            less than half of its picture.
+        material: replaces the materials of a mesh: a material, a colour, an image file, or a text such as "gold".
+        environment: replaces the studio's light or the scene's environment: an environment, an image file, or "sky".
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
         double_sided: whether everything is seen from behind, also what a file calls single-sided.
         aspect: width of the picture over its height, for framing; by default from the scene's settings.
-        time: the time, seconds, at which the first animation of a glTF file is, or after the first time code of a USD
-            file; by default the file is at rest, or at that first time. Studio
-            and camera are the same for all times.
-        point_radius: the radius of points of a mesh file or object, which are drawn as spheres, in its units; by
-            default it follows from their distances.
+        time: seconds, in the first animation of a glTF file or after the first time code of a USD file; by default the
+            file is at rest, or at that first time.
+        point_radius: radius of the spheres that points are drawn as, in the file's units; by default by their
+            distances.
         file_type: type of bytes, or of an open file without a name, such as "glb".
 
     Raises:
@@ -108,7 +97,8 @@ def load(
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
     smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
-    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None}
+    reading["camera"] = None if isinstance(camera, Camera) else camera
     reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
     stage = Stage(view, frame, material, environment, transparent, aspect, time)
@@ -116,6 +106,8 @@ def load(
         folder = confinement_folder() if file is not source else _folder_of(source)
         with confined_to(folder) if confined else contextlib.nullcontext():
             scene = _load(file, reading, stage)
+    if isinstance(camera, Camera):
+        scene = dataclasses.replace(scene, camera=camera)
     if double_sided and not all(shape.double_sided for shape in scene.shapes):
         scene = dataclasses.replace(scene, shapes=[_both_sides(shape) for shape in scene.shapes])
     if confined and scene is not source and names_file(scene.settings.tone):
@@ -140,6 +132,8 @@ def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any)
         InputError: see `load`; also if the picture is to be denoised and the extra wrt[denoise] is not installed.
     """
     width, height = settings.get("width"), settings.get("height")
+    if settings.get("background") is not None:
+        options["transparent"] = True  # nothing else is behind what it shows
     scene = load(source, aspect=width / height if width and height else None, **options)
     scene = dataclasses.replace(scene, settings=scene.settings.changed(**settings))
     if scene.settings.denoise:
@@ -219,8 +213,11 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     from wrt.io.load_mesh import load_object
 
     surface: dict[str, Any] = {name: reading[name] for name in of_files}
-    scene = load_object(source, standalone=True, **surface)
+    from wrt.io.other_libraries import as_trimesh
     from wrt.io.trimesh_objects import file_type
+
+    source = as_trimesh(source)
+    scene = load_object(source, standalone=True, **surface)
 
     return _present(source, scene, reading["up"], file_type(source), stage)
 
@@ -322,67 +319,3 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
     if up not in (None, "y") and (scene.lights or scene.camera):
         raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
-
-
-def render(
-    source: Any,
-    *,
-    spp: int | None = None,
-    time: float | None = None,
-    noise: float | None = None,
-    adaptive: bool | None = None,
-    device: str = "cpu",
-    seed: int = 0,
-    threads: int | None = None,
-    client: Any = None,
-    progress: bool | None = None,
-    **options: Any,
-) -> NDArray[np.float32]:
-    """Render `source` and return (H, W, 3) float32 linear radiance, of the crop window if there is one.
-
-    A transparent picture is (H, W, 4): its radiance, 0 where nothing is seen, and its coverage (associated alpha).
-
-    Args:
-        source: as for `load`.
-        spp: samples per pixel; without spp, time and noise, the scene's settings decide.
-        time: seconds of rendering.
-        noise: relative noise of the picture at which rendering ends, see `wrt.Renderer.noise`.
-        adaptive: whether tiles that reach this noise stop before the others, see `wrt.Renderer.passes`.
-        device: "cpu", "cuda" or "cuda:N".
-        seed: 0 to 2³² − 1; different seeds give statistically independent pictures.
-        threads: CPU threads; by default all cores.
-        client: renders on the workers of a cluster, see `wrt.distributed.DistributedRenderer`.
-        progress: whether to show progress; by default a bar in terminals and notebooks, and nothing elsewhere.
-        options: fields of `wrt.RenderSettings`, which override the scene's own, such as width, height, crop, sampler,
-            integrator, max_depth and denoise; and options of `load`, such as up, view, frame, material, environment,
-            transparent, parameters and strict.
-
-    Raises:
-        InputError: if an argument cannot be used.
-    """
-    from wrt.progress.bar import ProgressBar
-    from wrt.progress.terminal import bar_stream
-    from wrt.rendering.renderer import Renderer
-
-    settings, loading = split_settings(options)
-    scene = load_with_settings(source, settings, **loading)
-    where: dict[str, Any] = {"device": device, "seed": seed, "threads": threads}
-    if client is None:
-        renderer = Renderer(scene, **where)
-    else:
-        from wrt.distributed.head import DistributedRenderer
-
-        renderer = DistributedRenderer(scene, client=client, **where)
-    is_watched = bar_stream() is not None if progress is None else progress
-    limits: dict[str, Any] = {"spp": spp, "time": time, "noise": noise, "adaptive": adaptive}
-    name = Path(source).stem if isinstance(source, (str, os.PathLike)) else "picture"
-    with ProgressBar(name, time_limit=time, is_shown=is_watched) as bar:
-        for done in renderer.passes(**limits, pass_seconds=None if is_watched else renderer.longest_pass):
-            bar.update(done)
-    return finished_image(renderer)
-
-
-def finished_image(renderer: Renderer) -> NDArray[np.float32]:
-    """Return the radiance of a renderer, denoised if that is set, with the coverage of a transparent picture."""
-    image, alpha = renderer.denoised() if renderer.settings.denoise else renderer.image(), renderer.alpha()
-    return image if alpha is None else np.dstack([image, alpha])

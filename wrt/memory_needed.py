@@ -30,9 +30,8 @@ class DeviceMemory:
         film: sums of samples for each pixel, also those of guides for denoising.
         layers: layers besides radiance.
         kept: all of these, for as long as the renderer lives.
-        peak: the most at once, while the trees are built.
-        peak_if_cut: the same if the builder cuts large triangles and builds a second tree beside the first, which it
-            decides when it has seen the first.
+        peak: the most at once, while trees are built.
+        peak_if_cut: the same if the builder has to cut large triangles.
     """
 
     geometry: int
@@ -64,7 +63,7 @@ def device_memory(
         source: as for `wrt.load`, or a scene.
         width: pixels; by default the scene's own setting, as for height, layers and denoise.
         height: pixels.
-        device: "cpu", or "cuda" for any GPU, which need not be there. On the CPU geometry may be shared with the scene.
+        device: "cpu", or "cuda" for any GPU, present or not. On the CPU geometry may be shared with the scene.
         layers: names of layers besides radiance.
         denoise: whether the picture will be denoised.
 

@@ -44,7 +44,7 @@ class Precompiled:
 
 
 def precompile(source: Any, **options: Any) -> Precompiled:
-    """Compile all kernels that renders of a scene need on a device, and keep them in the cache for other processes.
+    """Compile all kernels that renders of a scene need, into the cache.
 
     They depend on what the scene contains, such as kinds of materials and lights, and on some settings, never on
     values, sizes or numbers of samples. On a CPU with a wide kernel that is compiled too.

@@ -63,7 +63,7 @@ def render_views(
 
     Args:
         source: as for `wrt.load`.
-        cameras: the cameras, of any of wrt's types, all with the same shutter times; they may come from a generator.
+        cameras: cameras of any types with the same shutter times; an iterable.
         spp: samples per pixel; by default from the scene's settings.
         noise: relative noise at which a picture is done, see `wrt.Renderer.passes`.
         layers: names of layers to render besides radiance, such as depth, normal and object.
@@ -124,7 +124,6 @@ class _Views:
             self._device.cancelled.clear()
 
     def _render(self, index: int, camera: Camera) -> View:
-        from wrt.api import finished_image
         from wrt.rendering.passes import LONGEST_PASS
 
         renderer = self._idle.pop()
@@ -144,7 +143,7 @@ class _Views:
                 if self._ended.is_set():
                     break
             self._seconds_of_view = renderer.seconds_render - before
-            return View(index, camera, finished_image(renderer), renderer.layers(), renderer.spp)
+            return View(index, camera, renderer.finished(), renderer.layers(), renderer.spp)
         finally:
             self._idle.append(renderer)
 

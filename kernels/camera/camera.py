@@ -25,7 +25,10 @@ class Camera:
     forward: wp.vec3
     pixel: wp.vec2  # size of a pixel on the film
     shift: wp.vec2  # the picture's centre on the film
-    limit: float  # of a fisheye's angle from the axis
+    limit: float  # of a fisheye's angle from the axis, or of the radius that is distorted
+    radial: wp.vec4  # distortion, see `kernels/camera/distortion.py`
+    radial_divisor: wp.vec3
+    tangential: wp.vec2
     parameters: wp.vec4  # for models from outside
     # Lens
     lens_radius: float

@@ -23,7 +23,14 @@ def _check(name: str, model: CameraModel) -> None:
     """Accept all models: both functions are required."""
 
 
-CAMERA_MODELS: Registry[CameraModel] = Registry(dict.fromkeys(BUILT_IN, "wrt.kernels.camera.projections"), _check)
+DISTORTED = ("distorted_perspective", "distorted_fisheye")
+"""Models in kernels of scenes that use them, like those from outside."""
+
+_FILES = dict.fromkeys(BUILT_IN, "projections") | dict.fromkeys(DISTORTED, "distortion")
+
+CAMERA_MODELS: Registry[CameraModel] = Registry(
+    {name: f"wrt.kernels.camera.{file}" for name, file in _FILES.items()}, _check
+)
 current_name = CAMERA_MODELS.current_name
 
 
@@ -44,7 +51,7 @@ class CameraFunctions(NamedTuple):
 
 @specialised()
 def make_camera(outside: tuple[str, ...] = ()) -> CameraFunctions:
-    """Return the functions for the built-in models and those `outside` (see `Features.cameras`)."""
+    """Return the functions for the models in all kernels and those `outside` (see `Features.cameras`)."""
     model = _make_model((*outside, *BUILT_IN))
     model_ray, project = model.ray, model.project
 

@@ -14,7 +14,7 @@ def _perspective_ray(camera: Camera, x: float, y: float, u_lens: wp.vec2) -> Cam
     through = camera.forward + camera.right * x + camera.up * y
     result.ray = through_lens(camera, camera.origin, through, u_lens)
     cos = wp.dot(camera.forward, result.ray.direction)
-    result.footprint = wp.vec2(0.0, camera.pixel[1] * cos * cos)
+    result.footprint = wp.vec2(0.0, wp.min(camera.pixel[0], camera.pixel[1]) * cos * cos)
     return result
 
 
@@ -84,7 +84,7 @@ def _fisheye_ray(camera: Camera, x: float, y: float, u_lens: wp.vec2) -> CameraR
     result.ray.direction = wp.normalize(
         camera.forward * wp.cos(angle) + camera.right * (x * across) + camera.up * (y * across)
     )
-    result.footprint = wp.vec2(0.0, camera.pixel[1] * wp.abs(across))
+    result.footprint = wp.vec2(0.0, wp.min(camera.pixel[0], camera.pixel[1]) * wp.abs(across))
     result.visible = angle <= camera.limit
     return result
 

@@ -18,17 +18,24 @@ PAGE = ROOT / "docs" / "tutorial.md"
 MESH = ROOT / "meshes" / "teapot.ply"
 
 
-def scene_files() -> list[str]:
-    """Return the scene files of the page, in order."""
-    return re.findall(r"^```toml\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+def scene_file(step: int) -> str:
+    """Return the scene file after a step of the page, each of which replaces tables of the file or adds some."""
+    steps = re.findall(r"^```toml\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    tables: dict[str, str] = {}
+    for text in steps[: step + 1]:
+        own: dict[str, str] = {}
+        for table, name in re.findall(r"^(\[+(\w+).*\n(?:[^\[\n].*\n|\n)*)", text, re.MULTILINE):
+            own[name] = own.get(name, "") + table
+        tables |= own
+    return "\n".join(tables.values())
 
 
 def make_scene(step: int) -> wrt.Scene:
-    """Return the scene of one of the page's files."""
+    """Return the scene after one of the page's steps."""
     with tempfile.TemporaryDirectory() as folder:
         shutil.copy(MESH, folder)
         path = Path(folder) / "pot.toml"
-        path.write_text(scene_files()[step], encoding="utf-8")
+        path.write_text(scene_file(step), encoding="utf-8")
         return wrt.load(path)
 
 

@@ -1,18 +1,18 @@
 """docs/own-camera.md: its program runs, and the camera it registers sees by its formula."""
 
-import re
 import runpy
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from support.pages import program_of
+from support.small_scenes import finish
 
 import wrt
 from wrt.kernels.camera.projections import PERSPECTIVE as PINHOLE
 from wrt.scene.camera import CAMERAS
 
-(CODE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "own-camera.md").read_text("utf-8"), re.M | re.S)
+CODE = program_of("own-camera")
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +39,7 @@ def test_it_sees_by_its_formula_and_projects_back(example, device):
     n = 24
     how = {"integrator": "aov", "layers": ("position", "motion"), "filter": "box", "device": device}
     renderer = wrt.Renderer(scene, width=n, height=n, **how)
-    for _ in renderer.passes(spp=64):
-        pass
-    layers = renderer.layers()
+    layers = finish(renderer, 64).layers()
     pixel = 4.0 * np.tan(np.radians(45.0)) / n
     x, y = np.meshgrid((np.arange(n) + 0.5 - n / 2) * pixel, -(np.arange(n) + 0.5 - n / 2) * pixel)
     angle, turn = 2.0 * np.arctan(np.hypot(x, y) / 2.0), np.arctan2(y, x)

@@ -13,7 +13,7 @@ from wrt.errors import InputError
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     for name in ("one.toml", "two.toml", "a/room.toml", "b/room.toml"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(ROOM)
@@ -37,21 +37,18 @@ def test_each_gets_its_own_picture_and_line_of_json(folder, capsys):
     assert written(folder) == sorted(pictures)
 
 
-def test_an_error_in_one_keeps_none_of_the_others_from_being_rendered(folder, capsys):
+def test_errors_name_the_input_the_worst_decides_and_the_others_are_rendered(folder, capsys):
     assert main(["render", "absent.obj", "one.toml", "broken.obj", "two.toml", *SMALL, "--quiet"]) == 2
     assert written(folder) == ["one.png", "two.png"]
     first, second = without_progress(capsys.readouterr().err).splitlines()
     assert first.startswith("wrt: error: absent.obj: no such file")
     assert second.startswith("wrt: error: broken.obj: ")
-
-
-def test_errors_name_the_input_and_the_worst_decides(folder, capsys):
     (folder / "pictures" / "two.png").mkdir(parents=True)
     assert main(["render", "one.toml", "two.toml", *SMALL, "--quiet", "--crop", "0,0,9,9", "-o", "."]) == 2
     inputs = re.findall(r"^wrt: error: (.*?): crop must lie", capsys.readouterr().err, re.MULTILINE)
     assert inputs == ["one.toml", "two.toml"]
     assert main(["render", "one.toml", "two.toml", *SMALL, "--quiet", "-o", "pictures"]) == 2
-    assert written(folder) == ["pictures/one.png"]
+    assert written(folder / "pictures") == ["one.png"]
 
 
 def test_the_output_of_several_is_a_folder_and_a_slash_makes_one(folder):

@@ -8,8 +8,6 @@ from typing import Any
 import pytest
 from support.commands import ENVIRONMENT, ROOM, SMALL, run, without_progress
 
-from wrt.cli import main
-
 PRINTING = {
     "--help": ["--help"],
     "info": ["info", "möbius.toml"],
@@ -89,13 +87,3 @@ def test_names_that_are_no_text(tmp_path):
     absent = run(tmp_path, "info", os.fsdecode(b"\xfe") + name, text=False)
     assert absent.returncode == 2
     assert absent.stderr.startswith(rb"wrt: error: \udcfem\udcff\udce9.toml: no such file")
-
-
-def test_nul_characters_are_refused(capsys):
-    for arguments in COMMANDS.values():
-        for number in range(len(arguments) if arguments[0] != "--help" else 0):
-            assert main([*arguments[:number], arguments[number] + "\0x", *arguments[number + 1 :]]) == 2
-            printed = capsys.readouterr().err
-            assert printed.startswith("wrt: error: ")
-            assert "NUL" in printed
-            assert printed.count("\n") == 1

@@ -137,21 +137,6 @@ def test_kernels_that_look_around_or_fill_tables_compile(made, tmp_path):
     compile_for_cuda(make_kernel(*arguments).module, tmp_path)
 
 
-@wp.func_native("return __builtin_elementwise_max(a, 1.0f);")
-def clang_only(a: float) -> float: ...
-
-
-@wp.kernel(enable_backward=False, module="test_cuda_compile.wrong")
-def wrong(out: wp.array(dtype=float)):
-    out[0] = clang_only(out[0])
-
-
-@pytest.mark.slow
-def test_code_that_only_clang_knows_does_not_compile(tmp_path):
-    with pytest.raises(Exception, match=r"CUDA|NVRTC|compile"):
-        compile_for_cuda(wrong.module, tmp_path)
-
-
 VALUES = {
     "environment": ("none", "constant", "image"),
     "sampler": SAMPLERS,
@@ -221,23 +206,17 @@ def test_no_kernel_is_left_out():
 PLAIN = Features(("diffuse",), False, "none")
 
 
-def test_render_kernels_are_bound_to_the_blocks_that_are_launched():
+def test_kernels_for_gpus_are_bound_to_their_blocks_and_divide_approximately():
     """A GPU refuses a launch of larger blocks than a kernel is bound to."""
     for make in (make_render_kernel, make_regenerating_kernel):
         kernel = make(PLAIN)
         assert kernel.options["launch_bounds"] == CUDA_BOUNDS
         assert CUDA_BOUNDS[0] == kernel.module.options["block_dim"]
-
-
-def test_kernels_for_gpus_alone_divide_approximately_whoever_made_them():
     # No other test makes kernels of these features.
     features = replace(PLAIN, clamped=True, regularized=True)
     for kernel in (make_regenerating_kernel(features), make_render_kernel(replace(features, gpu=True))):
         assert kernel.module.options["fast_math"]
     assert not make_render_kernel(features).module.options["fast_math"]
-
-
-def test_gpus_have_kernels_of_their_own():
     assert make_gpu_render_kernel(PLAIN) is make_regenerating_kernel(replace(PLAIN, gpu=True))
 
 

@@ -1,4 +1,4 @@
-"""The emulator of CUDA (`support/emulated_cuda`) refuses what it does not know, and its threads vote and wait.
+"""Threads of the emulator of CUDA (`support/emulated_cuda`) vote and wait for one another.
 
 Films and trees compare its results with the CPU (test_cuda_films.py, test_cuda_hits.py).
 """
@@ -9,32 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support.emulated_cuda.libraries import Library, compiled
-from support.emulated_cuda.ptx import NotTranslated, parse
-from support.emulated_cuda.translation import to_cpp
 
 from wrt.backend.warp_start import initialize_warp
 
 pytestmark = pytest.mark.machinery
 
 HEAD = ".version 9.0\n.target sm_90\n.address_size 64\n"
-
-
-def test_what_is_unknown_is_refused():
-    """Before anything runs: a barrier, for one, has no meaning where threads run one after another."""
-    for text in (
-        "bar.sync 0;",
-        "shfl.sync.idx.b32 %r1, %r2, 0, 31, -1;",
-        "cvt.rn.f16.f32 %rs1, %f1;",
-        "mov.u32 %r1, %clock;",
-        "call.uni some, ();",
-        "vote.ballot.b32 %r1, %p0;",
-    ):
-        registers = ".reg .b32 %r<3>;\n.reg .b16 %rs<3>;\n.reg .f32 %f<3>;\n.reg .pred %p<2>;"
-        ptx = f"{HEAD}.visible .entry k()\n{{\n{registers}\n{text}\nret;\n}}\n"
-        with pytest.raises(NotTranslated):
-            to_cpp(parse(ptx))
-        with pytest.raises(NotTranslated):  # functions of other modules
-            parse(HEAD + ".extern .func (.param .b32 func_retval0) vprintf (\n.param .b64 vprintf_param_0\n)\n;\n")
 
 
 WORDS = 8

@@ -236,7 +236,22 @@ def test_collada_geometry_is_there_whatever_else_is_told(tmp_path, text, message
         (shape,) = load_file(write(tmp_path, "a.dae", text)).shapes
     assert any(re.search(rf"a\.dae: .*{message}", str(each.message)) for each in caught)
     assert len(shape.mesh.faces) == 2
+    assert shape.double_sided  # the format does not hide backs
     np.testing.assert_allclose(shape.mesh.bounds, np.add([[0, 0, 0], [1, 2, 3]], shift), atol=1e-6)
+
+
+@pytest.mark.parametrize(("wrap", "color", "lost"), [("WRAP", "0 0 0 1", 0), ("CLAMP", "0.5 0 0 1", 2)])
+def test_collada_values_without_effect_are_not_named(tmp_path, wrap, color, lost):
+    pytest.importorskip("collada")
+    text = GEOMETRY.replace(
+        "</source></sampler2D>", f"</source><wrap_s>{wrap}</wrap_s><minfilter>NONE</minfilter></sampler2D>"
+    )
+    looks = f"<transparent opaque='RGB_ZERO'><color>{color}</color></transparent>"
+    index = "<index_of_refraction><float>1.4</float></index_of_refraction>"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        load_file(write(tmp_path, "a.dae", text.replace("</diffuse>", f"</diffuse>{looks}{index}")))
+    assert sum("unknown to wrt" in str(each.message) for each in caught) == lost
 
 
 @pytest.mark.filterwarnings("ignore:.*none.png")

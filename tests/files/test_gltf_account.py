@@ -107,22 +107,18 @@ EXPECTED = {
 }
 
 
-def material(*names: str, **fields: object) -> dict[str, Any]:
+def material(*names: str) -> dict[str, Any]:
     """Return a material with extensions, whose keys all have an effect."""
 
     def value(key: str) -> object:
         if key.endswith("Texture"):
             transform = {"offset": [0, 0.1], "rotation": 0.1, "scale": [2, 2], "texCoord": 0}
             return {"index": 0, "texCoord": 1, "extensions": {"KHR_texture_transform": transform}}
-        return (
-            [0.5, 0.6, 0.7]
-            if "Color" in key or key in ("diffuseFactor", "specularFactor")
-            else 1.3
-            if key == "ior"
-            else 0.5
-        )
+        if "Color" in key or key in ("diffuseFactor", "specularFactor"):
+            return [0.5, 0.6, 0.7]
+        return 1.3 if key == "ior" else 0.5
 
-    keys = {name: MATERIALS[name].replace("!", "").replace("-", "").split() for name in names}
+    keys = {name: MATERIALS[name].replace("-", "").split() for name in names}
     found = {f"KHR_materials_{name}": {key: value(key) for key in keys[name]} for name in names}
     if "specular" in names:
         found["KHR_materials_specular"]["specularFactor"] = 0.5
@@ -133,7 +129,7 @@ def material(*names: str, **fields: object) -> dict[str, Any]:
     tree["normalTexture"]["scale"] = 0.5
     if "clearcoat" in names:
         found["KHR_materials_clearcoat"]["clearcoatNormalTexture"]["scale"] = 0.25
-    return {**tree, "emissiveFactor": [1, 1, 1], "alphaMode": "MASK", "alphaCutoff": 0.2, "doubleSided": True, **fields}
+    return {**tree, "emissiveFactor": [1, 1, 1], "alphaMode": "MASK", "alphaCutoff": 0.2, "doubleSided": True}
 
 
 def complete_file() -> dict[str, Any]:
@@ -264,6 +260,21 @@ def test_each_key_of_the_specification(tmp_path, monkeypatch):
     assert {f"{place}.{key}".lstrip(".") for place, value in objects(tree) for key in value} == set(EXPECTED)
     found = unused(tmp_path, tree, monkeypatch)
     assert {key: found.get(key, "") for key in EXPECTED | found} == EXPECTED
+
+
+def test_unknown_values_of_enumerations_are_named_and_known_ones_are_not(tmp_path, monkeypatch):
+    tree = complete_file()
+    for known in (9728, 9729, 9984, 9985, 9986, 9987):
+        tree["samplers"][0] |= {"minFilter": known, "magFilter": min(known, 9729), "wrapS": 33648, "wrapT": 10497}
+        assert not [key for key in unused(tmp_path, tree, monkeypatch) if "samplers" in key]
+    tree["samplers"][0] |= {"minFilter": 1, "magFilter": 9987, "wrapS": 33069, "wrapT": "REPEAT"}
+    tree["materials"][0]["alphaMode"] = "ADD"
+    tree["cameras"][0]["type"] = "fisheye"
+    tree["animations"][0]["channels"][1]["target"] = {"node": 0, "path": "visible"}
+    expected = {f"samplers.{text}" for text in ("minFilter 1", "magFilter 9987", "wrapS 33069", "wrapT 'REPEAT'")}
+    expected |= {"materials.alphaMode 'ADD'", "cameras.type 'fisheye'", "animations.channels.target.path 'visible'"}
+    found = unused(tmp_path, tree, monkeypatch)
+    assert {key: found[key] for key in found if " " in key} == dict.fromkeys(expected, "named")
 
 
 def test_unknown_keys_are_named_and_extras_are_not(tmp_path, monkeypatch):

@@ -54,7 +54,7 @@ def corners(path: Path, time: float | None) -> np.ndarray:
 TIMES = np.array([1.0, 2.0, 4.0])
 
 
-def test_lines_and_steps(tmp_path):
+def test_lines_steps_and_cubic_splines_follow_their_formulas(tmp_path):
     values = [[0, 1, 0], [2, 1, 0], [6, -3, 0]]
     linear, step = (
         saved(tmp_path, animated((0, "translation", method, TIMES, values)), f"{method}.gltf")
@@ -68,9 +68,6 @@ def test_lines_and_steps(tmp_path):
     ):
         np.testing.assert_allclose(corners(linear, seconds) - POINTS, [between] * 8)
         np.testing.assert_allclose(corners(step, seconds) - POINTS, [before] * 8)
-
-
-def test_a_cubic_spline_follows_the_cubic_that_made_it(tmp_path):
     cubic, slope = [1.0, -2.0, 0.5, 0.25], polyval(TIMES, [-2.0, 1.0, 0.75])
     keys = np.zeros((3, 3, 3))
     keys[:, :, 0] = np.stack([slope, polyval(TIMES, cubic), slope], axis=1)
@@ -99,7 +96,7 @@ def test_rotations_have_a_steady_speed_along_the_shorter_arc(last, sign, tmp_pat
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), np.linalg.norm(POINTS, axis=1), atol=1e-6)
 
 
-def test_nodes_move_turn_and_grow(tmp_path):
+def test_nodes_move_turn_and_grow_with_their_cameras_and_lights(tmp_path):
     channels = [
         (0, "translation", "LINEAR", [0, 2], [[0, 0, 0], [4, 0, 0]]),
         (0, "rotation", "LINEAR", [0, 1], [[0, 0, 0, 1], [0, HALF, 0, HALF]]),
@@ -113,19 +110,16 @@ def test_nodes_move_turn_and_grow(tmp_path):
     c, s = math.cos(math.radians(67.5)), math.sin(math.radians(67.5))
     turned = np.stack([c * x + s * z + 1.5, y, c * z - s * x], axis=1)
     np.testing.assert_allclose(corners(path, 0.75), turned, atol=1e-6)
-
-
-CAMERAS = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
-LIT = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
-LAMP = {"extensions": {"KHR_lights_punctual": {"light": 0}}}
-
-
-def test_cameras_and_lights_move_with_their_nodes(tmp_path):
     tree = box({"camera": 0, **LAMP}, cameras=CAMERAS, extensions=LIT)
     path = saved(tmp_path, animated((1, "translation", "LINEAR", [0, 1], [[0, 0, 5], [2, 0, 5]]), tree=tree))
     scene = wrt.load(path, time=0.5)
     assert scene.camera.origin == pytest.approx((1, 0, 5))
     assert [light.position for light in scene.lights] == [pytest.approx((1, 0, 5))]
+
+
+CAMERAS = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
+LIT = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+LAMP = {"extensions": {"KHR_lights_punctual": {"light": 0}}}
 
 
 def test_morph_targets_follow_their_weights(tmp_path):
@@ -215,15 +209,6 @@ def test_frames_of_a_file_are_its_scenes(tmp_path, monkeypatch):
         np.testing.assert_array_equal(wrt.load_image(tmp_path / f"box_{number}.exr"), expected)
 
 
-def test_sources_without_animations_have_no_times(tmp_path):
-    check_refused("it has no animation", lambda path: wrt.load(path, time=0.0), saved(tmp_path, box()))
-    for source in ("cornell-box", wrt.Scene(), wrt.sphere()):
-        with pytest.raises(wrt.InputError, match="a time is for glTF and USD files with an animation"):
-            wrt.load(source, time=0.0)
-    with pytest.raises(wrt.InputError, match="time must be"):
-        wrt.load(saved(tmp_path, animated(SLIDE)), time=math.nan)
-
-
 def test_damaged_animations_are_told(tmp_path):
     for channel, words in (
         ((0, "translation", "LINEAR", [1, 0], [[0, 0, 0], [6, 0, 0]]), "do not increase"),
@@ -242,3 +227,9 @@ def test_what_cannot_be_animated_is_told(tmp_path):
     tree["animations"][0]["channels"].append({"sampler": 0, "target": target})
     with pytest.warns(UserWarning, match=r"target\.extensions\.KHR_animation_pointer is unknown to wrt and left out"):
         load_file(saved(tmp_path, tree), time=0.5)
+    check_refused("it has no animation", lambda path: wrt.load(path, time=0.0), saved(tmp_path, box()))
+    for source in ("cornell-box", wrt.Scene(), wrt.sphere()):
+        with pytest.raises(wrt.InputError, match="a time is for glTF and USD files with an animation"):
+            wrt.load(source, time=0.0)
+    with pytest.raises(wrt.InputError, match="time must be"):
+        wrt.load(saved(tmp_path, animated(SLIDE)), time=math.nan)

@@ -247,7 +247,7 @@ def light(number: int) -> dict:
     return {"extensions": {"KHR_lights_punctual": {"light": number}}}
 
 
-def test_the_first_camera_is_taken_through_all_nodes_above(tmp_path):
+def test_cameras_and_lights_are_taken_through_all_nodes_above(tmp_path):
     # Moved, then turned by 90 degrees about y: it looks along -x.
     nodes = [
         {"children": [2], "translation": [1, 2, 3]},
@@ -262,9 +262,6 @@ def test_the_first_camera_is_taken_through_all_nodes_above(tmp_path):
     nodes[1]["camera"] = 1
     camera = load_file(saved(tmp_path, tree_with(nodes))).camera
     assert camera.view_height == 4.0
-
-
-def test_lights(tmp_path):
     # By columns: x to y, y to -x, and moved.
     matrix = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 7, 8, 9, 1]
     tilted = {"rotation": [-HALF, 0, 0, HALF], "translation": [0, 5, 0]}  # -90 degrees about x: -z becomes -y
@@ -279,7 +276,7 @@ def test_lights(tmp_path):
     assert (wide.inner_degrees, wide.outer_degrees) == pytest.approx((0.0, 45.0))
 
 
-def test_a_file_with_lights_is_rendered_as_it_is_and_others_in_the_studio(tmp_path):
+def test_lights_of_a_file_take_the_place_of_the_studio_unless_they_are_dark(tmp_path):
     scene = wrt.load(saved(tmp_path, tree_with([light(0)])))
     assert (len(scene.shapes), len(scene.lights), scene.environment) == (1, 1, None)
     path = saved(tmp_path, tree_with([{"camera": 0, "translation": [0.5, 0.5, 2]}]))
@@ -287,10 +284,7 @@ def test_a_file_with_lights_is_rendered_as_it_is_and_others_in_the_studio(tmp_pa
     assert len(scene.shapes) > 1
     assert scene.camera.origin == (0.5, 0.5, 2.0)
     check_refused("an up axis is for files without lights and cameras", lambda path: wrt.load(path, up="z"), path)
-
-
-def test_dark_lights_light_nothing(tmp_path):
-    """Alone they count as missing, so the studio lights the mesh; beside meshes that emit they mean darkness."""
+    # Alone they count as missing, so the studio lights the mesh; beside meshes that emit they mean darkness
     off = [{"type": "point", "intensity": 0.0}, {"type": "directional", "color": [0, 0, 0]}]
     tree = tree_with([light(0), light(1)], off)
     path = saved(tmp_path, tree)
@@ -305,14 +299,7 @@ def test_dark_lights_light_nothing(tmp_path):
     assert (len(scene.shapes), len(scene.lights)) == (1, 2)
 
 
-def test_an_extension_that_nobody_knows_may_not_be_required(tmp_path):
-    tree = tree_with([], extensionsUsed=["KHR_materials_subsurface"])
-    assert load_file(saved(tmp_path, tree)).shapes
-    path = saved(tmp_path, tree | {"extensionsRequired": ["KHR_materials_subsurface"]})
-    check_refused("requires the glTF extension KHR_materials_subsurface, which is not supported", load_file, path)
-
-
-def test_versions(tmp_path):
+def test_versions_and_extensions_that_a_file_may_require(tmp_path):
     """Minor versions add to a major one; `minVersion` is what a file cannot be read without (section 3.2)."""
     for asset in ({"version": "2.3"}, {"version": "3.0", "minVersion": "2.0"}):
         assert load_file(saved(tmp_path, tree_with([], asset=asset))).shapes
@@ -322,6 +309,10 @@ def test_versions(tmp_path):
     ):
         path = saved(tmp_path, tree_with([], asset=asset, **fields))
         check_refused(f"a file of glTF {refused}, which is not supported", load_file, path)
+    tree = tree_with([], extensionsUsed=["KHR_materials_subsurface"])
+    assert load_file(saved(tmp_path, tree)).shapes
+    path = saved(tmp_path, tree | {"extensionsRequired": ["KHR_materials_subsurface"]})
+    check_refused("requires the glTF extension KHR_materials_subsurface, which is not supported", load_file, path)
 
 
 @pytest.mark.parametrize("node", [{"camera": 3}, light(9), {"camera": 0, "scale": [0, 0, 0]}, light(4), light(5)])

@@ -1,6 +1,5 @@
 """Materials of glTF files become the same in wrt: factors, textures, alpha, extensions, images of every kind."""
 
-import base64
 import contextlib
 import io
 import sys
@@ -9,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from PIL import Image
 from support.mesh_files import add, attributes, check_refused, check_values, data_uri, saved, values_of
 from support.meshes import gltf_box, write
@@ -163,7 +163,7 @@ def test_what_shines_does_so_without_light_and_on_both_sides_where_it_has_two(tm
     assert shape_of(tmp_path, file_with(described)).double_sided == double
 
 
-def test_one_transform_of_all_textures_moves_the_coordinates_of_the_mesh(tmp_path):
+def test_transforms_move_the_coordinates_of_the_mesh(tmp_path):
     transform = {"offset": [0.2, -0.4], "rotation": 0.7, "scale": [2.0, 0.5]}
     c, s = np.cos(0.7), np.sin(0.7)  # the matrices that the extension's text gives, v downwards
     in_file = UVS * transform["scale"] @ np.array([[c, s], [-s, c]]).T + transform["offset"]
@@ -175,10 +175,7 @@ def test_one_transform_of_all_textures_moves_the_coordinates_of_the_mesh(tmp_pat
         shape = shape_of(tmp_path, tree)
         np.testing.assert_allclose(shape.mesh.uvs, expected, atol=1e-6)
         assert shape.material.base_color.offset == (0.0, 0.0)
-
-
-def test_a_transform_of_the_normal_texture_alone_has_coordinates_of_its_own(tmp_path):
-    """The first set is the transformed one, which tangents follow; the other textures lie by the second."""
+    # The first set is the transformed one, which tangents follow; the other textures lie by the second
     moved = {"index": 0, "extensions": {"KHR_texture_transform": {"offset": [0.25, 0.5], "scale": [4.0, 2.0]}}}
     for number in (0, 1):
         normal = {**moved, "texCoord": number}
@@ -283,18 +280,8 @@ def test_what_cannot_be_read_is_told_and_left_out(tmp_path):
 QUARTERS = np.array([[[200, 40, 40, 255], [40, 180, 60, 255]], [[30, 60, 190, 255], [220, 210, 90, 96]]], np.uint8)
 """Quarters of the pictures below, 24 by 16 pixels, which basisu 1.15 encoded."""
 
-ETC1S = base64.b64decode(
-    "q0tUWCAyMLsNChoKAAAAAAEAAAAYAAAAEAAAAAAAAAAAAAAAAQAAAAEAAAABAAAAaAAAADwAAACkAAAAJAAAAMgAAAAAAAAAoQAAAAAAAABpAQAA"
-    "AAAAABMAAAAAAAAAAAAAAAAAAAA8AAAAAAAAAAIAOACjAQIAAwMAAAAAAAAAAAAAAAA/AAAAAAAAAAAA/////0AAPw8AAAAAAAAAAP////8fAAAA"
-    "S1RYd3JpdGVyAEJhc2lzIFVuaXZlcnNhbCAxLjE1AAAGAAMANgAAAA0AAAA2AAAAAAAAAAAAAAAAAAAACwAAAAsAAAAIAAAAH0CUAAAAAACIA5Ku"
-    "A5gaMAAAAAjDLiCI2XIAMQAAAAAAQf6QFwIwBQAAAAAAAmUBqvLGRvQBrKqqqvr///9XVVVVBU3AhIABAABAEPYKzloYAFMABAAAAABIBiIgbsAA"
-    "AIMwTMVBDIw5gX4SA2ACQAAAAAAI2gQEAP8uX9PKL2L5TjsNV8drWrEKCAQ="
-)
-UASTC_ZSTANDARD = base64.b64decode(
-    "q0tUWCAyMLsNChoKAAAAAAEAAAAYAAAAEAAAAAAAAAAAAAAAAQAAAAEAAAACAAAAaAAAACwAAACUAAAAJAAAAAAAAAAAAAAAAAAAAAAAAAC4AAAA"
-    "AAAAAD0AAAAAAAAAgAEAAAAAAAAsAAAAAAAAAAIAKACmAQIAAwMAAAAAAAAAAAAAAAB/AwAAAAAAAAAA/////x8AAABLVFh3cml0ZXIAQmFzaXMg"
-    "VW5pdmVyc2FsIDEuMTUAACi1L/1ggACdAQD4FxkF5T/IxgCFluc/MBcB14PH9/9LrQOXW1oLLNp6AQcADSYQlPxMyTziKQCQzRzgBVw="
-)
+ETC1S = (ROOT / "tests/scenes/meshes/etc1s.ktx2").read_bytes()
+UASTC_ZSTANDARD = (ROOT / "tests/scenes/meshes/uastc.ktx2").read_bytes()
 
 
 def ktx2_file(image: bytes) -> dict[str, Any]:
@@ -326,14 +313,7 @@ def test_ktx2_images_are_decoded_and_damaged_ones_left_out(tmp_path, data, most)
         shape_of(tmp_path, ktx2_file(data[:-30]))
 
 
-def test_without_the_decoder_one_line_says_what_to_install(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "opengl_basisu", None)
-    tree = ktx2_file(ETC1S)
-    with pytest.warns(InputWarning, match=r"KTX2 images are left out, which need a decoder: pip install 'wrt\[ktx2\]'"):
-        assert shape_of(tmp_path, tree).material.base_color == (1.0, 1.0, 1.0)
-
-
-def test_headers_of_ktx2_are_checked_before_the_decoder():
+def test_headers_of_ktx2_are_checked_and_a_missing_decoder_is_named(tmp_path, monkeypatch):
     for data, message in (
         (KTX2_IDENTIFIER, "truncated"),
         (ETC1S[:20] + (2**20).to_bytes(4, "little") * 2 + ETC1S[28:], "too large"),
@@ -341,3 +321,7 @@ def test_headers_of_ktx2_are_checked_before_the_decoder():
     ):
         with pytest.raises(InputError, match=message):
             open_ktx2(data)
+    monkeypatch.setitem(sys.modules, "opengl_basisu", None)
+    tree = ktx2_file(ETC1S)
+    with pytest.warns(InputWarning, match=r"KTX2 images are left out, which need a decoder: pip install 'wrt\[ktx2\]'"):
+        assert shape_of(tmp_path, tree).material.base_color == (1.0, 1.0, 1.0)

@@ -11,8 +11,6 @@ from support.mesh_files import check_values, values_of
 from support.meshes import area_vector
 from support.outputs import run
 from support.same_scenes import differences
-from support.small_scenes import finish
-from support.statistics import image_z_test
 
 import wrt
 from wrt.errors import InputError
@@ -145,22 +143,6 @@ def test_geometry_lights_and_camera_come_back(tmp_path):
     assert found.camera.fov_degrees == pytest.approx(33.0)
     found.camera, found.cameras = scene.camera, scene.cameras  # whose target may lie farther away
     assert {name: amount for name, amount in differences(scene, found).items() if amount > 1e-5} == {}
-
-
-@pytest.mark.slow
-def test_pictures_are_alike(tmp_path, device):
-    """What a matt surface and a lamp without a mesh become has the light that they had."""
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 1.0, 3.4), (0, 0.6, 0), fov_degrees=40.0))
-    scene.add(wrt.quad((-2, 0, 2), (4, 0, 0), (0, 0, -4)), material=wrt.Diffuse(COLORS))
-    scene.add(wrt.quad((-2, 0, -1), (4, 0, 0), (0, 3, 0)), material=wrt.Diffuse((0.5, 0.4, 0.2)))
-    scene.add(wrt.sphere((0.0, 0.5, 0.0), 0.5, subdivisions=3), material=wrt.Principled(0.4, coat=1.0))
-    scene.add_light(wrt.RectangleLight((-0.5, 2.5, -0.5), (1, 0, 0), (0, 0, 1), radiance=6.0))
-    films = []
-    for each in (scene, again(scene, tmp_path / "a.glb")[0]):
-        options = {"sampler": "independent", "device": device, "seed": len(films), "max_depth": 4}
-        films.append(finish(wrt.Renderer(each, width=32, height=24, **options), 256))
-    result = image_z_test(*(array for film in films for array in (film.image(), film.variance())), n_a=256, n_b=256)
-    assert result.agrees(), result.message
 
 
 def test_matt_surfaces_and_lamps_are_held_and_one_line_names_what_is_left_out(tmp_path):

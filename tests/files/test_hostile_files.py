@@ -63,7 +63,7 @@ def test_what_a_file_looks_to_be_is_told(tmp_path, kind):
         assert f"it looks to be {words}" in str(caught.value), name
 
 
-def test_files_that_are_not_rendered_tell_what_to_do(tmp_path):
+def test_files_that_are_not_rendered_tell_what_to_do_and_content_counts_more_than_names(tmp_path):
     for name, message in (
         ("a.blend", "it is a Blender file; in Blender, export it as glTF"),
         ("a.FBX", "it is an FBX file; export it as glTF"),
@@ -81,10 +81,7 @@ def test_files_that_are_not_rendered_tell_what_to_do(tmp_path):
             wrt.load(tmp_path)
         for each in ("b.glb", "a.obj", ".c.obj", "d.xml") if not number else ():
             write(tmp_path, each, b"<a/>")
-
-
-def test_right_content_needs_no_right_name_and_damage_is_told_as_such(tmp_path):
-    """The content of a glTF file decides its form."""
+    # The content of a glTF file decides its form
     assert len(load_file(write(tmp_path, "a.gltf", joined(json.loads(TREE), b""))).shapes) == 1
     assert len(load_file(write(tmp_path, "a.glb", TREE)).shapes) == 1
     for kind in ("obj", "xml", "toml"):
@@ -111,15 +108,12 @@ def test_pipes_links_in_circles_folders_and_empty_files_are_refused(tmp_path, su
             wrt.load(path)
 
 
-def test_messages_are_one_line_whatever_is_in_them():
+def test_messages_are_one_line_whatever_is_in_them_or_in_a_name(tmp_path, monkeypatch, capfd):
     error = wrt.InputError("a\nb\x1b[31m\r\udcff" + "x" * 5000)
     assert str(error).startswith("a\\nb\\x1b[31m\\r\\udcff")
     assert str(error).isprintable()
     assert len(str(error)) == LONGEST_MESSAGE
     assert one_line("Größe: 3 µm") == "Größe: 3 µm"
-
-
-def test_odd_names_are_rendered_and_shown_in_one_line(tmp_path, monkeypatch, capfd):
     name = "new\nline \x1b[31m"
     monkeypatch.chdir(tmp_path)
     Path(f"{name}.toml").write_text(ROOM)
@@ -159,16 +153,6 @@ def test_promised_sizes_are_checked_before_memory_is_taken(tmp_path, monkeypatch
     write(tmp_path, "bomb.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 20000 +X 30000\n\2\2")
     with pytest.raises(wrt.InputError, match=r"too large|claims"):
         load_image(tmp_path / "bomb.hdr")
-
-
-def test_damaged_archives_of_meshes_are_told_in_one_line(tmp_path):
-    for arrays, message in (
-        ({"vertices": np.zeros((3, 2)), "faces": [[0, 1, 2]]}, r"vertices must be \(N, 3\), not \(3, 2\)"),
-        ({"vertices": np.zeros((3, 3))}, "there is no array 'faces' in it"),
-        ({"vertices": np.array(["a"], object), "faces": [[0, 1, 2]]}, "not a NumPy archive, or damaged"),
-    ):
-        np.savez(tmp_path / "mesh.npz", **arrays)
-        check_refused(message, load_mesh, tmp_path / "mesh.npz")
 
 
 def test_polygons_that_cross_themselves_end_and_corners_are_keyholes_only_where_they_meet():
@@ -224,6 +208,13 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
 def test_files_that_cannot_be_read_are_refused_in_one_line(tmp_path):
     for name, content, message in REFUSED:
         check_refused(message, load_mesh, write(tmp_path, name, content))
+    for arrays, message in (
+        ({"vertices": np.zeros((3, 2)), "faces": [[0, 1, 2]]}, r"vertices must be \(N, 3\), not \(3, 2\)"),
+        ({"vertices": np.zeros((3, 3))}, "there is no array 'faces' in it"),
+        ({"vertices": np.array(["a"], object), "faces": [[0, 1, 2]]}, "not a NumPy archive, or damaged"),
+    ):
+        np.savez(tmp_path / "mesh.npz", **arrays)
+        check_refused(message, load_mesh, tmp_path / "mesh.npz")
 
 
 def test_colors_and_normals_of_no_use_are_told(tmp_path):

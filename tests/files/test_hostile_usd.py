@@ -193,7 +193,12 @@ def test_a_message_of_the_library_has_the_path_once(tmp_path):
         assert "\\n" not in str(caught.value)
 
 
-def test_the_end_of_the_reading_process_is_told(tmp_path, monkeypatch):
+def test_messages_hold_numbers_and_the_end_of_the_reading_process_is_told(tmp_path, monkeypatch):
+    stream, rows = io.BytesIO(), np.arange(6, dtype="<f2").reshape(2, 3)
+    process.write_message(stream, {"rows": {process.ARRAY: 0}}, [memoryview(rows)])
+    np.testing.assert_array_equal(process.read_message(stream.getvalue())["rows"], rows, strict=True)
+    with pytest.raises(ValueError, match="unknown type of numbers 'O'"):
+        process.read_message(stream.getvalue().replace(b'"e"', b'"O"'))
     path = write(tmp_path, "box.usda", usd(prims=MESH))
     monkeypatch.setattr(process, "_CODE", "import os; os.abort()")
     check_refused("Pixar's library ended with SIGABRT", load_file, path)
@@ -202,11 +207,3 @@ def test_the_end_of_the_reading_process_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(process, "_CODE", "raise KeyError('no such thing')")
     with pytest.raises(RuntimeError, match="no such thing"):  # a fault of wrt
         load_file(path)
-
-
-def test_messages_hold_numbers_and_nothing_else():
-    stream, rows = io.BytesIO(), np.arange(6, dtype="<f2").reshape(2, 3)
-    process.write_message(stream, {"rows": {process.ARRAY: 0}}, [memoryview(rows)])
-    np.testing.assert_array_equal(process.read_message(stream.getvalue())["rows"], rows, strict=True)
-    with pytest.raises(ValueError, match="unknown type of numbers 'O'"):
-        process.read_message(stream.getvalue().replace(b'"e"', b'"O"'))

@@ -4,12 +4,14 @@ import warnings
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from support.meshes import SQUARE, write
 
-from wrt.errors import InputWarning
+from wrt.errors import InputError, InputWarning
 from wrt.io.load_mesh import load_mesh
 from wrt.io.mesh.obj import read_obj
-from wrt.io.mesh.obj_text import ObjText
+from wrt.io.mesh.obj_kernel import read_lines
+from wrt.io.mesh.obj_text import _COLUMNS, ObjText
 
 
 @pytest.mark.parametrize("zeros", [0, 2])
@@ -44,6 +46,61 @@ def test_numbers_and_corners_of_obj_are_those_of_python(zeros, tmp_path, monkeyp
             assert (rows[:, 0].tolist(), number - 1) == (corners, material)
             for column, given in ((1, has_uvs), (2, has_normals)):
                 assert rows[:, column].tolist() == (corners if given else [-1] * len(corners))
+
+
+def attributes_of(text: ObjText) -> dict[str, object]:
+    """Return what was read, without the numbers of data that the file lacks; -0.0 as 0.0."""
+    rows = {kind: (each + 0.0).tobytes() for kind, each in text.rows.items() if len(each)}
+    arrays = text.corners, text.counts, text.face_materials, text.face_smoothing
+    faces = {"faces": [None if each is None else each.tolist() for each in arrays], "rows": rows}
+    names = "materials", "libraries", "others", "colors_are_partial"
+    return faces | {name: getattr(text, name) for name in names}
+
+
+def odd_obj() -> bytes:
+    """Return numbers of all notations, polygons, and lines of every kind between them."""
+    rng = np.random.default_rng(4)
+    notations = "{:.6f}", "{!r}", "{:+.18e}", "{:g}", "{:.17g}", "{:.0f}.", "{:.3E}"
+    numbers = rng.normal(size=3000) * 10.0 ** rng.integers(-15, 12, 3000)
+    words = [notations[k % 7].format(x) for k, x in enumerate(numbers.tolist())]
+    # Halves between two doubles, and a bit beside them; 19 digits; no digits before or after the point.
+    words += ["9007199254740993", "9007199254740993.001", "9007199254740992.9", "9999999999999999999", "1.5e22"]
+    words += [".5", "5.", "-.25e1", "00012.50", "0e5", "-0", "0.00000000000000000001", "1e-22", "1e2"]
+    kept = [word for word in words if len(word.partition("e")[0].strip("+-0.")) < 20]
+    lines = [" ".join(("v", *kept[k : k + 3])) for k in range(0, len(kept) - 2, 3)]
+    lines += ["vt 0.25 1 0 # three", "\tvt\t0.5  .75\t", "vn 0 1 0 7", "# v 1", "g  a  b", "usemtl one  two", "s 1", ""]
+    lines += ["f 1 2 3", "f 1/1 2/2 3/-1 4/1", "s off", "f\t-1//-1  -2//1 -3//1#c", "l 1 2", "f 5/1/1 6/2/1 7//", "f"]
+    return "\n".join([*lines, "mtllib a b.mtl", "v 1 2 3", "usemtl", "f -1 -2 -3", "usemtl three"]).encode()
+
+
+def test_the_kernel_reads_from_obj_what_numpy_does(tmp_path, monkeypatch):
+    files = [path.read_bytes() for path in sorted((ROOT / "tests" / "corpus").rglob("*.obj"))]
+    read = []
+    for data in [odd_obj(), odd_obj().replace(b"\n", b"\r\n"), *files]:
+        results = []
+        for sizes in (range(0), range(1 << 30)):
+            monkeypatch.setattr("wrt.io.mesh.obj_text.SIZES", sizes)
+            monkeypatch.setattr("wrt.io.mesh.obj_kernel._CHUNK", 1000)
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                try:
+                    results.append(attributes_of(ObjText(tmp_path / "mesh.obj", data)))
+                except InputError as error:
+                    results.append({"error": str(error)})
+            results[-1]["warnings"] = [str(each.message) for each in caught]
+        assert results[0] == results[1]
+        read.append(read_lines(data.replace(b"\r", b""), _COLUMNS) is not None)
+    assert read[:2] == [True, True]
+
+
+def test_the_kernel_leaves_to_numpy_what_it_cannot_read() -> None:
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\n{}\nf 1 2 3\n"
+    assert read_lines(text.format("v 1 2 3").encode(), _COLUMNS) is not None
+    numbers = ["nan", "x", "3x", "1_0", ".", "1e", "1e400", "99999999999999999999", "-", "0x1", "1-2"]
+    corners = ["0", "-4", "3x", "2/x", "1//1/1", "1.0", "12345678901", "/1", "1/-2", "+1"]
+    lines = [*(f"v 1 2 {word}" for word in numbers), *(f"f 1 2 {word}" for word in corners)]
+    for line in [*lines, "v 1 2", "v 1 2 3 4", "vt ", "vn 1 2", "f "]:
+        assert read_lines(text.format(line).encode(), _COLUMNS) is None, line
 
 
 OBJ_STATEMENTS = """
@@ -81,14 +138,11 @@ def test_obj_normals_and_coordinates_that_differ_at_a_corner_part_its_vertices(t
     np.testing.assert_array_equal(mesh.vertices[mesh.faces[0]], [[0, 0, 0], [1, 0, 0], [1, 1, 0]])
 
 
-def test_obj_colors_of_some_vertices_are_named(tmp_path):
+def test_obj_colors_of_some_vertices_and_faces_with_too_few_corners_are_named(tmp_path):
     text = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\n"
     assert load_mesh(write(tmp_path, "mesh.obj", text + "f 1 2 3\n")).colors is not None
     with pytest.warns(InputWarning, match="vertex colours are left out, as some vertices have none"):
         assert load_mesh(write(tmp_path, "mesh.obj", text + "v 0 1 0\nf 1 2 3\n")).colors is None
-
-
-def test_obj_faces_with_fewer_than_three_corners_are_counted(tmp_path):
     for more, width in (("f 1 2 3\n", 3), ("", 1)):  # a triangle, or points
         path = write(tmp_path, "mesh.obj", SQUARE + "f 1 2\nf 3\nf\n" + more)
         with pytest.warns(InputWarning, match=r"3 face\(s\) with fewer than 3 corners left out"):

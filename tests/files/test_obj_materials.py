@@ -38,6 +38,13 @@ def material_of(folder: Path, text: str, obj: str = OBJ) -> wrt.Material:
     return shape.material
 
 
+def test_names_may_have_the_sign_of_comments(tmp_path):
+    write(tmp_path, "m#1.mtl", "newmtl a#1\nKd 1 0 0\nnewmtl a#2\nKd 0 1 0\n")
+    text = OBJ.replace("m.mtl", "m#1.mtl #m").replace("usemtl m", "usemtl a#2 # a#1")
+    (shape,) = load_shapes(write(tmp_path, "mesh.obj", text))
+    assert shape.material.reflectance == (0, 1, 0)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -96,19 +103,7 @@ def test_maps(tmp_path):
     check_values(material, **expected, opacity=CODES[:, :, 3] / 255.0)
     np.testing.assert_allclose(material.normal_map.pixels, NUMBERS, atol=1e-6)
     check_values(material_of(tmp_path, "Kd 1 1 1\nmap_d -imfchan g rgb.png"), opacity=NUMBERS[:, :, 1])
-
-
-def test_a_bump_map_is_a_relief(tmp_path):
-    # A ramp along u: heights grow by 8 / 255 from texel to texel, but where it repeats.
-    save_rgb(tmp_path / "ramp.png", np.repeat(np.arange(0, 256, 8, dtype=np.uint8)[None, :], 4, axis=0))
-    pixels = material_of(tmp_path, "Kd 1 1 1\nmap_bump -bm 0.5 ramp.png").normal_map.pixels
-    normal = 2.0 * pixels[2, 10].astype(np.float64) - 1.0
-    assert -normal[0] / normal[2] == pytest.approx(2.0 * 0.5 * 8 / 255, rel=1e-4)
-    assert abs(normal[1]) < 1e-6
-
-
-def test_maps_in_floating_point(tmp_path):
-    """Their values are linear; only emission may exceed 1."""
+    # Their values are linear; only emission may exceed 1
     values = np.random.default_rng(9).uniform(0.0, 3.0, (4, 4, 4)).astype(np.float32)
     channels = {name: np.ascontiguousarray(values[:, :, k]) for k, name in enumerate("RGBA")}
     OpenEXR.File({}, channels).write(str(tmp_path / "a map.exr"))
@@ -118,6 +113,15 @@ def test_maps_in_floating_point(tmp_path):
     assert material.base_color.scale == (2.0, 2.0)
     expected = {"base_color": bounded[:, :, :3], "emission": values[:, :, :3], "roughness": bounded[:, :, 0]}
     check_values(material, **expected, opacity=bounded[:, :, 3])
+
+
+def test_a_bump_map_is_a_relief(tmp_path):
+    # A ramp along u: heights grow by 8 / 255 from texel to texel, but where it repeats.
+    save_rgb(tmp_path / "ramp.png", np.repeat(np.arange(0, 256, 8, dtype=np.uint8)[None, :], 4, axis=0))
+    pixels = material_of(tmp_path, "Kd 1 1 1\nmap_bump -bm 0.5 ramp.png").normal_map.pixels
+    normal = 2.0 * pixels[2, 10].astype(np.float64) - 1.0
+    assert -normal[0] / normal[2] == pytest.approx(2.0 * 0.5 * 8 / 255, rel=1e-4)
+    assert abs(normal[1]) < 1e-6
 
 
 def test_maps_that_cannot_be_used_are_told_once_and_left_out(tmp_path):
@@ -221,13 +225,14 @@ STATEMENTS = """
     map_Pcr rgb.png & Pc .5 | map_aniso rgb.png | map_Kd -blendu off rgb.png
     map_Kd -blendv on rgb.png
     map_Kd -boost 2 rgb.png | map_Kd -cc on rgb.png | map_Kd -clamp on rgb.png & map_Kd rgb.png
-    map_d -imfchan l rgb.png & map_d rgb.png | map_d -imfchan z rgb.png | map_Kd -mm .1 .5 rgb.png & map_Kd rgb.png
+    map_d -imfchan l rgb.png & map_d rgb.png | map_d -imfchan z rgb.png | map_d -imfchan rgb rgb.png
+    map_Kd -clamp no rgb.png | map_Kd -mm .1 .5 rgb.png & map_Kd rgb.png
     map_Kd -o .1 .1 0 rgb.png & map_Kd rgb.png | map_Kd -s 2 2 1 rgb.png & map_Kd rgb.png | map_Kd -t .1 .1 0 rgb.png
     map_Kd -texres 64 rgb.png | map_Kd -bm .5 rgb.png | bump -bm .5 rgb.png & bump rgb.png | map_new rgb.png
 """
 LEFT_OUT = """
     kd spectral|ks xyz|illum 10|d -halo|map_ns|decal|disp|refl|anisor|map_aniso|map_kd -blendu off|map_kd -cc on
-    map_d -imfchan z|map_kd -t|map_kd -bm|map_new
+    map_d -imfchan z|map_d -imfchan rgb|-clamp no|map_kd -t|map_kd -bm|map_new
 """
 
 

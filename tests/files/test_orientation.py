@@ -58,14 +58,11 @@ def test_what_stands_on_one_axis_alone_is_stood_there_whatever_the_default(parts
         assert up_of(*(turned(mesh).scaled(1e-3) for mesh in parts), default=default) == "z"
 
 
-def test_land_lies():
+def test_land_lies_and_a_sheet_that_would_be_part_of_the_floor_is_stood_up():
     """Set on its edge it would stand well, and in one valley it has no more than a point on the ground."""
     land = terrain(2_000)
     assert up_of(land) == "y"
     assert up_of(turned(land), default="z") == "z"
-
-
-def test_a_sheet_that_would_be_part_of_the_floor_is_stood_up():
     assert up_of(SHEET) == up_of(SHEET, SHEET) == "z"
     assert up_of(turned(SHEET), default="z") == up_of(turned(SHEET)) == "y"
     assert up_of(SHEET, SHEET.translated((0.0, 0.01, 0.0))) == "y"

@@ -62,16 +62,6 @@ def test_writing_to_what_was_given_changes_nothing(case):
         assert scene_fingerprint(scene) == before
 
 
-def test_the_own_arrays_cannot_be_written_to():
-    scene = of_mesh(normals=ROWS.copy(), uvs=UVS.copy(), colors=ROWS.copy())
-    texture = wrt.ImageTexture(PIXELS.copy())
-    mesh = scene.shapes[0].mesh
-    for array in (mesh.vertices, mesh.faces, mesh.normals, mesh.uvs, mesh.colors, texture.pixels):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
-    assert TRIANGLE.flags.writeable  # the caller's array stays writeable
-
-
 def test_scenes_can_be_pickled_and_copied_and_renderers_say_that_they_cannot(render_kernels_when_launched):
     scene = of_shape(
         material=wrt.Mix(wrt.Principled(wrt.ImageTexture(PIXELS)), wrt.Dielectric(), weight=0.3),

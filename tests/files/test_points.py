@@ -1,5 +1,7 @@
 """Points of files and objects are spheres in their colours, of a radius that follows from their spacing."""
 
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,7 +10,7 @@ from support.meshes import write
 
 import wrt
 from wrt.errors import InputWarning
-from wrt.io.load_mesh import from_trimesh, load_mesh, load_shapes
+from wrt.io.load_mesh import from_trimesh, load_file, load_mesh, load_shapes
 from wrt.scene.exact.spheres import Spheres
 from wrt.scene.srgb import linear_from_srgb
 
@@ -62,6 +64,42 @@ def test_points_of_gltf_lie_where_their_node_is(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("widths", "interpolation", "radii"),
+    [("4, 6", "vertex", (2, 3)), ("4", "constant", (2, 2)), ("", "vertex", (3, 3))],
+)
+def test_points_of_usd_have_their_widths_and_colors(widths, interpolation, radii, tmp_path):
+    pytest.importorskip("pxr")
+    text = f"""#usda 1.0
+(
+    metersPerUnit = 0.5
+)
+def Points "p"
+{{
+    point3f[] points = [(0, 0, 0), (0, 4, 0)]
+    float[] widths = [{widths}] (
+        interpolation = "{interpolation}"
+    )
+    color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (
+        interpolation = "vertex"
+    )
+    double3 xformOp:scale = (2, 2, 2)
+    token[] xformOpOrder = ["xformOp:scale"]
+}}
+"""
+    path = write(tmp_path, "a.usda", text)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        (shape,) = load_shapes(path)
+    assert [DRAWN in str(each.message) for each in caught] == ([] if widths else [True])
+    np.testing.assert_allclose(shape.mesh.centers, [(0, 0, 0), (0, 4, 0)], atol=1e-6)
+    np.testing.assert_allclose(shape.mesh.radii, radii, rtol=1e-6)
+    np.testing.assert_array_equal(shape.mesh.colors[::3], [(1, 0, 0), (0, 1, 0)])
+    with pytest.warns(UserWarning, match=f"{DRAWN} 0.1$"):
+        (shape,) = load_file(path, point_radius=0.1).shapes
+    np.testing.assert_allclose(shape.mesh.radii, 0.1, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
     ("points", "expected"),
     [
         (np.full((1, 3), 7.0), 1.0),
@@ -87,29 +125,21 @@ def test_points_that_a_scanner_did_not_see_are_left_out():
     np.testing.assert_allclose(shape.mesh.centers, GRID, atol=1e-5)
 
 
+@pytest.mark.filterwarnings(f"ignore:.*{DRAWN}:UserWarning")
 def test_radii_are_for_points_and_meshes_for_triangles():
     ball, cloud = trimesh.creation.icosphere(subdivisions=1), trimesh.PointCloud(GRID)
-    with pytest.raises(wrt.InputError, match="it has no points that a radius is for"):
-        wrt.load(ball, point_radius=1.0)
-    with pytest.raises(wrt.InputError, match="the radius of points must be a positive number, not -1"):
-        wrt.load(cloud, point_radius=-1.0)
-    with pytest.raises(wrt.InputError, match="a radius of points is for mesh files"):
-        wrt.load("cornell-box", point_radius=1.0)
+    for call, message in (
+        (lambda: wrt.load(ball, point_radius=1.0), "it has no points that a radius is for"),
+        (lambda: wrt.load(cloud, point_radius=-1.0), "the radius of points must be a positive number, not -1"),
+        (lambda: wrt.load("cornell-box", point_radius=1.0), "a radius of points is for mesh files"),
+        (lambda: load_mesh(cloud), "points and no triangles"),
+        (lambda: wrt.Intersector(cloud), "an intersector has triangles only"),
+    ):
+        with pytest.raises(wrt.InputError, match=message):
+            call()
     scene = trimesh.Scene([ball, cloud])
-    with pytest.warns(UserWarning, match=DRAWN):
-        assert [type(shape.mesh) for shape in wrt.load(scene).shapes[:2]] == [wrt.Mesh, Spheres]
-    with pytest.warns(UserWarning, match=DRAWN):
-        assert len(load_mesh(scene).faces) == 80
-    with pytest.warns(UserWarning, match=DRAWN), pytest.raises(wrt.InputError, match="points and no triangles"):
-        load_mesh(cloud)
-    with (
-        pytest.warns(UserWarning, match=DRAWN),
-        pytest.raises(wrt.InputError, match="an intersector has triangles only"),
-    ):
-        wrt.Intersector(cloud)
+    assert [type(shape.mesh) for shape in wrt.load(scene).shapes[:2]] == [wrt.Mesh, Spheres]
+    assert len(load_mesh(scene).faces) == 80
     cloud.colors = np.zeros((7, 4), np.uint8)
-    with (
-        pytest.warns(UserWarning, match=DRAWN),
-        pytest.warns(InputWarning, match="the 7 colours of 'trimesh' are left out"),
-    ):
+    with pytest.warns(InputWarning, match="the 7 colours of 'trimesh' are left out"):
         from_trimesh(cloud)

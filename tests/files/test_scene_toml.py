@@ -3,7 +3,6 @@
 import json
 import re
 import typing
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from wrt.scene.srgb import linear_from_srgb
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     write_beside(tmp_path)
     return tmp_path
 
@@ -143,26 +142,6 @@ deformation = { files = ["low.obj", "high.obj"], times = [0.0, 1.0] }
 """
 
 
-def test_instances_within_a_mesh_file_are_placed_again(folder):
-    tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([[0, 1, 2]]))
-    tree["nodes"] = [{"mesh": 0, "translation": [1, 0, 0]}, {"mesh": 0, "translation": [0, 0, 3]}]
-    tree["scenes"] = [{"nodes": [0, 1]}]
-    (folder / "two.gltf").write_text(json.dumps(tree))
-    places = "{}, { rotate = { axis = [0, 1, 0], degrees = 90 }, translate = [0, 5, 0] }"
-    text = f'[[shapes]]\ntype = "mesh"\nfile = "two.gltf"\nscale = 2.0\ninstances = [{places}]\n'
-    shapes = scene_of(folder, text).shapes
-    found = sorted(tuple(np.round(shape.bounds.ravel(), 6) + 0.0) for shape in shapes)
-    # The triangle's corners lie at the origin, on x and on y. Twice as large, its two places are (2, 0, 0) and
-    # (0, 0, 6); a quarter turn about y takes x to -z and z to x.
-    expected = [
-        ((2, 0, 0), (4, 2, 0)),
-        ((0, 0, 6), (2, 2, 6)),
-        ((0, 5, -4), (0, 7, -2)),
-        ((6, 5, -2), (6, 7, 0)),
-    ]
-    assert found == sorted(tuple(float(x) for corner in each for x in corner) for each in expected)
-
-
 def test_instances_motions_and_deformations(folder):
     matrices = np.tile(np.eye(4), (3, 1, 1))
     matrices[:, 0, 3] = 1.0, 2.0, 3.0
@@ -184,6 +163,23 @@ def test_instances_motions_and_deformations(folder):
     half[1, 3] = 1.0
     np.testing.assert_allclose(growing.transform_at(1.0), half, atol=1e-12)
     np.testing.assert_allclose(changing.mesh_at(0.5).bounds[1], [2.0, 4.0, 0.0])
+    tree = gltf_box(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([[0, 1, 2]]))
+    tree["nodes"] = [{"mesh": 0, "translation": [1, 0, 0]}, {"mesh": 0, "translation": [0, 0, 3]}]
+    tree["scenes"] = [{"nodes": [0, 1]}]
+    (folder / "two.gltf").write_text(json.dumps(tree))
+    places = "{}, { rotate = { axis = [0, 1, 0], degrees = 90 }, translate = [0, 5, 0] }"
+    text = f'[[shapes]]\ntype = "mesh"\nfile = "two.gltf"\nscale = 2.0\ninstances = [{places}]\n'
+    shapes = scene_of(folder, text).shapes
+    found = sorted(tuple(np.round(shape.bounds.ravel(), 6) + 0.0) for shape in shapes)
+    # The triangle's corners lie at the origin, on x and on y. Twice as large, its two places are (2, 0, 0) and
+    # (0, 0, 6); a quarter turn about y takes x to -z and z to x.
+    expected = [
+        ((2, 0, 0), (4, 2, 0)),
+        ((0, 0, 6), (2, 2, 6)),
+        ((0, 5, -4), (0, 7, -2)),
+        ((6, 5, -2), (6, 7, 0)),
+    ]
+    assert found == sorted(tuple(float(x) for corner in each for x in corner) for each in expected)
 
 
 @pytest.mark.parametrize("text", MISTAKES, ids=range(len(MISTAKES)))

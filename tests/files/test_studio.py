@@ -67,7 +67,7 @@ def test_everything_just_fits(aspect):
         assert any(v.max() > 0.999 and v.min() < -0.999 for v in places.T)
 
 
-def test_the_studio_turns_with_the_camera():
+def test_the_studio_turns_with_the_camera_and_has_no_floor_in_its_way():
     azimuth, elevation = VIEWS["three-quarter"]
     quarter = np.eye(4)
     quarter[:3, :3] = [[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # +z, the front, comes to +x
@@ -76,9 +76,6 @@ def test_the_studio_turns_with_the_camera():
         np.testing.assert_allclose(shape.mesh.transformed(quarter).vertices, copy.mesh.vertices, atol=2e-5)
         np.testing.assert_array_equal(shape.mesh.faces, copy.mesh.faces)  # the lamp faces the mesh in both
     np.testing.assert_allclose(quarter[:3, :3] @ first.camera.origin, turned.camera.origin, atol=1e-5)
-
-
-def test_from_below_there_is_no_floor_in_the_way():
     assert {shape.name for shape in wrt.load(BLOCK, view="bottom").shapes} == {BLOCK.name, "key light"}
     assert lamp_of(wrt.load(BLOCK, view=(0, -10))).vertices[:, 1].max() < 0.0
 
@@ -111,7 +108,7 @@ def test_framing_a_scene_leaves_out_floors_lamps_and_what_its_camera_does_not_se
     assert {shape.name for shape in subjects(box.shapes, box.camera)} == {s.name for s in box.shapes} - {"light"}
 
 
-def test_materials_by_name():
+def test_materials_by_name_and_what_is_none():
     gold = wrt.RoughConductor(metal="gold", alpha=0.15)
     for name, expected in (
         ("gold", gold),
@@ -126,9 +123,6 @@ def test_materials_by_name():
         assert isinstance(named_material(name), wrt.Material)
     plain, scene = wrt.load(BLOCK), wrt.load(BLOCK, material="gold")
     assert [shape.material for shape in scene.shapes] == [gold, *(shape.material for shape in plain.shapes[1:])]
-
-
-def test_other_materials_are_refused():
     for wrong, message in (
         ("glod", "did you mean 'gold'"),
         ("diffuse:2", "reflectance"),

@@ -3,7 +3,6 @@
 import math
 import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,14 +25,14 @@ pxr = pytest.importorskip("pxr")
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """Return a folder with the image that the scene names."""
     wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
     return tmp_path
 
 
 @pytest.fixture
-def scene(folder: Path) -> wrt.Scene:
+def scene(folder):
     return load_file(write(folder, "all.usda", USD))
 
 
@@ -41,7 +40,7 @@ def square_of(scene: wrt.Scene) -> wrt.Shape:
     return max(scene.shapes[:2], key=lambda shape: len(shape.mesh.faces))
 
 
-def test_meshes_are_in_metres_with_y_up_and_parted_by_material(scene):
+def test_the_scene_is_in_metres_with_y_up_and_also_in_an_archive(scene, folder):
     square, triangle = square_of(scene), min(scene.shapes[:2], key=lambda shape: len(shape.mesh.faces))
     # (x, y, z) becomes (x, z, -y), moved by 2 and halved.
     np.testing.assert_allclose(square.mesh.bounds, [[1, 0, -1], [2, 0, 0]], atol=1e-6)
@@ -61,9 +60,6 @@ def test_meshes_are_in_metres_with_y_up_and_parted_by_material(scene):
     boxes = np.array([ball.mesh_at(0.0).bounds for ball in balls])
     np.testing.assert_allclose(boxes.mean(axis=1), [[1, 0.5, 0], [1, 1, 0]], atol=1e-5)
     np.testing.assert_allclose(np.ptp(boxes, axis=1), 0.5, atol=1e-3)
-
-
-def test_lights_and_camera(scene):
     panel, ball, sun = scene.lights
     assert panel.radiance == pytest.approx((6, 6, 6))
     np.testing.assert_allclose(np.cross(panel.edge_u, panel.edge_v), (0, -2, 0), atol=1e-9)  # it emits downwards
@@ -77,9 +73,6 @@ def test_lights_and_camera(scene):
     assert scene.camera.origin == pytest.approx((1, 5, 0))
     np.testing.assert_allclose(np.subtract(scene.camera.target, scene.camera.origin), (0, -1, 0), atol=1e-9)
     assert scene.camera.fov_degrees == pytest.approx(math.degrees(2 * math.atan(0.2)))
-
-
-def test_images_within_an_archive_are_read(scene, folder):
     from pxr import UsdUtils
 
     assert UsdUtils.CreateNewUsdzPackage(str(folder / "all.usda"), str(folder / "all.usdz"))
@@ -99,7 +92,7 @@ def test_solids_are_closed_and_face_outwards(tmp_path):
         assert volume(shape.mesh) == pytest.approx(expected, rel=5e-3)
 
 
-def test_materials_may_read_attributes_by_their_names(folder):
+def test_colors_and_coordinates_are_those_that_a_material_reads(folder):
     """The colours for display, or what stands for them where there are none; coordinates that are not called st."""
     reader = """color3f inputs:diffuseColor.connect = </World/Red/Reader.outputs:result>
             token outputs:surface
@@ -122,6 +115,26 @@ def test_materials_may_read_attributes_by_their_names(folder):
     laid = square_of(load_file(write(folder, "c.usda", USD.replace("primvars:st ", "primvars:map1 "))))
     assert isinstance(laid.material.base_color, wrt.ImageTexture)
     assert np.ptp(laid.mesh.uvs) == 1.0
+    reader = """def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_float3"
+            string inputs:varname = "paint"
+            float3 outputs:result
+        }
+        def Shader "Image"
+        {"""
+    text = USD.replace("</World/Red/Image.outputs:rgb>", "</World/Red/Reader.outputs:result>")
+    text = text.replace('def Shader "Image"\n        {', reader)
+    text = text.replace(ST, f"        color3f[] primvars:paint = [(0, 0.5, 1)]\n{ST}")
+    square = square_of(load_file(write(folder, "paint.usda", text)))
+    np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
+    missing = USD.replace("asset inputs:file = @red.png@", "float3 inputs:fallback = (0, 0, 1)")
+    assert square_of(load_file(write(folder, "b.usda", missing))).material.base_color == (0, 0, 1)
+    opaque = USD.replace("float inputs:metallic = 1", "float inputs:opacity.connect = </World/Red/Image.outputs:a>")
+    assert square_of(load_file(write(folder, "d.usda", opaque))).material.opacity == 1.0  # of an image without alpha
+    shown = USD.replace(ST, f"        float[] primvars:displayOpacity = [0.25]\n{ST}")
+    shown = shown.replace("rel material:binding = </World/Red>", "")
+    assert square_of(load_file(write(folder, "c.usda", shown))).mesh.colors[0, 3] == 0.25
 
 
 def test_missing_references_wrong_types_faces_and_a_missing_library_are_told(folder, monkeypatch):
@@ -129,7 +142,8 @@ def test_missing_references_wrong_types_faces_and_a_missing_library_are_told(fol
     with pytest.warns(InputWarning, match=r"look\.usda', which it refers to, cannot be opened"):
         load_file(write(folder, "all.usda", text))
     text = USD.replace(ST, "        int normals = 3\n        texCoord2f[] primvars:was")
-    assert len(load_file(write(folder, "wrong.usda", text)).shapes) == 4
+    with pytest.warns(InputWarning, match="a primvar normals that does not fit"):
+        assert len(load_file(write(folder, "wrong.usda", text)).shapes) == 4
     path = write(folder, "broken.usda", USD.replace("[0, 1, 2, 3, 1, 4, 2]", "[0, 1, 2, 3, 1, 9, 2]"))
     check_refused("/World/Square: a face names vertex 9, but there are 5", load_file, path)
     monkeypatch.setitem(sys.modules, "pxr", None)
@@ -138,57 +152,14 @@ def test_missing_references_wrong_types_faces_and_a_missing_library_are_told(fol
 
 BALL = '#usda 1.0\n(\nmetersPerUnit = 1\n)\ndef Sphere "s" {}\n'
 
-MOVING = """#usda 1.0
-(
-    metersPerUnit = 1
-    startTimeCode = 1
-    endTimeCode = 13
-    timeCodesPerSecond = 24
-)
-def Mesh "m"
-{
-    int[] faceVertexCounts.timeSamples = {1: [3]}
-    int[] faceVertexIndices = [0, 1, 2]
-    point3f[] points.timeSamples = {1: [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 13: [(0, 0, 0), (1, 0, 0), (0, 3, 0)]}
-}
-def PointInstancer "p"
-{
-    int[] protoIndices = [0, 0]
-    int64[] invisibleIds = [1]
-    point3f[] positions.timeSamples = {1: [(5, 0, 0), (6, 0, 0)], 13: [(5, 8, 0), (6, 0, 0)]}
-    rel prototypes = </p/Prototypes/inner>
-    over "Prototypes"
-    {
-        def PointInstancer "inner"
-        {
-            int[] protoIndices = [0]
-            point3f[] positions = [(0, 0, 2)]
-            rel prototypes = </p/Prototypes/inner/cube>
-            def Cube "cube" {}
-        }
-    }
-}
-def Cube "late"
-{
-    token visibility.timeSamples = {1: "invisible", 8: "inherited"}
-}
-def SphereLight "l"
-{
-    float inputs:intensity.timeSamples = {1: 1, 13: 2}
-}
-def Camera "c"
-{
-    float3 xformOp:translate.timeSamples = {1: (0, 0, 30), 13: (0, 0, 36)}
-    uniform token[] xformOpOrder = ["xformOp:translate"]
-}
-"""
+MOVING = ROOT / "tests/scenes/meshes/moving.usda"
+"""Points, instances, visibility, a light and a camera that change from the first time code to the thirteenth."""
 
 
 def test_time_samples_are_those_of_a_time_and_by_default_of_the_first(tmp_path):
-    path = write(tmp_path, "moving.usda", MOVING)
-    assert animation_of(path) == (0.0, 0.5)
+    assert animation_of(MOVING) == (0.0, 0.5)
     for time, top, y, count, intensity, z in ((None, 1, 0, 2, 1, 30), (0.25, 2, 4, 2, 1.5, 33), (0.5, 3, 8, 3, 2, 36)):
-        scene = load_file(path, time=time)
+        scene = load_file(MOVING, time=time)
         assert len(scene.shapes) == count
         assert scene.shapes[0].mesh.bounds[1].tolist() == [1, top, 0]
         np.testing.assert_allclose(scene.shapes[1].mesh_at(0.0).bounds, [[4, y - 1, 1], [6, y + 1, 3]])
@@ -229,6 +200,34 @@ def test_images_are_black_beyond_their_edges_unless_they_continue(folder):
             np.testing.assert_allclose(texel(texture, uv), value, err_msg=f"{wrap} at {uv}")
 
 
+def test_an_image_without_coordinates_has_the_colour_of_its_origin(folder):
+    pixels = np.full((2, 2, 3), 1.0)
+    pixels[1, 0] = 0.25, 0.5, 0.0
+    wrt.save_image(folder / "red.exr", pixels)
+    text = USD.replace("red.png", "red.exr").replace("float2 inputs:st.connect = </World/Red/Place.outputs:result>", "")
+    assert square_of(load_file(write(folder, "a.usda", text))).material.base_color == pytest.approx((0.25, 0.5, 0.0))
+
+
+@pytest.mark.filterwarnings("error::wrt.errors.InputWarning")
+def test_the_pole_of_a_dome_may_be_that_of_the_stage_and_what_no_schema_has_is_not_named(folder):
+    image = "asset inputs:texture:file = @red.png@"
+    stage = BALL.replace("metersPerUnit = 1", 'metersPerUnit = 1\nupAxis = "Z"')
+    turned = "matrix4d xformOp:transform = ((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1))"
+    turned += '\nuniform token[] xformOpOrder = ["xformOp:transform"]'
+    scenes = [
+        load_file(write(folder, f"{number}.usda", stage + dome))
+        for number, dome in enumerate(
+            (
+                f'def DomeLight "d" {{\n{image}\n{turned}\n}}\n',
+                f'def DomeLight_1 "d" {{\n{image}\n}}\n',
+                f'def DomeLight_1 "d" {{\n{image}\nuniform token poleAxis = "Z"\n}}\ndef "b" {{\nint extra = 1\n}}\n',
+                f'def DomeLight_1 "d" {{\n{image}\nuniform token poleAxis = "Y"\n}}\n',
+            )
+        )
+    ]
+    assert [bool(differences(scenes[0], scene)) for scene in scenes] == [False, False, False, True]
+
+
 def texel(texture: wrt.ImageTexture, uv: tuple[float, float]) -> np.ndarray:
     """Return the nearest texel of a texture that clamps or repeats."""
     u, v = texture.placement @ (*uv, 1.0)
@@ -237,29 +236,6 @@ def texel(texture: wrt.ImageTexture, uv: tuple[float, float]) -> np.ndarray:
     clamps = [wrap == "clamp" for wrap in texture.wrap]
     column = min(max(column, 0), width - 1) if clamps[0] else column % width
     return texture.pixels[min(max(row, 0), height - 1) if clamps[1] else row % height, column]
-
-
-def test_colors_are_those_that_a_material_reads_and_fallbacks_stand_for_what_is_missing(folder):
-    reader = """def Shader "Reader"
-        {
-            uniform token info:id = "UsdPrimvarReader_float3"
-            string inputs:varname = "paint"
-            float3 outputs:result
-        }
-        def Shader "Image"
-        {"""
-    text = USD.replace("</World/Red/Image.outputs:rgb>", "</World/Red/Reader.outputs:result>")
-    text = text.replace('def Shader "Image"\n        {', reader)
-    text = text.replace(ST, f"        color3f[] primvars:paint = [(0, 0.5, 1)]\n{ST}")
-    square = square_of(load_file(write(folder, "paint.usda", text)))
-    np.testing.assert_allclose(square.mesh.colors, [(0, 0.5, 1)] * len(square.mesh.vertices))
-    missing = USD.replace("asset inputs:file = @red.png@", "float3 inputs:fallback = (0, 0, 1)")
-    assert square_of(load_file(write(folder, "b.usda", missing))).material.base_color == (0, 0, 1)
-    opaque = USD.replace("float inputs:metallic = 1", "float inputs:opacity.connect = </World/Red/Image.outputs:a>")
-    assert square_of(load_file(write(folder, "d.usda", opaque))).material.opacity == 1.0  # of an image without alpha
-    shown = USD.replace(ST, f"        float[] primvars:displayOpacity = [0.25]\n{ST}")
-    shown = shown.replace("rel material:binding = </World/Red>", "")
-    assert square_of(load_file(write(folder, "c.usda", shown))).mesh.colors[0, 3] == 0.25
 
 
 def test_native_instances_inherit_materials_and_colors_of_their_own(folder):

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from support.same_scenes import differences
 
 import wrt
@@ -19,58 +20,10 @@ from wrt.io.usd import reader
 from wrt.io.usd.process import read_message, write_message
 
 pytest.importorskip("pxr")
-from pxr import Gf, Sdf, Sdr, Usd, UsdShade
+from pxr import Gf, Sdf, Sdr, Tf, Usd, UsdGeom, UsdShade
 
-BASE = """#usda 1.0
-(
-    metersPerUnit = 1
-)
-def Mesh "Shape"
-{
-    int[] faceVertexCounts = [3, 3]
-    int[] faceVertexIndices = [0, 1, 2, 3, 4, 5]
-    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (5, 0, 0), (6, 0, 0), (5, 1, 0)]
-    texCoord2f[] primvars:st = [(0, 0), (1, 0), (0, 1), (0, 0), (1, 0), (0, 1)] (
-        interpolation = "vertex"
-    )
-    texCoord2f[] primvars:st2 = [(0, 0), (2, 0), (0, 1), (0, 0), (2, 0), (0, 1)] (
-        interpolation = "vertex"
-    )
-    rel material:binding = </M>
-}
-def Material "M"
-{
-    token outputs:surface.connect = </M/UsdPreviewSurface.outputs:surface>
-    def Shader "UsdPreviewSurface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        color3f inputs:diffuseColor.connect = </M/UsdUVTexture.outputs:rgb>
-        float inputs:opacity = 0.5
-        token outputs:surface
-    }
-    def Shader "UsdUVTexture"
-    {
-        uniform token info:id = "UsdUVTexture"
-        asset inputs:file = @ramp.png@
-        token inputs:sourceColorSpace = "raw"
-        token inputs:wrapS = "repeat"
-        token inputs:wrapT = "repeat"
-        float2 inputs:st.connect = </M/UsdTransform2d.outputs:result>
-        float3 outputs:rgb
-    }
-    def Shader "UsdTransform2d"
-    {
-        uniform token info:id = "UsdTransform2d"
-        float2 inputs:in.connect = </M/UsdPrimvarReader_float2.outputs:result>
-        float2 outputs:result
-    }
-    def Shader "UsdPrimvarReader_float2"
-    {
-        uniform token info:id = "UsdPrimvarReader_float2"
-        float2 outputs:result
-    }
-}
-"""
+BASE = (ROOT / "tests/scenes/meshes/painted.usda").read_text("utf-8")
+"""Two triangles of a material whose image is placed by a transform."""
 
 LIGHT = "bool inputs:enableColorTemperature = 1\nfloat inputs:colorTemperature = 3000\n"
 
@@ -88,7 +41,8 @@ PRIMS = {
     "RectLight": f"{LIGHT}float inputs:width = 2",
     "DiskLight": LIGHT,
     "DistantLight": LIGHT,
-    "DomeLight": f"{LIGHT}asset inputs:texture:file = @ramp.png@",
+    **dict.fromkeys(("DomeLight", "DomeLight_1"), f"{LIGHT}asset inputs:texture:file = @ramp.png@"),
+    "Points": "point3f[] points = [(0, 0, 0), (9, 0, 0)]\nfloat[] widths = [1, 2]",
     **dict.fromkeys(("Mesh", "Cube", "Sphere", "Plane", "Cylinder", "Cone", "Capsule"), ""),
 }
 """A prim of each type that is drawn, lights or looks, so that its properties have an effect."""
@@ -136,6 +90,7 @@ SPECIAL: dict[str, Any] = {
     "enableColorTemperature": False,
     "colorTemperature": 9000.0,
     "treatAsPoint": True,
+    "poleAxis": "Z",
     "useSpecularWorkflow": 1,
     "primvars:displayColor": [Gf.Vec3f(0.3, 0.2, 0.1)],
     "purpose": "guide",
@@ -147,12 +102,12 @@ SPECIAL: dict[str, Any] = {
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """Return a folder with an image, where files are described without another process."""
     from wrt.io.usd.prims import Description
 
-    def described(path: Path, time: float | None = None) -> Any:
-        arrays: list[memoryview[Any]] = []
+    def described(path, time=None):
+        arrays = []
         stage = Usd.Stage.Open(str(path))
         with memory_limits.one_load():
             content = Description(stage, stage.GetUsedLayers(), arrays, time).content
@@ -173,6 +128,7 @@ def loaded(folder: Path, stage: Any) -> tuple[wrt.Scene, list[str]]:
     stage.GetRootLayer().Export(str(path))
     Sdf.Layer.FindOrOpen(str(path)).Reload()
     with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore", UserWarning)  # of the radius of points
         warnings.simplefilter("always", InputWarning)
         try:
             scene = load_file(path)
@@ -262,6 +218,33 @@ def test_each_input_of_a_shader_is_used_excused_or_warned_of(kind, folder):
     assert lost == ["opacityMode presence"] * (kind == "UsdPreviewSurface")
 
 
+@pytest.mark.parametrize(
+    ("kind", "text", "expected"),
+    [
+        ("Mesh", 'uniform token orientation = "inside"', "Mesh.orientation 'inside'"),
+        ("Mesh", 'token visibility = "faint"', "Mesh.visibility 'faint'"),
+        ("Cone", 'uniform token axis = "W"', "Cone.axis 'W'"),
+        ("Camera", 'token projection = "fisheye"', "Camera.projection 'fisheye'"),
+        ("Mesh", "float[] primvars:displayOpacity = [0.5, 1, 1]", ""),
+        (
+            "Mesh",
+            'color3f[] primvars:displayColor = [(1, 0, 0)] (\ninterpolation = "vertex"\n)',
+            "a primvar displayColor",
+        ),
+        ("Mesh", 'texCoord2f[] primvars:st = [(1, 0)] (\ninterpolation = "edge"\n)', "a primvar st"),
+        ("Mesh", "normal3f[] normals = [(0, 0, 1)]", "a primvar normals"),
+        ("Points", "float[] widths = [1, 0, 1]", "a width of Points that is not positive"),
+    ],
+)
+def test_words_and_values_that_do_not_fit_are_named(kind, text, expected, folder):
+    mesh = "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n" * (kind == "Mesh")
+    points = "point3f[] points = [(0, 0, 0), (9, 0, 0), (0, 9, 0)]\n" * (kind in ("Mesh", "Points"))
+    _, messages = loaded(folder, stage_of(f'{BASE}def {kind} "p" {{\n{mesh}{points}{text}\n}}'))
+    found = [message.partition(": ")[2] for message in messages]
+    assert [message for message in found if not message.startswith(expected or ".")] == []
+    assert bool(found) == bool(expected)
+
+
 def test_types_that_are_not_drawn_are_named_once(folder):
     stage = stage_of(
         f'{BASE}def BasisCurves "a" {{}}\ndef BasisCurves "b" {{}}\ndef Unheard "c" {{}}\ndef Scope "d" {{}}'
@@ -271,3 +254,16 @@ def test_types_that_are_not_drawn_are_named_once(folder):
         "a prim of type BasisCurves is unknown to wrt and left out (2 times)",
         "a prim of type Unheard is unknown to wrt and left out",
     ]
+
+
+def test_a_unit_of_length_may_be_in_single_precision(folder, monkeypatch):
+    def raising(stage: Any) -> float:
+        raise Tf.ErrorException
+
+    stage = stage_of(BASE)
+    stage.SetMetadata("metersPerUnit", 0.25)
+    expected, _ = loaded(folder, stage)
+    monkeypatch.setattr(UsdGeom, "GetStageMetersPerUnit", raising)  # as the library does where it is
+    scene, messages = loaded(folder, stage)
+    assert not messages
+    assert not differences(expected, scene)

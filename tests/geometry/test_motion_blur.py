@@ -14,6 +14,7 @@ from support.cameras import camera_rays
 from support.kernels import uniforms
 from support.small_scenes import rendered
 from support.statistics import image_z_test
+from support.wide_scenes import deforming
 
 import wrt
 
@@ -167,27 +168,13 @@ RAMP = 0.8
 
 
 def moving_scene(shutter: tuple[float, float], ramp: float = RAMP) -> wrt.Scene:
-    """Return a tumbling box, a deforming ball, a moving lamp, shapes at rest, and a turning camera."""
+    """Return a tumbling box, a deforming ball, moving lamps, shapes at rest, and a turning camera."""
+    scene = deforming()
+    scene.environment = wrt.ConstantEnvironment(0.1)
     times = dict(zip(("shutter_open", "shutter_close"), shutter, strict=True))
     turn = wrt.Motion.rotation((0, 1, 0.5), 12.0, center=(0.5, 0.0, 3.0), offset=(0.2, 0.1, -0.3))
-    camera = wrt.PerspectiveCamera((0.0, 2.0, 5.0), (0.0, 0.6, 0.0), fov_degrees=40.0, shutter_ramp=ramp, **times)
-    camera = dataclasses.replace(camera, motion=turn)
-    scene = wrt.Scene(camera=camera, environment=wrt.ConstantEnvironment(0.1))
-    scene.add(wrt.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), material=wrt.Diffuse(0.6))
-    keys = [np.eye(4), np.eye(4)]
-    keys[0][:3, 3] = -1.5, 0.5, 0.0
-    keys[1][:3, :3] = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]) @ np.diag([1.2, 0.7, 1.0])
-    keys[1][:3, 3] = -0.5, 1.0, 0.0
-    box, red = wrt.box((-0.4, -0.4, -0.4), (0.4, 0.4, 0.4)), wrt.Diffuse((0.8, 0.3, 0.2))
-    scene.add(box, material=red, transform=wrt.Motion((0.0, 1.0), keys, center=(0.2, 0.0, 0.0)))
-    mirrored = np.diag([-0.5, 0.5, 0.5, 1.0])
-    mirrored[:3, 3] = 0.2, 0.3, 1.0
-    scene.add(box, material=wrt.Mirror(0.9), transform=mirrored)
-    ball = wrt.sphere(subdivisions=2)
-    shapes = np.stack([ball.vertices * [0.4, 0.4, 0.4], ball.vertices * [0.7, 0.2, 0.4]]) + [1.2, 0.5, 0.0]
-    scene.add(ball, material=wrt.Diffuse(0.7), deformation=wrt.Deformation((-0.5, 1.0), shapes))
-    lamp = wrt.quad((-0.5, 2.5, -0.5), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    scene.add(lamp, emission=(8.0, 7.0, 5.0), transform=wrt.Motion.translation((1.5, 0.0, 0.3)))
+    view = {"fov_degrees": 40.0, "shutter_ramp": ramp, "motion": turn}
+    scene.camera = wrt.PerspectiveCamera((0.0, 2.0, 5.0), (0.0, 0.6, 0.0), **view, **times)
     return scene
 
 

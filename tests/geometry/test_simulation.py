@@ -14,6 +14,7 @@ import pytest
 import warp as wp
 from conftest import ROOT
 from support.kernels import upload
+from support.small_scenes import image_of
 
 import wrt
 from wrt.scene.normals import vertex_normals, with_normals
@@ -41,14 +42,8 @@ def renderer_of(mesh: wrt.Mesh, device: str) -> wrt.Renderer:
     return wrt.Renderer(scene_of(mesh), width=48, height=36, device=device, sampler="independent")
 
 
-def rendered(renderer: wrt.Renderer) -> np.ndarray:
-    for _ in renderer.passes(spp=4):
-        pass
-    return renderer.image()
-
-
 def fresh(mesh: wrt.Mesh, device: str) -> np.ndarray:
-    return rendered(renderer_of(mesh, device))
+    return image_of(renderer_of(mesh, device), 4)
 
 
 @pytest.mark.slow
@@ -56,32 +51,32 @@ def fresh(mesh: wrt.Mesh, device: str) -> np.ndarray:
 def test_a_frame_is_the_picture_of_a_new_scene(smooth: bool, kind: str, device: str) -> None:
     start, end = hilly(0.1, smooth=smooth), hilly(0.25, smooth=smooth)
     renderer = renderer_of(start, device)
-    first = rendered(renderer)
+    first = image_of(renderer, 4)
     mesh = wrt.Mesh(upload(end.vertices, wp.vec3, device), upload(end.faces, wp.vec3i, device))
     np.testing.assert_array_equal(mesh.vertices, end.vertices)
     np.testing.assert_array_equal(mesh.faces, end.faces)
     renderer.update_vertices(1, end.vertices if kind == "numpy" else upload(end.vertices, wp.vec3, device))
     assert renderer.spp == 0
-    moved = rendered(renderer)
+    moved = image_of(renderer, 4)
     assert np.abs(moved - first).max() > 0.1
     # Normals are computed in float32 here, and in float64 there; a few paths go other ways.
     same = np.isclose(moved, fresh(end, device), rtol=1e-3, atol=1e-4).all(axis=2)
     assert same.mean() > (0.99 if smooth else 0.999)
     renderer.update_vertices(renderer.scene.shapes[1], start.vertices)
-    np.testing.assert_allclose(rendered(renderer).mean(), first.mean(), rtol=1e-4)
+    np.testing.assert_allclose(image_of(renderer, 4).mean(), first.mean(), rtol=1e-4)
 
 
 def test_given_normals_are_taken(device: str) -> None:
     """Also for a flat mesh."""
     smooth, up = hilly(0.2, smooth=True), np.tile(np.float32([0, 1, 0]), (400, 1))
     renderer = renderer_of(hilly(0.2), device)
-    flat = rendered(renderer)
+    flat = image_of(renderer, 4)
     renderer.update_vertices(1, smooth.vertices, smooth.normals)
     expected = fresh(smooth, device)
     assert np.abs(flat - expected).max() > 0.1
-    np.testing.assert_array_equal(rendered(renderer), expected)
+    np.testing.assert_array_equal(image_of(renderer, 4), expected)
     renderer.update_vertices(1, smooth.vertices, normals=up)
-    np.testing.assert_array_equal(rendered(renderer), fresh(dataclasses.replace(smooth, normals=up), device))
+    np.testing.assert_array_equal(image_of(renderer, 4), fresh(dataclasses.replace(smooth, normals=up), device))
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
@@ -99,7 +94,7 @@ def test_normals_follow_with_the_creases_that_there_were(device: str) -> None:
 def test_the_film_on_the_device_is_the_film(device: str) -> None:
     renderer = renderer_of(hilly(0.1), device)
     film = renderer.device_film()
-    image = rendered(renderer)
+    image = image_of(renderer, 4)
     on_device = renderer.device_image()
     assert on_device.device == wp.get_device(device)
     np.testing.assert_array_equal(on_device.numpy(), image)
@@ -117,7 +112,7 @@ def test_the_film_on_the_device_is_the_film(device: str) -> None:
 @pytest.mark.parametrize("library", ["numpy", "array interface", "jax", "torch"])
 def test_others_share_film_and_image_without_a_copy(library: str) -> None:
     renderer = renderer_of(hilly(0.1), "cpu")
-    image = rendered(renderer)
+    image = image_of(renderer, 4)
     on_device, total = renderer.device_image(), renderer.device_film()["total"]
     # The function that takes an array of Warp, and the one that returns the address of what it made of it.
     if library == "jax":

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
+from support.mitsuba_scene import load_mitsuba
 
 import wrt
 from wrt.io.mitsuba.daylight import sun_position
@@ -18,12 +19,6 @@ from wrt.scene.motion import rotation_matrix
 from wrt.upload.lights.environment import resolve_environment
 
 Array = NDArray[np.float64]
-
-
-def mitsuba() -> Any:
-    mi = pytest.importorskip("mitsuba", reason="the independent renderer is not installed")
-    mi.set_variant("scalar_rgb")
-    return mi
 
 
 def radiance(mi: Any, emitter: Any, directions: Array) -> Array:
@@ -53,7 +48,7 @@ SUNS = {
 @pytest.mark.parametrize("name", SUNS)
 def test_daylight_of_a_file_is_mitsuba_s(name: str, tmp_path: Path, report: Report) -> None:
     """Sky, sun and the dark below, wherever up is."""
-    mi = mitsuba()
+    mi = load_mitsuba()
     values, to_world = SUNS[name]
     file = tmp_path / "scene.xml"
     file.write_text(

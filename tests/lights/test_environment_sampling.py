@@ -8,6 +8,7 @@ import warp as wp
 from conftest import Report
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
+from support.bsdfs import sphere
 from support.kernels import uniforms, upload
 from support.statistics import chi_square_test
 
@@ -69,11 +70,6 @@ class Sky:
         """Return the irradiance per solid angle from directions, or the radiance where there is no normal."""
         cosine = 1.0 if self.normal is None else np.maximum(d @ self.normal, 0.0)
         return self.look(d)[0][:, 1] * cosine
-
-
-def directions(n: int, seed: int) -> NDArray[np.float64]:
-    d = np.random.default_rng(seed).normal(size=(n, 3))
-    return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
 def image_grid(height: int, width: int, degrees: float) -> tuple[NDArray, NDArray]:
@@ -163,7 +159,7 @@ def test_surfaces_hardly_look_behind_them(device: str, report: Report) -> None:
     """By the table for its normal, a surface sees light that is not dim with less than a quarter of the variance."""
     pixels = 1.0 + 20.0 * noise(32, 64)
     u = uniforms(2**15, 2, seed=7)
-    for normal in directions(4, seed=6):
+    for normal in sphere(4, seed=6):
         variances = []
         for sky in (Sky(pixels, device, normal=normal), Sky(pixels, device)):
             wi, pdf = sky.sample(u)
@@ -204,7 +200,7 @@ def test_texels_lie_where_the_description_says(device: str) -> None:
     np.testing.assert_allclose(radiance, pixels.reshape(-1, 3), rtol=1e-4, atol=5e-3)
     np.testing.assert_allclose(uv, np.stack([(column + 0.5) / width, (row + 0.5) / height], axis=1), atol=1e-5)
     # Directions and (u, v) are each other's inverse. The polar angle comes from its cosine: it is good to eps / sin.
-    d = directions(100_000, seed=5)
+    d = sphere(100_000, seed=5)
     _, _, uv, back = Sky(pixels, device, degrees).look(d)
     assert 0.0 <= uv.min() <= uv.max() <= 1.0
     sine = np.maximum(np.sqrt(1.0 - d[:, 1] ** 2), 1e-3)

@@ -18,6 +18,7 @@ from support.covering_kernels import covering, render_with
 from support.irradiance import EVERY_LIGHT
 from support.kernels import uniforms, upload
 from support.media import render
+from support.ray_trees import unit
 from support.statistics import chi_square_test, image_z_test
 
 import wrt
@@ -87,10 +88,6 @@ class Queries:
         out = wp.empty(self.shape, dtype=float, device=self.device)
         wp.launch(probabilities_of_lights, out.shape, [self.tree, self.at], [out], device=self.device)
         return out.numpy().astype(np.float64)
-
-
-def unit(v: NDArray) -> NDArray:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
 def triangles(n: int, seed: int, size: float = 0.1) -> NDArray:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import re
-import runpy
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, Report
+from conftest import Report
 from support.covering_kernels import rendering_with
 from support.irradiance import EVERY_LIGHT, check, disk_irradiance, floor_scene, irradiance, pixel_mean
+from support.pages import definitions, program_of, run_program
 from support.small_scenes import image_of
 
 import wrt
@@ -27,25 +23,20 @@ from wrt.upload.scene_data import SceneUpload
 
 pytestmark = pytest.mark.slow
 
-(CODE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "own-light.md").read_text("utf-8"), re.M | re.S)
+CODE = program_of("own-light")
 
 one_kernel = rendering_with(replace(EVERY_LIGHT, light_shapes=(*BUILT_IN, "ring")))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def ring(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Register the page's light, from a file since Warp reads it, and leave the register as it was found."""
-    path = tmp_path_factory.mktemp("own") / "ring.py"
-    path.write_text(CODE, "utf-8")
-    yield runpy.run_path(str(path), run_name="ring")["RingLight"]
+    """Register the page's light, and leave the register as it was found."""
+    yield definitions(CODE, tmp_path_factory.mktemp("own") / "ring.py")["RingLight"]
     del LIGHTS["ring"]
 
 
 def test_the_program_runs_and_its_light_is_reflected(tmp_path: Path) -> None:
-    (tmp_path / "ring.py").write_text(CODE, "utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "ring.py"], cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    run_program(CODE, tmp_path / "ring.py")
     image = wrt.load_image(tmp_path / "ring.png")
     # By the law of reflection the ball shows the ring around its middle, which shows the hole.
     green = image[256, 256:330, 1]

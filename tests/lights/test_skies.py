@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
+from support.bsdfs import sphere
 from support.covering_kernels import render_with
 from support.irradiance import EVERY_LIGHT, REFLECTANCE, floor_scene
 from support.media import mean_and_error, render
@@ -28,11 +29,6 @@ Array = NDArray[np.float64]
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
-def directions(n: int, seed: int) -> Array:
-    d = np.random.default_rng(seed).normal(size=(n, 3))
-    return d / np.linalg.norm(d, axis=1, keepdims=True)
-
-
 def test_harmonics_are_orthonormal() -> None:
     """By Gauss's rule in z and even steps of the azimuth, exact for all products."""
     degree = 16
@@ -47,7 +43,7 @@ def test_harmonics_are_orthonormal() -> None:
 
 def test_harmonics_are_those_of_the_page() -> None:
     """Ramamoorthi and Hanrahan 2001, equation 3."""
-    d = directions(50, 1)
+    d = sphere(50, 1)
     x, y, z = d.T
     c0, c1, c2, c3, c4 = 0.282095, 0.488603, 1.092548, 0.315392, 0.546274
     expected = [c0 + 0.0 * x, c1 * y, c1 * z, c1 * x]

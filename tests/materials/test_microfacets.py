@@ -14,6 +14,7 @@ from conftest import Report
 from numpy.typing import ArrayLike, NDArray
 from scipy import integrate, special
 from support.kernels import uniforms, upload
+from support.ray_trees import unit
 from support.statistics import chi_square_test, integrate_pdf_over_bins, sphere_histogram
 
 from wrt.kernels.microfacet import DISTRIBUTIONS, LEAST_ALPHA, make_microfacet, maskings_of
@@ -170,10 +171,6 @@ def hemisphere(n: int, seed: int) -> Array:
     return d.astype(np.float32).astype(np.float64)
 
 
-def normalised(v: Array) -> Array:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
-
-
 # --- Distributions ------------------------------------------------------------------------------------
 
 
@@ -211,7 +208,7 @@ def test_distribution_is_the_printed_one_and_normalised(case: Case, device: str,
     phi = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False) + 0.1
     r, phi = (a.ravel() for a in np.meshgrid(np.exp(log_r), phi))
     slope = np.stack([case.scale[0] * r * np.cos(phi), case.scale[1] * r * np.sin(phi), np.ones_like(r)], axis=1)
-    m = normalised(slope).astype(np.float32)
+    m = unit(slope).astype(np.float32)
     found, expected = case.d(m, device), printed_d(case, m.astype(np.float64))
     area = r**2 * case.scale[0] * case.scale[1] * (log_r[1] - log_r[0]) * (2.0 * np.pi / 16)
     total = float(np.sum(found * m[:, 2].astype(np.float64) ** 4 * area))
@@ -272,7 +269,7 @@ def test_normals_follow_their_density(case: Case, degrees: float, device: str, r
     assert abs(expected.sum() / N - 1.0) < 2e-4
     # Of some cells a mere corner is visible, which quadrature may miss; that samples are visible is asserted below.
     expected = np.maximum(expected, 1e-6)
-    stretched = normalised(m / np.array([*case.scale, 1.0]))
+    stretched = unit(m / np.array([*case.scale, 1.0]))
     result = chi_square_test(sphere_histogram(stretched, RESOLUTION), expected, tests=len(SAMPLED))
     report(f"{case} at {degrees:g}°", result.statistic, result.dof, p=result.p)
     assert result.passed, result.message
@@ -318,7 +315,7 @@ def test_walters_fit(device: str, report: Report) -> None:
 
 def test_maskings_are_the_printed_ones(device: str) -> None:
     wo, wi = hemisphere(20_000, seed=7), hemisphere(20_000, seed=8)
-    m = normalised(wo + wi)
+    m = unit(wo + wi)
     case = slopes("ggx", 0.5)
     dot, nl, nv, nh = np.sum(wo * m, axis=1), wi[:, 2], wo[:, 2], m[:, 2]
     g_o, g_i = smith_g1(case, wo), smith_g1(case, wi)

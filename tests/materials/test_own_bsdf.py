@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import re
-import runpy
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,8 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT, Report
+from conftest import Report
 from support.bsdfs import Case, albedo, assert_finite, assert_weights, chi_square, reciprocity_error
+from support.pages import definitions, program_of, run_program
+from support.small_scenes import finish, image_of
 
 import wrt
 from wrt.kernels.bsdf import BSDFS, register_model
@@ -24,14 +21,12 @@ from wrt.kernels.core.bsdf import MAX_SLOTS
 from wrt.scene.materials import MATERIALS
 from wrt.scene.srgb import srgb_from_linear
 
-(CODE,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "own-bsdf.md").read_text("utf-8"), re.M | re.S)
+CODE = program_of("own-bsdf")
 
 
 def lunar_of(name: str, code: str) -> Any:
-    """Return the material that code registers; it runs from a file since Warp reads it."""
-    path = Path(tempfile.mkdtemp()) / f"{name}.py"
-    path.write_text(code, "utf-8")
-    return runpy.run_path(str(path), run_name=name)["Lunar"]
+    """Return the material that code registers."""
+    return definitions(code, Path(tempfile.mkdtemp()) / f"{name}.py")["Lunar"]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -44,10 +39,7 @@ def lunar() -> Iterator[Any]:
 @pytest.mark.slow
 def test_the_program_runs_and_the_full_moon_is_flat(tmp_path: Path) -> None:
     """Seen from where the light comes from, cosθi = cosθo, and the radiance is E w / 8π right to the rim."""
-    (tmp_path / "moon.py").write_text(CODE, "utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "moon.py"], cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    run_program(CODE, tmp_path / "moon.py")
     codes = srgb_from_linear(wrt.load_image(tmp_path / "moon.png")) * 255.0
     y, x = np.meshgrid(*(2.0 * (np.arange(512) + 0.5) / 512.0 - 1.0,) * 2, indexing="ij")
     # Radii of the moon from the axis; from 220 of them away the camera does not see quite what the sun sees.
@@ -90,8 +82,7 @@ def test_it_is_a_material_like_any_other(lunar: Any, tmp_path: Path, device: str
     material: Any = scene.shapes[0].material
     assert isinstance(material.first, lunar)
     renderer = wrt.Renderer(scene, sampler="independent", width=16, height=16, device=device)
-    for _ in renderer.passes(spp=1024):
-        pass
+    finish(renderer, 1024)
     error = np.sqrt(renderer.variance()[..., 0].sum()) / 256
     expected = 0.75 * 0.6 * 0.5 * (1.0 - np.log(2.0)) + 0.25 * 0.8
     assert abs(renderer.image().mean(dtype=np.float64) - expected) < 3.5 * error
@@ -139,14 +130,9 @@ def test_ones_own_may_be_registered_again(device: str) -> None:
             scene.add(wrt.sphere(), material=moon(0.25))
             scene.add_light(wrt.DirectionalLight((0.0, 0.0, -1.0), irradiance=60.0))
             renderers.append(wrt.Renderer(scene, width=8, height=8, max_depth=2, device=device))
-            for _ in renderers[-1].passes(spp=1):
-                pass
-            images.append(renderers[-1].image())
+            images.append(image_of(renderers[-1], 1))
         # Renderers keep the functions that they were made with.
-        for renderer in renderers:
-            for _ in renderer.passes(spp=2):
-                pass
-        later = [renderer.image() for renderer in renderers]
+        later = [image_of(renderer, 2) for renderer in renderers]
     finally:
         del MATERIALS["cell-moon"]
     assert images[0].max() > 0.0

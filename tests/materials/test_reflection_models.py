@@ -26,6 +26,7 @@ from support.bsdfs import (
 )
 from support.kernels import uniforms
 from support.measurements import ISOTROPIC, arbitrary, azimuths
+from support.small_scenes import image_of
 
 import wrt
 from wrt.kernels.bsdf.lobes.principled_base import FEATURE_ROWS
@@ -347,9 +348,7 @@ def test_white_materials_vanish_in_a_white_room(device: str, report: Report) -> 
     glass = wrt.RoughDielectric(1.5, alpha=0.5, multiple_bounces=True)
     scene.add(wrt.Mesh(ball.vertices, ball.faces), material=glass)
     renderer = wrt.Renderer(scene, sampler="independent", width=96, height=16, seed=2, max_depth=1000, device=device)
-    for _ in renderer.passes(spp=256):
-        pass
-    image = renderer.image().astype(np.float64).reshape(16, 6, 16, 3)
+    image = image_of(renderer, 256).astype(np.float64).reshape(16, 6, 16, 3)
     error = np.sqrt(renderer.variance().reshape(16, 6, 16, 3).sum(axis=(0, 2))) / 256
     for number, name in enumerate(["oren-nayar", "plastic", "brushed metal", "metal", "principled", "glass"]):
         tile = image[4:12, number, 2:14]

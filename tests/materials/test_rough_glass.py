@@ -1,4 +1,4 @@
-"""Rough boundaries: Walter's refraction, what facets block and give back, and the limits of smooth and of none."""
+"""Rough boundaries: Walter's refraction, and the limit of none."""
 
 from __future__ import annotations
 
@@ -46,18 +46,3 @@ def test_a_boundary_between_equal_media_is_none(front: bool, multiple: bool, dev
     value, pdf, _ = Case(material, front).evaluate(wo, -wo, device)
     assert not value.any()
     assert not pdf.any()
-
-
-@pytest.mark.parametrize("front", [True, False])
-def test_the_smoothest_is_nearly_smooth(front: bool, device: str) -> None:
-    """At a roughness of 1e-4 the same random numbers bring directions and weights of a smooth boundary."""
-    wo = hemisphere(20_000, seed=5)
-    wo = wo[wo[:, 2] > 0.02]
-    u = uniforms(len(wo), 3, seed=6)
-    rough = Case(wrt.RoughDielectric(1.5, alpha=1e-4), front).sample(wo, u, device)
-    smooth = Case(wrt.Dielectric(1.5), front).sample(wo, u, device)
-    same = np.abs(rough["wi"] - smooth["wi"]).max(axis=1) < 0.01
-    # Others chose the other way, just at its probability, or are within a facet's slope of the critical angle.
-    assert same.mean() > 0.997
-    np.testing.assert_allclose(rough["weight"][same], smooth["weight"][same], rtol=2e-3)
-    np.testing.assert_array_equal(rough["eta"][same], smooth["eta"][same])

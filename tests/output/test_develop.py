@@ -55,20 +55,6 @@ def test_the_default_name_follows_the_source_and_replaces_no_foreign_file(capsys
     assert codes("room.png").shape == (48, 64, 3)
 
 
-def test_errors_are_one_line_and_write_nothing(capsys):
-    for arguments, message in (
-        (("room.exr", "-o", "room.png", "--tone", "agxx"), "did you mean 'agx'"),
-        (("damaged.exr",), "damaged.exr: cannot be read as an image"),
-    ):
-        Path("damaged.exr").write_bytes(b"v/1\x01damaged")
-        before = sorted(os.listdir())
-        assert run("develop", *arguments) == 2
-        printed = capsys.readouterr().err
-        assert message in printed
-        assert printed.count("\n") == 1
-        assert sorted(os.listdir()) == before
-
-
 def test_a_render_is_developed_with_its_options(capsys):
     """Which its checkpoint does not depend on."""
     assert run("render", "cornell-box", "-o", "a.exr", *SMALL) == 0
@@ -81,7 +67,7 @@ def test_a_render_is_developed_with_its_options(capsys):
     assert "too bright and clipped; darken it by --exposure 8" in capsys.readouterr().err
 
 
-def test_unsupported_outputs_are_refused_before_rendering(capsys):
+def test_unsupported_outputs_are_refused_before_rendering_and_others_leave_nothing(capsys):
     for options, message in (
         (("--tone", "ocio:none.ocio"), "none.ocio: no such OpenColorIO configuration"),
         (("--transparent",), "c.jpg: a JPEG has no alpha; give it a name that ends in .png or .exr"),
@@ -93,6 +79,17 @@ def test_unsupported_outputs_are_refused_before_rendering(capsys):
         assert run("render", "cornell-box", "-o", "c.jpg", *SMALL, *options) == 2
         assert message in capsys.readouterr().err
         assert not os.path.exists("c.jpg")
+    for arguments, message in (
+        (("room.exr", "-o", "room.png", "--tone", "agxx"), "did you mean 'agx'"),
+        (("damaged.exr",), "damaged.exr: cannot be read as an image"),
+    ):
+        Path("damaged.exr").write_bytes(b"v/1\x01damaged")
+        before = sorted(os.listdir())
+        assert run("develop", *arguments) == 2
+        printed = capsys.readouterr().err
+        assert message in printed
+        assert printed.count("\n") == 1
+        assert sorted(os.listdir()) == before
 
 
 def test_scene_files_have_tone_and_exposure():

@@ -104,11 +104,8 @@ def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypa
     monkeypatch.setattr(os, "access", lambda *_: False)
     refused("may not be written to", check_output, tmp_path / "a.png")
     monkeypatch.undo()
-    refused(r"must be \(H, W, 3\)", save_image, tmp_path / "a.png", np.zeros((4, 4)))
+    refused(r"must be \(H, W, 3\)", save_image, tmp_path / "a.png", np.zeros((4, 4, 2)))
     refused(r"^a picture is written to a path, not to BytesIO; .*wrt.develop_image", save_image, io.BytesIO(), NOISE)
-
-
-def test_integer_codes_are_refused_as_radiance(tmp_path):
     codes = np.full((2, 2, 3), 200, np.uint8)
     for name in ("a.png", "a.exr", "a.npy"):
         refused(f"{name}: an image must be linear numbers, not codes up to 200", save_image, tmp_path / name, codes)
@@ -127,7 +124,7 @@ def test_eight_bit_modes_decode_alike_and_sixteen_bits_are_read(tmp_path):
     np.testing.assert_array_equal(load_image(path)[:, :, 1], linear_from_srgb(values / 65535.0).astype(np.float32))
 
 
-def test_float_tiff_and_grey_exr_are_linear(tmp_path):
+def test_float_formats_and_shared_exponents_are_linear(tmp_path):
     values = np.array([[0.25, 4.0, -1.0]], np.float32)
     Image.fromarray(values).save(tmp_path / "a.tif")
     np.testing.assert_array_equal(load_image(tmp_path / "a.tif")[:, :, 2], values)
@@ -136,9 +133,6 @@ def test_float_tiff_and_grey_exr_are_linear(tmp_path):
         OpenEXR.File(header, {channel: values}).write(str(tmp_path / f"{channel}.exr"))
     np.testing.assert_array_equal(load_image(tmp_path / "Y.exr")[:, :, 0], values)
     refused(r"Z\.exr: no channels R, G, B or Y in it, only Z", load_image, tmp_path / "Z.exr")
-
-
-def test_radiance_hdr_decodes_shared_exponents(tmp_path):
     # Ward 1991: (mantissa + 0.5 or 0) / 256 * 2^(exponent - 128); the mantissas here are exact.
     pixels = bytes([128, 64, 32, 129, 255, 0, 1, 136, 0, 0, 0, 0])
     (tmp_path / "a.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 3\n" + pixels)

@@ -159,7 +159,12 @@ def test_convert_replaces_files_only_with_force_and_never_its_input(folder, caps
     assert wrt.load("kept.toml").shapes
 
 
-def test_an_interrupted_conversion_keeps_the_previous_one(folder, monkeypatch):
+def test_a_conversion_that_fails_or_is_interrupted_leaves_what_there_was(folder, monkeypatch):
+    scene = wrt.load("cornell-box")
+    scene.add(CUBE, material=type("Own", (wrt.Diffuse,), {"type_name": "own"})())
+    with pytest.raises(wrt.InputError, match="cannot hold materials of one's own"):
+        wrt.save_scene("a.toml", scene)
+    assert os.listdir(folder) == []
     write_obj(folder)
     assert run("convert", "cornell-box", "a.toml") == 0
     (folder / "a_files" / "notes.txt").write_text("mine")
@@ -174,11 +179,3 @@ def test_an_interrupted_conversion_keeps_the_previous_one(folder, monkeypatch):
             wrt.save_scene("a.toml", wrt.load("fuze.obj"), force=True)
     assert contents(folder) == before
     wrt.load("a.toml")
-
-
-def test_a_conversion_that_fails_leaves_nothing(folder):
-    scene = wrt.load("cornell-box")
-    scene.add(CUBE, material=type("Own", (wrt.Diffuse,), {"type_name": "own"})())
-    with pytest.raises(wrt.InputError, match="cannot hold materials of one's own"):
-        wrt.save_scene("a.toml", scene)
-    assert os.listdir(folder) == []

@@ -1,23 +1,17 @@
-"""What would make a published figure wrong: verdicts, errors, timings, tables; and planted faults."""
+"""What would make a published figure wrong: verdicts, errors, tables; and planted faults."""
 
 import json
 import re
 import shlex
-from pathlib import Path
 
 import benchmark
 import mutate
 import numpy as np
 import pytest
-from benchmarks import agreement, measure, render, report, scenes
+from benchmarks import agreement, measure, render, report
 from conftest import ROOT
-from peers import peer
 from peers.picture_tests import image_z_test
 from support import statistics
-
-import wrt
-
-SMALL = scenes.Budget(share=0.01, assets=Path("/nowhere"))
 
 
 def stack(factor: float, seed: int, count: int = 6, noise: float = 0.3) -> np.ndarray:
@@ -46,27 +40,6 @@ def test_errors_are_free_of_the_noise_of_references(report):
     # Of each product the standard deviation is about sqrt(3 · 0.01² + 2 · 0.01 · 0.09 + 0.09²).
     assert error == pytest.approx(0.01, abs=4.0 * 0.1 / np.sqrt(truth.size))
     assert render.squared_error(truth, references) == pytest.approx(0.0, abs=4.0 * 0.09 / np.sqrt(truth.size))
-
-
-@pytest.mark.slow
-def test_a_renderer_in_a_process_of_its_own(tmp_path, monkeypatch):
-    """Bits are those of this process; seconds of CPU count over as many cores as are given, and not on a GPU."""
-    scene = scenes.CASES["cornell"].scene(24, SMALL)
-    peer.prepare(peer.OWN, scene, tmp_path)
-    with peer.Session(peer.OWN, tmp_path, peer.Environments(), threads=1, cpus=4) as session:
-        assert session.about["threads"] == 1
-        image, seconds = session.picture(2, 5, tmp_path / "image.npy")
-        assert seconds > 0.0
-        assert session.peak_memory() > 50e6
-        monkeypatch.setattr(session, "ask", lambda **_: {"seconds": 1.0, "cpu_seconds": 8.0})
-        assert session.render(8, 3) == 2.0
-        monkeypatch.undo()
-    renderer = wrt.Renderer(scene, seed=5)
-    for _ in renderer.passes(spp=2):
-        pass
-    np.testing.assert_array_equal(image, renderer.image())
-    with pytest.raises(SystemExit, match="GPU"):
-        benchmark.main(["render", "--cpu-seconds", "--device", "cuda", "--peers", "mitsuba-llvm"])
 
 
 def test_commands_of_the_pages_are_understood():

@@ -11,7 +11,9 @@ import pictures.tutorial
 import pytest
 from conftest import ROOT
 from PIL import Image
+from support.covering_kernels import OF_PICTURES, render_with
 
+import wrt
 from wrt.scene.camera import CAMERAS
 from wrt.scene.materials import MATERIALS
 from wrt.scene.scene import INTEGRATORS
@@ -33,6 +35,12 @@ def test_docs_show_what_the_gallery_makes():
     assert sorted(shown) == sorted(files) == sorted([*PICTURES, *OWN_SCRIPT, *SCREENSHOTS])
 
 
+def test_steps_of_the_tutorial_replace_tables_of_its_file():
+    scenes = [pictures.tutorial.make_scene(step) for step in range(3)]
+    assert [(len(scene.shapes), len(scene.lights)) for scene in scenes] == [(2, 0), (2, 0), (2, 2)]
+    assert [type(scene.shapes[0].material) for scene in scenes] == [wrt.Diffuse, wrt.Plastic, wrt.Plastic]
+
+
 @pytest.mark.slow
 def test_scenes_of_pictures_are_built():
     moving = {"motion-toys": "deforming", "layers": "moving", "motion-forest": "still"}
@@ -45,8 +53,9 @@ def test_scenes_of_pictures_are_built():
 
 
 @pytest.mark.slow
-def test_a_picture_renders_as_the_docs_show_it(tmp_path):
+def test_a_picture_renders_as_the_docs_show_it(tmp_path, monkeypatch):
     """16 pixels wide, against the picture of the docs made as small; noise and JPEG leave a difference of 6 levels."""
+    render_with([OF_PICTURES], monkeypatch)
     assert gallery.main(["light-spots", "--spp", "256", "--size", "16", "--out", str(tmp_path)]) == 0
     with Image.open(tmp_path / "light-spots.jpg") as picture:
         found = np.asarray(picture.convert("RGB"), np.float64)

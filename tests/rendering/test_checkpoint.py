@@ -50,13 +50,17 @@ def refusal(call, *arguments):
     return text
 
 
-def test_round_trip(path):
+def test_round_trip_and_paths_that_cannot_be_written_or_read(path, tmp_path):
     write_checkpoint(path, HEADER, ARRAYS)
     header, arrays = read_checkpoint(path)
     assert header == {"format": FORMAT, **HEADER}
     assert_same_arrays(arrays, ARRAYS)
     assert [array.dtype for array in arrays.values()] == [array.dtype for array in ARRAYS.values()]
     assert os.listdir(path.parent) == ["film"]  # the name is taken as it is, and nothing is left beside it
+    assert "directory" in refusal(write_checkpoint, tmp_path, HEADER, ARRAYS)
+    assert "does not exist" in refusal(write_checkpoint, tmp_path / "nowhere" / "film", HEADER, ARRAYS)
+    for path in (tmp_path / "missing", tmp_path):
+        assert "no such checkpoint file" in refusal(read_checkpoint, path)
 
 
 @pytest.mark.parametrize("failure", [OSError(28, "No space left"), MemoryError(), KeyboardInterrupt()], ids=repr)
@@ -78,13 +82,6 @@ def test_a_failed_write_leaves_the_old_file(failure, place, path, monkeypatch):
         write_checkpoint(path, {**HEADER, "width": 3}, ARRAYS)
     assert path.read_bytes() == before
     assert os.listdir(path.parent) == ["film"]
-
-
-def test_paths_that_cannot_be_written_or_read(tmp_path):
-    assert "directory" in refusal(write_checkpoint, tmp_path, HEADER, ARRAYS)
-    assert "does not exist" in refusal(write_checkpoint, tmp_path / "nowhere" / "film", HEADER, ARRAYS)
-    for path in (tmp_path / "missing", tmp_path):
-        assert "no such checkpoint file" in refusal(read_checkpoint, path)
 
 
 FOREIGN = {
@@ -134,16 +131,12 @@ def test_damaged_and_truncated_files(flip, path, recwarn):
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
-def test_a_scene_that_differs_is_refused_by_its_parts(film, path):
+def test_scenes_and_settings_that_differ_are_named(film, path):
     """tests/files/test_fingerprint.py has the parts that each change shows in."""
     film.save_checkpoint(path)
     changed = block_scene(lights=[], camera=wrt.PerspectiveCamera((0.0, 1.0, 4.5), (0.0, 0.0, 0.0)))
     text = refusal(wrt.Renderer.resume, path, changed)
     assert text == f"{path}: cannot resume, these differ: the scene's lights, the scene's camera"
-
-
-@pytest.mark.usefixtures("render_kernels_when_launched")
-def test_settings_that_differ_are_named(film, path):
     film.save_checkpoint(path)
     for key, stored, value in (
         ("width", 6, 8),
@@ -159,7 +152,7 @@ def test_settings_that_differ_are_named(film, path):
         assert_same_arrays(renderer.film.state(), before)
 
 
-def test_other_versions_and_nonsense_in_the_header_are_refused(film, path):
+def test_other_versions_nonsense_in_the_header_and_wrong_arrays_are_refused(film, path):
     # Another version may round otherwise, and then a resumed picture is not the picture.
     for damage in (
         *({"wrt": "0.0.1"}, {"warp": "0.0.1"}, {"width": "six"}, {"height": -1}, {"width": 1e9}, {"seed": None}),
@@ -168,9 +161,6 @@ def test_other_versions_and_nonsense_in_the_header_are_refused(film, path):
         write_checkpoint(path, {**identity_of(film), **damage}, film.film.state())
         text = refusal(wrt.Renderer.resume, path, block_scene())
         assert "0.0.1" not in str(damage) or f"these differ: {next(iter(damage))} (0.0.1 there, " in text
-
-
-def test_wrong_arrays_are_refused(film, path):
     for name in ("total", "count"):
         for change in (lambda array: None, lambda array: array[:-1], lambda array: array.astype(np.float32)):
             state = film.film.state()

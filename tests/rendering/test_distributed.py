@@ -9,7 +9,7 @@ import signal
 
 import numpy as np
 import pytest
-from support.small_scenes import assert_same_arrays, block_scene, finish
+from support.small_scenes import assert_same_arrays, block_scene, finish, image_of
 
 import wrt
 import wrt.distributed
@@ -208,43 +208,31 @@ def test_names_of_several_devices(monkeypatch, capsys):
             devices_of(name)
 
 
-@pytest.fixture
-def lost_scheduler(monkeypatch, after_window):
-    """A client whose scheduler is lost after the fourth window."""
+def test_the_command_line_saves_what_there_is_when_the_scheduler_is_lost(tmp_path, monkeypatch, capsys, after_window):
+    """After the fourth window; and the checkpoint goes on to the film of one machine."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.0)
     how = {"processes": False, "dashboard_address": ":0", "silence_logs": 50}
+    options = ("--dask", "there", "--spp", "64", "--size", "20x30", "--checkpoint", "a.ckpt", "-o", "a.png", "--quiet")
     with (
         dask.config.set({"distributed.comm.timeouts.connect": "200ms"}),
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, **how) as cluster,
         distributed.Client(cluster.scheduler_address, timeout=0.2) as client,
     ):
         after_window(lambda number: cluster.close() if number == 4 else None)
-        monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.0)
-        yield client
-
-
-def test_a_lost_scheduler_leaves_the_film(lost_scheduler, one, tmp_path):
-    with pytest.raises(wrt.distributed.ClusterError, match="the connection to the scheduler of Dask is lost") as caught:
-        wrt.render(block_scene(), client=lost_scheduler, spp=64, **SIZE)
-    renderer = caught.value.renderer
-    assert 0 < renderer.film.counts.max() < 64
-    renderer.save_checkpoint(tmp_path / "a.ckpt")
-    resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", block_scene())
-    assert_same_arrays(film_of(resumed, 64), film_of(one.sharing(), 64))
-
-
-def test_the_command_line_saves_what_there_is_when_the_scheduler_is_lost(lost_scheduler, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("wrt.cli.options._client", lambda _: lost_scheduler)
-    options = ("--dask", "there", "--spp", "64", "--size", "20x30", "--checkpoint", "a.ckpt", "-o", "a.png", "--quiet")
-    assert main(["render", "cornell-box", *options]) == 1
+        monkeypatch.setattr("wrt.cli.options._client", lambda _: client)
+        assert main(["render", "cornell-box", *options]) == 1
     pattern = "wrt: error: the connection to the scheduler of Dask is lost; stopped at .*; a.png and a.ckpt saved\n"
     assert re.fullmatch(pattern, capsys.readouterr().err)
     assert wrt.load_image("a.png").shape == (30, 20, 3)
-    assert wrt.Renderer.resume("a.ckpt", wrt.load("cornell-box")).film.counts.any()
+    resumed = wrt.Renderer.resume("a.ckpt", wrt.load("cornell-box"))
+    assert 0 < resumed.film.counts.max() < 64
+    np.testing.assert_array_equal(image_of(resumed, 64), wrt.render("cornell-box", width=20, height=30, spp=64))
 
 
-def test_processes_that_die_one_after_the_other_leave_the_film(after_window):
-    processes = wrt.distributed.Processes(["cpu", "cpu"])
+def test_a_process_that_dies_leaves_the_film(after_window):
+    """Of several the next goes on; see `test_processes_of_several_devices_render_one_picture`."""
+    processes = wrt.distributed.Processes(["cpu"])
     after_window(lambda _: kill(processes))
     try:
         with pytest.raises(wrt.distributed.ClusterError, match="the processes that render have died") as caught:

@@ -49,9 +49,6 @@ def test_what_a_scene_cannot_have_is_refused_when_made_and_when_rendered():
         for use in (lambda field=field, value=value: wrt.Scene(**{field: value}), *uses):
             with pytest.raises(wrt.InputError, match=f"^{re.escape(message)}"):
                 use()
-
-
-def test_misspelt_names_are_refused():
     with pytest.raises(AttributeError, match="enviroment"):
         wrt.Scene().enviroment = wrt.ConstantEnvironment()
     with pytest.raises(AttributeError, match="samples"):
@@ -116,7 +113,7 @@ def test_vertex_colors_that_no_surface_has_are_refused():
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
-def test_images_that_cannot_be_shown_as_they_are_are_warned_of():
+def test_images_that_cannot_be_shown_are_warned_of_and_warnings_name_the_line_outside_of_wrt():
     with pytest.warns(InputWarning, match=r"^texture wood: as reflectance it must be at most 1, but it reaches 200$"):
         check_attributes([wrt.Shape(LAID, wrt.Diffuse(CODES))])
     scene = wrt.Scene([wrt.Shape(MESH, wrt.Diffuse(HALF))], environment=wrt.ConstantEnvironment())
@@ -126,10 +123,6 @@ def test_images_that_cannot_be_shown_as_they_are_are_warned_of():
     ):
         with pytest.warns(InputWarning, match="^shape: its material has an image, but its mesh no texture coordinates"):
             use()
-
-
-@pytest.mark.usefixtures("render_kernels_when_launched")
-def test_warnings_name_the_line_outside_of_wrt():
     dust = trimesh.Scene([trimesh.creation.box(), trimesh.PointCloud(CORNERS)])
     for warned in (lambda: wrt.Renderer(wrt.Scene([wrt.Shape(MESH)]), width=4, height=4), lambda: wrt.load(dust)):
         with pytest.warns(UserWarning, match="the scene has no light|are drawn as spheres") as caught:

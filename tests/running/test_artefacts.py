@@ -26,7 +26,7 @@ from wrt.kernels.bsdf import BSDFS, model_of
 
 
 @pytest.fixture
-def environment(tmp_path: Path) -> dict[str, str]:
+def environment(tmp_path):
     return without_artefacts(tmp_path)
 
 
@@ -99,7 +99,6 @@ def digest(*arrays):
     return [hashlib.sha256(np.ascontiguousarray(array)).hexdigest() for array in arrays]
 """
 
-RENDER = "print(json.dumps([has_warp(), digest(wrt.render('cornell-box', width=24, height=24, spp=3))]))"
 
 WITHOUT_WARP = """
 import tempfile
@@ -137,31 +136,6 @@ def test_whatever_a_renderer_does_needs_no_warp_the_second_time(tmp_path, enviro
     assert first[0]
     assert run(tmp_path, environment, WITHOUT_WARP) == (False, first[1])
     assert run(tmp_path, environment, WITHOUT_WARP, "import warp\n" + BEGIN) == (True, first[1])
-
-
-OF_A_USER = """
-import warp as wp
-
-@wp.kernel
-def sums(values: wp.array(dtype=float), total: wp.array(dtype=float)):
-    tile = wp.tile_load(values, shape=8)
-    wp.tile_store(total, wp.tile_sum(tile))
-
-wp.config.enable_cpu_blocks = True
-wp.init()
-values, total = (make(n, dtype=float, device="cpu") for make, n in ((wp.ones, 8), (wp.zeros, 1)))
-"""
-
-
-@pytest.mark.machinery
-def test_cooperative_kernels_of_users_go_on_to_work(tmp_path, environment):
-    """Loading kernels without Warp gives its library functions that must not replace Warp's own."""
-    run(tmp_path, environment, RENDER)
-    compiled = "renderer_with(1)\nassert not has_warp()\n"
-    launch = "wp.launch_tiled(sums, dim=[1], inputs=[values, total], block_dim=8, device='cpu')\n"
-    script = tmp_path / "script.py"
-    script.write_text(BEGIN + compiled + OF_A_USER + launch + "print(total.numpy().tolist())")
-    assert python(tmp_path, environment, str(script)).endswith("[8.0]\n")
 
 
 def structs_of_kernels() -> list[Any]:

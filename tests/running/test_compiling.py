@@ -43,7 +43,7 @@ class Loads:
 
 
 @pytest.fixture
-def loads(monkeypatch: pytest.MonkeyPatch) -> Loads:
+def loads(monkeypatch):
     return Loads(monkeypatch)
 
 
@@ -157,45 +157,6 @@ end(143)"""
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=VARIABLES, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (143, "Stopped.\n")
     assert not list(tmp_path.iterdir())
-
-
-COMPILE_ONCE = """
-import sys, threading
-import warp as wp
-from wrt.backend import headers
-from wrt.backend.device import Device
-from wrt.backend.kernel_cache import compile_nothing
-
-@wp.kernel(enable_backward=False)
-def double(first: int, x: wp.array(dtype=float)):
-    x[first + wp.tid()] *= 2.0
-
-written = []
-keep, headers._keep = headers._keep, lambda path: (written.append(path), keep(path))
-wp.config.kernel_cache_dir = sys.argv[1]
-Device("cpu").compile(double)
-thread = threading.Thread(target=headers.share_headers, args=[compile_nothing])
-thread.start()
-thread.join()
-print(len(written))
-"""
-
-
-@pytest.mark.machinery
-def test_headers_are_kept_for_other_processes_and_written_anew_where_damaged(tmp_path):
-    (tmp_path / "program.py").write_text(COMPILE_ONCE)
-    variables = {**VARIABLES, "XDG_CACHE_HOME": str(tmp_path)}
-
-    def compile_once(number):
-        return python(tmp_path, variables, "program.py", str(tmp_path / f"kernels{number}"))
-
-    assert [compile_once(0), compile_once(1)] == ["1\n", "0\n"]
-    (cached,) = tmp_path.glob("wrt/headers-*/*")
-    size = cached.stat().st_size
-    cached.write_bytes(cached.read_bytes()[: size // 2])
-    assert compile_once(2) == "1\n"
-    (cached,) = tmp_path.glob("wrt/headers-*/*")
-    assert cached.stat().st_size == size
 
 
 def test_headers_are_kept_apart_where_one_of_them_has_changed(tmp_path, monkeypatch):

@@ -37,16 +37,9 @@ def test_each_index_runs_once(threads, device):
     assert_each_once(Device(device, threads=threads), 1000, spared=3)  # one thread always works
 
 
-def simulated(n: int, threads: int, seconds: Callable[[int], float], *, least: int = 1) -> list[tuple[int, int, float]]:
-    """Return starts, sizes and seconds of slices; each thread takes one as soon as its previous one has ended.
-
-    Args:
-        n: number of indices.
-        threads: number of threads.
-        seconds: time that an index takes.
-        least: smallest number of indices in a slice.
-    """
-    slices, found = Slices(n, threads, least), []
+def simulated(n: int, threads: int, seconds: Callable[[int], float]) -> list[tuple[int, int, float]]:
+    """Return starts, sizes and seconds of slices of n indices; a thread takes one as soon as its previous has ended."""
+    slices, found = Slices(n, threads, 1), []
     running: list[tuple[float, int, int, float]] = []  # end, start, size, seconds
     free = [0.0] * threads
     while True:

@@ -46,9 +46,6 @@ def test_what_they_cover():
         for integrator in ("whitted", "ao"):  # which do not decide at run time
             plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
             assert [large.covers(plain), large.covers(large)] == [False, True]
-
-
-def test_the_exercise_has_all_models_and_lights():
     names = {model_name(material) for material in general.materials() if not material.parts}
     assert names == set(WITH_HOLES.models)
     assert {light.model for light in general.lights()} >= set(WITH_HOLES.light_shapes)

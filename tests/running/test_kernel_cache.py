@@ -64,7 +64,7 @@ class Cache:
 
 
 @pytest.fixture
-def cache(tmp_path: Path) -> Cache:
+def cache(tmp_path):
     return Cache(tmp_path)
 
 
@@ -95,7 +95,7 @@ class SmallBuild(Build):
 
 
 @pytest.fixture
-def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+def files(tmp_path, monkeypatch):
     """Return the files of an intact build in a cache."""
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     found = SmallBuild().provide()
@@ -250,14 +250,11 @@ def test_a_cache_that_cannot_be_written_is_done_without(cache):
     assert not Path(warned.split(" kept in ")[1].split()[0]).exists()  # once the process has ended
 
 
-def test_a_write_that_fails_leaves_nothing_behind(tmp_path):
+def test_a_write_that_fails_leaves_nothing_behind_and_no_room_is_told(tmp_path, monkeypatch):
     (tmp_path / "file").mkdir()
     with pytest.raises(OSError, match="directory"):
         put(tmp_path / "file", b"new")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_no_room_to_compile_is_told(monkeypatch):
     monkeypatch.setattr(cache_folders, "ROOM", 1 << 60)
     monkeypatch.setattr(cache_folders, "_work", None)
     with pytest.raises(OSError, match="compiling kernels takes"):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from support.kernels import upload
 from wrt.kernels.camera.camera import Camera, shutter_time
-from wrt.kernels.camera.models import make_camera
+from wrt.kernels.camera.models import DISTORTED, make_camera
 from wrt.upload.camera import build_camera
 
 FloatArray = NDArray[np.float64]
@@ -26,7 +26,7 @@ class CameraRays(NamedTuple):
     visible: NDArray[np.bool_]
 
 
-camera_ray = make_camera().ray
+camera_ray = make_camera(DISTORTED).ray
 
 
 @wp.kernel(enable_backward=False)

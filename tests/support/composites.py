@@ -15,7 +15,7 @@ from support.statistics import t_test_mean
 
 A, B, C = wrt.Diffuse((0.8, 0.1, 0.2)), wrt.Diffuse((0.1, 0.7, 0.3)), wrt.Mirror(0.6)
 BLACK = wrt.Diffuse(0.0)
-WITH_OPACITY = covering("diffuse", "mirror", "dielectric", aovs=True, composite="holes")
+WITH_OPACITY = covering("diffuse", "mirror", "dielectric", "thin_dielectric", aovs=True, composite="holes")
 """Features of a kernel for anything made of these models, with layers, by the sampler "independent"."""
 
 

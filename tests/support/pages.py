@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
+import runpy
+import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 from conftest import ROOT
@@ -44,3 +48,24 @@ def without_code(text: str) -> str:
 def slug(heading: str) -> str:
     """Return the anchor that GitHub gives a heading."""
     return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+def program_of(page: str) -> str:
+    """Return the only Python program of a page in docs/."""
+    (code,) = blocks(PAGES[f"docs/{page}.md"], "python")
+    return code
+
+
+def definitions(code: str, path: Path) -> dict[str, Any]:
+    """Return what code defines that runs as a module from a file, since Warp reads it."""
+    path.write_text(code, "utf-8")
+    return runpy.run_path(str(path), run_name=path.stem)
+
+
+def run_program(code: str, path: Path) -> None:
+    """Run code from a file in the file's folder; it must print nothing."""
+    path.write_text(code, "utf-8")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, path.name]
+    done = subprocess.run(command, cwd=path.parent, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -30,6 +30,8 @@ from support.covering_kernels import rendering_with
 from support.kernels import map_function
 from support.mesh_files import add, attributes, data_uri, saved
 from support.meshes import gltf_box
+from support.principled_reference import dot
+from support.ray_trees import unit as units
 
 import wrt
 from wrt.io.gltf.writer import save_glb
@@ -269,28 +271,20 @@ def bent_matt(n: wp.vec3, normal: wp.vec3, wo: wp.vec3) -> wp.vec3:
     return bent_normal(n, normal, wo, True)
 
 
-def units(v: NDArray) -> NDArray:
-    return v / np.linalg.norm(v, axis=1, keepdims=True)
-
-
-def along(a: NDArray, b: NDArray) -> NDArray:
-    return np.sum(a * b, axis=1)
-
-
 @pytest.mark.parametrize("matt", [False, True])
 def test_normals_are_bent_just_so_far_that_light_comes_from_above(matt: bool, device: str) -> None:
     """The mirrored ray, or of matt surfaces the viewer, rises as far as it must; other normals stay, to the bit."""
     rng = np.random.default_rng(5)
     geometric, wo, normal = (units(rng.normal(size=(100_000, 3))) for _ in range(3))
-    wo *= np.sign(along(wo, geometric))[:, None]
-    normal *= np.where(along(normal, geometric) < -0.5, -1.0, 1.0)[:, None]
+    wo *= np.sign(dot(wo, geometric))[:, None]
+    normal *= np.where(dot(normal, geometric) < -0.5, -1.0, 1.0)[:, None]
     bent = map_function(bent_matt if matt else bent_mirroring, normal, geometric, wo, device=device).astype(np.float64)
 
     def elevation(m: NDArray) -> NDArray:
-        return along(m, wo) if matt else 2.0 * along(m, wo) * along(m, geometric) - along(wo, geometric)
+        return dot(m, wo) if matt else 2.0 * dot(m, wo) * dot(m, geometric) - dot(wo, geometric)
 
-    least = np.minimum(0.02, 0.5 * along(wo, geometric))
-    is_high_enough = (elevation(normal) > least + 1e-5) & (matt | (along(normal, geometric) > 1e-5))
+    least = np.minimum(0.02, 0.5 * dot(wo, geometric))
+    is_high_enough = (elevation(normal) > least + 1e-5) & (matt | (dot(normal, geometric) > 1e-5))
     np.testing.assert_array_equal(bent[is_high_enough], normal[is_high_enough].astype(np.float32))
     changed = elevation(normal) < least - 1e-5
     assert changed.sum() > 5000

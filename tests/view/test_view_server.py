@@ -85,7 +85,7 @@ def is_frame(**expected):
     return lambda m: m["type"] == "frame" and all(m.get(key) == value for key, value in expected.items())
 
 
-def test_only_the_page_itself_with_its_token_sees_the_picture(page):
+def test_only_the_page_itself_with_its_token_sees_the_picture_and_odd_requests_are_answered(page):
     assert page.get("/")[0] == 200
     assert page.get("/live?token=wrong")[0] == 403
     assert page.get("/../server.py")[0] == 404
@@ -93,9 +93,6 @@ def test_only_the_page_itself_with_its_token_sees_the_picture(page):
     for origin in ("http://example.org", None):
         with pytest.raises(InvalidStatus, match="403"):
             page.socket(origin=origin)
-
-
-def test_odd_requests_get_an_answer(page):
     name, port = page.host.split(":")
     host = f"Host: {page.host}\r\n"
     for request, status in (

@@ -82,6 +82,24 @@ def test_sizes_and_settings(options: dict[str, Any]) -> None:
 
 @needs_lanes
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "camera",
+    [
+        wrt.PerspectiveCamera(
+            (0.1, 1.6, 3.0), (0.0, 0.5, 0.0), distortion=(-0.3, 0.1, 0.01, 0.02), aperture_radius=0.1
+        ),
+        wrt.FisheyeCamera((0.1, 1.0, 2.0), (0.0, 0.5, 0.0), distortion=(-0.1, 0.02), circular=False),
+    ],
+    ids=lambda camera: camera.model,
+)
+def test_lenses_that_distort(camera: wrt.Camera) -> None:
+    scene = SCENES["plain"][0]()
+    scene.camera = camera
+    assert differences(scene) == []
+
+
+@needs_lanes
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [5, 29])
 def test_pixels_that_have_samples_already(target: int) -> None:
     """Some pixels have no samples, some a few, and some all of them or more."""

@@ -46,8 +46,7 @@ def turntable(scene: Scene, frames: int) -> Iterator[Scene]:
     The camera moves to the right; shapes turn clockwise seen from above, which looks the same.
 
     Args:
-        scene: the scene; its settings give the size of the pictures. Vertical is the axis (x, y or z) nearest to
-            the camera's `up`.
+        scene: the scene. Vertical is the axis (x, y or z) nearest to the camera's up.
         frames: number of frames, at least 2.
 
     Raises:

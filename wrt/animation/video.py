@@ -91,10 +91,8 @@ def save_video(path: PathLike, frames: Iterable[Any], fps: float = 24.0, *, forc
     so that they add up.
 
     Args:
-        path: ends in .mp4, .webp or .gif. An MP4 needs ffmpeg with an H.264 encoder, from the system or from the
-            package imageio-ffmpeg (`pip install 'wrt[video]'`).
-        frames: (H, W, 3) arrays of equal size: linear radiance in floating point, converted as `save_image` does, or
-            uint8 sRGB.
+        path: ends in .mp4, .webp or .gif. An MP4 needs ffmpeg, from the system or by `pip install 'wrt[video]'`.
+        frames: (H, W, 3) arrays of equal size: linear radiance in floating point, or uint8 sRGB.
         fps: frames per second.
         force: whether to replace a file that wrt did not write.
 

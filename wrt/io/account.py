@@ -61,7 +61,9 @@ class TrackedObject(dict[str, Any]):
         return super().get(key, default)
 
 
-def unused_keys(value: Any, place: str = "", containers: Container[str] = ()) -> Iterator[str]:
+def unused_keys(
+    value: Any, place: str = "", containers: Container[str] = (), words: Mapping[str, Container[Any]] | None = None
+) -> Iterator[str]:
     """Yield the path of each key below a JSON value that the reader did not ask for, such as "materials.alphaMode".
 
     Numbers of arrays are left out of paths. Keys below an unused key are not yielded, and neither
@@ -71,15 +73,18 @@ def unused_keys(value: Any, place: str = "", containers: Container[str] = ()) ->
         value: the JSON value.
         place: its path.
         containers: keys such as "extensions", whose contents are yielded in their place.
+        words: the values of enumerations by path; of a key that was asked for, another value is yielded after the path.
     """
     if isinstance(value, TrackedObject):
         for key, inner in value.items():
             path = f"{place}.{key}" if place else key
             if key in value.asked or (key in containers and isinstance(inner, TrackedObject)):
-                yield from unused_keys(inner, path, containers)
+                yield from unused_keys(inner, path, containers, words)
+                if words and path in words and inner not in words[path]:
+                    yield f"{path} {inner!r}"
             else:
                 yield path
     elif isinstance(value, list):
         for each in value:
             if isinstance(each, list) or (isinstance(each, TrackedObject) and each.asked):
-                yield from unused_keys(each, place, containers)
+                yield from unused_keys(each, place, containers, words)

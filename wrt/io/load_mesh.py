@@ -36,10 +36,9 @@ def load_mesh(source: Any, *, smooth_degrees: float | None = None, file_type: st
     """Read all triangles of a file or a trimesh object as one mesh in world space, without its materials.
 
     Args:
-        source: the path of a file, whose suffix is one of MESH_SUFFIXES; an archive with one such file, bytes or an
-            open file; or a `trimesh.Trimesh` or `trimesh.Scene`.
-        smooth_degrees: if the source has no normals, edges folded by up to this angle are smoothed (see
-            `wrt.scene.normals.with_normals`); 0 leaves the mesh flat, and None is what its format says, or else 60.
+        source: the path of a mesh file or of an archive with one; bytes or an open file; or an object of trimesh,
+            PyVista, Open3D, or with `vertices` and `faces`.
+        smooth_degrees: as for `load`.
         file_type: type of bytes, or of an open file without a name, such as "stl".
 
     Raises:
@@ -49,11 +48,6 @@ def load_mesh(source: Any, *, smooth_degrees: float | None = None, file_type: st
         if isinstance(file, (str, os.PathLike)):
             shapes, name = load_shapes(file, smooth_degrees=smooth_degrees), Path(file).name
         else:
-            import trimesh
-
-            if not isinstance(source, trimesh.parent.Geometry):
-                kind = f"the path or the content of a mesh file or a trimesh object, not {type(source).__name__}"
-                raise InputError(f"load_mesh expects {kind}; wrt.Mesh takes arrays of vertices and faces")
             shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), OF_TRIMESH
     meshes = [shape.mesh for shape in shapes if not isinstance(shape.mesh, Spheres)]
     if not meshes:
@@ -183,14 +177,17 @@ def load_object(
 ) -> Scene:
     """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file; see `wrt.io.trimesh_objects`.
 
+    Objects of other libraries become those of trimesh, see `wrt.io.other_libraries`.
+
     Instances become shapes that share a mesh, each with a transform; all others are in world space. Vertex and face
     colours are sRGB, or linear if the object was loaded from glTF or has a PBRMaterial. Given normals are kept; normals
     that trimesh computes are not, because they smooth every edge. Points are drawn as
     spheres, and paths left out with a warning.
     """
+    from wrt.io.other_libraries import as_trimesh
     from wrt.io.trimesh_objects import read_object
 
-    contents = read_object(source)
+    contents = read_object(as_trimesh(source))
     return _scene(OF_TRIMESH, contents, smooth_degrees, standalone=standalone, point_radius=point_radius)
 
 

@@ -71,7 +71,7 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
         alone.warn_of_unused()
         return Contents([placed(part, [world]) for part in parts] if world[0, 0] != 1.0 else parts)
     if not isinstance(source, trimesh.Scene):
-        kinds = "a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene"
+        kinds = "a path, wrt.Scene, wrt.Mesh, or a mesh of trimesh, PyVista, Open3D or with vertices and faces"
         raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes arrays")
     reader = _Reader(source, name)
     places: dict[str, list[NDArray[np.float64]]] = {}
@@ -140,7 +140,8 @@ class _Reader:
     def __init__(self, source: Any, name: str) -> None:
         """Take the object, and what messages call it."""
         self._name = name
-        self._is_gltf = file_type(source) in _GLTF_FILES
+        self._type = file_type(source)
+        self._is_gltf = self._type in _GLTF_FILES
         self._path = Path(source.source.file_path or OF_TRIMESH)
         self._resolver = source.source.resolver
         self._sidecars = Sidecars(self._path) if source.source.file_path else None
@@ -253,6 +254,8 @@ class _Reader:
         known = {*_IN_PBR, *_BESIDE_PBR, "baseColorFactor", "emissiveFactor", "name"}
         warn_of_unused(self._name, [f"{key} of a material" for key in sorted(set(material._data) - known)], {})
         described = {"pbrMetallicRoughness": values_of(_IN_PBR), **values_of(_BESIDE_PBR)}
+        if self._type == "dae":  # trimesh's default is that of glTF; COLLADA does not hide backs
+            described["doubleSided"] = True
         if material.baseColorFactor is not None:
             described["pbrMetallicRoughness"]["baseColorFactor"] = (np.asarray(material.baseColorFactor) / 255).tolist()
         if material.emissiveFactor is not None:
@@ -343,8 +346,12 @@ def _cameras(scene: Any) -> list[tuple[str, Camera]]:
             if (frame in parents or not ends) and not np.array_equal(edge.get("matrix", np.eye(4)), np.eye(4)):
                 warn("trimesh: its camera is left out: trimesh drops the transforms of its parent nodes in a glTF file")
                 return []
-    place = viewpoint(np.asarray(scene.camera_transform))
-    return [(str(scene.camera.name), PerspectiveCamera(**place, fov_degrees=float(scene.camera.fov[1])))]
+    lens: dict[str, Any] = {"fov_degrees": float(scene.camera.fov[1])}
+    # In trimesh, the horizontal angle of a camera from a glTF file is the vertical one times the aspect ratio.
+    if file_type(scene) not in _GLTF_FILES or not getattr(scene.camera, "_focal_computed", False):
+        fx, fy = scene.camera.focal
+        lens["pixel_aspect"] = float(fy) / float(fx)
+    return [(str(scene.camera.name), PerspectiveCamera(**viewpoint(np.asarray(scene.camera_transform)), **lens))]
 
 
 def _lights(scene: Any, name: str) -> list[Light]:

@@ -60,8 +60,8 @@ class Intersector:
         """Build the tree.
 
         Args:
-            source: a `wrt.Mesh`, a trimesh object, or a `wrt.Scene`, whose triangles are numbered shape after shape
-                and placed as when the shutter opens.
+            source: a `wrt.Mesh`, a trimesh object, or a `wrt.Scene`, with triangles numbered shape after shape, as the
+                shutter opens.
             device: "cpu", "cuda" or "cuda:N".
             threads: CPU threads; by default all cores.
 
@@ -129,13 +129,12 @@ class Intersector:
         self._placed.move(transforms)
 
     def refit(self, vertices: Any, mesh: int = 0) -> None:
-        """Refit the tree to moved vertices, which is many times faster than a new build.
+        """Refit the tree to moved vertices.
 
         Rays find all hits however far the vertices move, but tracing is fastest near the positions of the build.
 
         Args:
-            vertices: (V, 3) NumPy array, or Warp array of vec3 on the device (not copied), as many as before;
-                those of several meshes one after the other.
+            vertices: (V, 3) NumPy array, or Warp array of vec3 on the device (not copied), as many as before.
             mesh: number of the mesh, if there are instances.
 
         Raises:
@@ -164,8 +163,8 @@ class Intersector:
 
         Args:
             origins: (N, 3) NumPy array, or Warp array of vec3, which is not copied if on the device.
-            directions: likewise, of length 10^-15 to 10^30, which is the unit of t. A ray that is not finite, or whose
-                direction is zero, hits nothing.
+            directions: likewise, of length 10^-15 to 10^30, the unit of t. A ray that is not finite or has no direction
+                hits nothing.
             t_min: minimum distance, not negative.
             t_max: maximum distance, one number for all or (N,).
 

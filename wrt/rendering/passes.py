@@ -51,14 +51,13 @@ class Progress:
     Attributes:
         pass_index: passes since `Renderer.passes` was called, from 1.
         spp: samples per pixel so far.
-        target_spp: samples per pixel of the finished picture; None if only a time limit was given, or while it is
-            not known when the target of noise will be reached.
+        target_spp: samples per pixel of the finished picture, or None while unknown.
         seconds: rendering time since `Renderer.passes` was called.
         seconds_left: estimate of the time still needed.
         paths_per_second: camera paths a second since `Renderer.passes` was called.
         rays_per_second: rays of every kind a second, likewise.
         noise: see `Renderer.noise`; None while it is not known.
-        target_noise: the noise at which rendering ends, if it was given. `target_spp` is an estimate then.
+        target_noise: the noise at which rendering ends, if given; `target_spp` is an estimate then.
     """
 
     pass_index: int

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt import _notebook
+from wrt import _above
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
 from wrt.errors import InputError, warn
@@ -76,8 +76,7 @@ class Renderer(Picture):
             threads: CPU threads; by default all cores.
             strategy: "mis", or "light" or "bsdf" to sample surface and image lights with only one technique.
             light_choice: how next-event estimation selects a light: "auto", or "power" or "tree" to compare the two.
-            settings: fields of `wrt.RenderSettings`, such as `width`, `max_depth` or `layers`; without a field, or
-                with None, the scene's own value holds.
+            settings: fields of `wrt.RenderSettings`; by default those of the scene.
 
         Raises:
             InputError: on unusable values, an empty scene, or a device that does not exist.
@@ -228,20 +227,30 @@ class Renderer(Picture):
         samples of a pixel in a row read the same memory.
 
         Args:
-            spp: total samples per pixel, including those already taken. Without spp, time and noise, the scene's
-                settings decide.
+            spp: total samples per pixel, including those already taken. Without `spp`, `time` and `noise` the settings
+                decide.
             time: seconds of rendering; the pass that runs then is finished.
-            noise: relative noise of the whole picture, such as 0.01; see `noise`. The number of samples at which
-                rendering ends does not depend on passes, threads or interruptions.
-            adaptive: whether tiles of the picture that are good enough for this noise stop before the others, which is
-                slightly biased; see docs/noise.md.
-            pass_seconds: approximate duration of a pass after the first, at most 10 s; by default a quarter of the
-                time of all earlier passes, but at least 0.4 s. On CUDA at most 0.4 s, because nothing can interrupt a
-                pass there.
+            noise: relative noise of the whole picture, such as 0.01; see `noise`.
+            adaptive: whether tiles that are good enough for this noise stop before the others; slightly biased
+                (docs/noise.md).
+            pass_seconds: approximate duration of a pass after the first, at most 10 s, on CUDA 0.4 s; by default a
+                quarter of the time of all earlier passes, at least 0.4 s.
         """
         limits = Limits.of(self, spp, time, noise, adaptive, pass_seconds)
         self._kernel.expect(limits.least_seconds(self.film))
         return self._run(limits)
+
+    def render(self, *, progress: Callable[[Progress], object] | None = None, **limits: Any) -> NDArray[np.float32]:
+        """Render as `passes` does, and return the picture; see `finished`.
+
+        Args:
+            progress: called with the Progress after each pass.
+            limits: options of `passes`.
+        """
+        for done in self.passes(**limits):
+            if progress is not None:
+                progress(done)
+        return self.finished()
 
     def _run(self, limits: Limits) -> Iterator[Progress]:
         schedule = Schedule(limits, self.film, self.noise_estimate, first=self.first_pass, longest=self.longest_pass)
@@ -282,7 +291,7 @@ class Renderer(Picture):
 
     @property
     def lanes(self) -> int:
-        """Paths that the kernel of the next pass follows at once: 1 for the scalar one, which CUDA has too."""
+        """Paths that the kernel of the next pass follows at once; 1 for the scalar one."""
         return self._kernel.lanes
 
     def compile(self) -> float:
@@ -305,7 +314,8 @@ class Renderer(Picture):
         """
         require_denoiser()
         threads = self.threads if self.device.is_cpu else None
-        return denoise(self.image(), **self.denoising_guides(), threads=threads)
+        guides = self.denoising_guides()
+        return denoise(self.image(), **guides, threads=threads)
 
     def denoising_guides(self) -> dict[str, NDArray[np.float32]]:
         """Return what `denoised` is guided by: "albedo" and "normal", (H, W, 3) each; see `wrt.develop.denoise`.
@@ -320,11 +330,10 @@ class Renderer(Picture):
         return self._guides.layers()
 
     def set_camera(self, camera: Camera) -> None:
-        """Look at the scene through another camera and restart the picture; nothing else is built again.
+        """Restart the picture with another camera; nothing is built again.
 
         Args:
-            camera: one with the same shutter times, since trees of moving shapes depend on them; a camera class of
-                your own cannot replace another class.
+            camera: one with the same shutter times; a class of your own cannot replace another class.
 
         Raises:
             InputError: if the kernel or the trees do not fit this camera.
@@ -332,7 +341,7 @@ class Renderer(Picture):
         require_camera(camera)
         old = self.camera
         if outside_cameras(camera) != outside_cameras(old):
-            names = f"from {type(old).__name__} to {type(camera).__name__}"
+            names = f"from {type(old).__name__} ({old.model}) to {type(camera).__name__} ({camera.model})"
             raise InputError(f"the camera cannot change {names}, which need different kernels; make a new Renderer")
         if (camera.shutter_open, camera.shutter_close) != (old.shutter_open, old.shutter_close):
             raise InputError("the camera must have the same shutter times as before; make a new Renderer")
@@ -348,10 +357,10 @@ class Renderer(Picture):
         of the build. Nothing else in the scene changes.
 
         Args:
-            shape: one of the scene's shapes, or its number; it must not emit, and the scene must not have instances or
-                shapes that move during the exposure.
-            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device, which stays there; metres, in world
-                space, as many as the shape's mesh has.
+            shape: one of the scene's shapes, or its number; it must not emit, and the scene must have no instances and
+                no motion.
+            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device; metres, in world space, as many as the
+                mesh has.
             normals: shading normals, likewise; by default they are recomputed if the mesh has any.
 
         Raises:
@@ -385,8 +394,8 @@ class Renderer(Picture):
         share them as `device_image`; dividing `total` by `count` gives the picture, in double precision.
 
         Returns:
-            "total" and "total_of_squares", vec3d sums of samples and of their squares; "count", int32 samples, and
-            "rejected", int32 of these that were not finite and count as black; "rays", int64 rays traced.
+            "total" and "total_of_squares", vec3d sums of samples and of their squares; int32 "count" of samples, and
+            "rejected", the ones that were not finite and count as black; int64 "rays".
         """
         return self.film.on_device()
 
@@ -456,13 +465,13 @@ class Renderer(Picture):
 
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""
-        return _notebook.viewer().view_renderer(self, spp=spp)
+        return _above.viewer().view_renderer(self, spp=spp)
 
     def __repr__(self) -> str:
         return f"<wrt.Renderer {self.width}x{self.height} {self.integrator} on {self.device.name}, {self.spp} spp>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = _notebook.viewer().picture_of_renderer(self)
+        picture: bytes | None = _above.viewer().picture_of_renderer(self)
         return picture
 
     def part(self, number: int, of: int, *, spp: int | None = None) -> Part:
@@ -470,7 +479,7 @@ class Renderer(Picture):
 
         Args:
             number: which part.
-            of: how many parts the picture has: bands of rows, a few from all over the picture in each part.
+            of: number of parts; each has a few bands of rows from all over the picture.
             spp: samples per pixel; by default those of the scene's settings.
 
         Raises:

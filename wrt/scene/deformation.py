@@ -22,8 +22,7 @@ class Deformation:
     Attributes:
         times: (K,) seconds, ascending; at least one.
         vertices: (K, N, 3) float32 positions, metres, in the mesh's own space; they replace the mesh's.
-        normals: (K, N, 3) float32 shading normals. By default those of a mesh that has normals are recomputed for each
-            key, with the same creases.
+        normals: (K, N, 3) float32 shading normals; by default recomputed for each key if the mesh has normals.
 
     Raises:
         InputError: if shapes are wrong, values are not finite, or times do not ascend.

@@ -141,8 +141,8 @@ class SunSkyEnvironment(Description):
         turbidity: haziness of the air, 1 to 10: 2 very clear, 3 clear, 6 hazy, 10 thick haze.
         ground_albedo: reflectance of the ground per channel, 0 to 1. It also brightens the sky.
         sky_scale: multiplies the radiance of sky and ground.
-        sun_scale: multiplies the radiance of the sun; 0 removes it from the sky, but not from the light on the ground.
-        ground: whether to show the ground; otherwise everything below the horizon is black.
+        sun_scale: multiplies the radiance of the sun; 0 removes it from the sky, not from the light on the ground.
+        ground: whether there is ground; otherwise it is black below the horizon.
     """
 
     elevation_degrees: Annotated[float, partial(number, above=0.0, maximum=90.0)] = 45.0

@@ -58,8 +58,8 @@ class DensityGrid(Description):
         upper: the opposite corner.
         transform: (4, 4) affine matrix that then places the box in the world; None leaves it.
         factor: multiplies the values.
-        albedo: (nz, ny, nx, 3) share of the extinction that is scattering, 0 to 1, in place of the medium's own; on
-            cells of any number in the same box. The medium's absorption and scattering count by their sum only.
+        albedo: (nz, ny, nx, 3) share of the extinction that is scattering, 0 to 1, in place of the medium's own; any
+            number of cells in the same box.
         emission: (nz, ny, nx) or (nz, ny, nx, 3) factor on the medium's emission, in addition to the density.
         name: source of the values, for messages.
     """
@@ -118,10 +118,9 @@ class Medium(Description):
     mean free path.
 
     Attributes:
-        absorption: absorption coefficient.
-        scattering: scattering coefficient.
-        g: mean cosine of the scattering angle (Henyey and Greenstein 1941): 0 is isotropic, towards 1 forward,
-            towards −1 backward.
+        absorption: absorption coefficient, per metre and channel.
+        scattering: scattering coefficient, per metre and channel.
+        g: mean cosine of the scattering angle (Henyey and Greenstein 1941): 0 isotropic, 1 forward, −1 backward.
         emission: emitted radiance per metre, W·sr⁻¹·m⁻³.
         density: factor on all coefficients that varies in space; None for 1 everywhere.
     """
@@ -209,10 +208,10 @@ class Medium(Description):
         """Return the medium that gives a thick body this diffuse colour.
 
         Args:
-            color: diffuse reflectance of a half-space under uniform light, without a reflecting boundary, per
-                channel, 0 to 1 (see `albedo_of_color`). A refractive boundary makes it darker.
-            radius: mean free path, metres, per channel; larger values spread light farther.
-            g: as the attribute. The radius is then the reduced mean free path, the mean free path over 1 − g.
+            color: diffuse reflectance of a half-space under uniform light, per channel, 0 to 1. A refractive boundary
+                makes it darker.
+            radius: mean free path, metres, per channel.
+            g: as the attribute. The radius is then the mean free path over 1 − g.
             density: as the attribute.
 
         Raises:

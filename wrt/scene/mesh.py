@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrt import _notebook
+from wrt import _above
 from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
 from wrt.scene.motion import check_affine, turn
@@ -66,8 +66,8 @@ class Mesh:
         uvs: (N, 2) float32 texture coordinates, v up, or None; (N, 4) for two sets.
         colors: (N, 3) float32 linear Rec. 709, or None; (N, 4) with alpha, 0 to 1, which a material's opacity may use.
         name: source of the mesh, for messages.
-        tangents: (N, 4) float32 directions of the x axis of normal maps and of anisotropic materials, and a sign: y is
-            along normal × tangent times it. Zero, or None, for axes along the texture coordinates.
+        tangents: (N, 4) float32 x axes of normal maps and anisotropic materials, and the sign of y = normal × tangent.
+            Zero, or None, for axes along the texture coordinates.
 
     Raises:
         InputError: if shapes are wrong, there are no triangles, or values are out of range or not finite.
@@ -87,7 +87,7 @@ class Mesh:
         return f"<wrt.Mesh {self.name}: {len(self.faces)} triangles, {len(self.vertices)} vertices{parts}>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = _notebook.viewer().picture_of_mesh(self)
+        picture: bytes | None = _above.viewer().picture_of_mesh(self)
         return picture
 
     def __post_init__(self) -> None:
@@ -155,7 +155,7 @@ class Mesh:
         Args:
             source: an index array or a mask.
             faces: (M, 3) indices of selected vertices.
-            replaced: attributes of the selected vertices that are not this mesh's, and a name.
+            replaced: other attributes of these vertices, and a name.
         """
         found = {name: getattr(self, name) for name in VERTEX_ATTRIBUTES if name not in replaced}
         kept = {name: rows[source] for name, rows in found.items() if rows is not None}

@@ -94,11 +94,11 @@ class Motion:
         """Return a rotation at constant speed about an axis through `center` between two times.
 
         Args:
-            axis: axis of any length but zero; the rotation is counter-clockwise seen from its tip.
+            axis: of any length but zero; counter-clockwise seen from its tip.
             degrees: angle, which may exceed a full turn.
             center: a point on the axis, metres.
             times: begin and end, seconds.
-            offset: translation of the centre between the two times, metres; along the axis it makes a screw motion.
+            offset: translation of the centre between the two times, metres.
         """
         begin, end = pair(times, "times")
         keys = 1 + max(1, math.ceil(abs(number(degrees, "degrees")) / _LONGEST_TURN))

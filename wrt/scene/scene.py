@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrt import _notebook
+from wrt import _above
 from wrt.errors import InputError, did_you_mean
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
@@ -27,8 +28,8 @@ from wrt.scene.materials.material import UnlimitedColor
 from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion, affine_matrix
-from wrt.scene.textures import ColorSource, shines
-from wrt.values import FLOAT32_MAX, Vec3, integer, number
+from wrt.scene.textures import shines
+from wrt.values import FLOAT32_MAX, ColorLike, Vec3, color, integer, number
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 """Reconstruction filters by name; `kernels/camera/models.py` defines them."""
@@ -62,15 +63,15 @@ class Shape(Description):
     Attributes:
         mesh: the triangles.
         material: material of the surface.
-        emission: radiance emitted from its front, per channel, W·sr⁻¹·m⁻², also an image or the mesh's vertex colours;
-            0 for the emission of the material.
+        emission: radiance from its front, per channel, W·sr⁻¹·m⁻², also an image or vertex colours; 0 for the
+            material's.
         two_sided_emission: whether its back emits too.
         name: for messages.
-        transform: a (4, 4) affine matrix from the mesh's space to the world, or a Motion. Shapes with a transform that
-            share a mesh are instances and share its memory. A mirroring transform keeps the mesh's front.
+        transform: a (4, 4) affine matrix from the mesh's space to the world, or a `Motion`. Shapes with a transform
+            that share a mesh are instances. A mirroring one keeps the mesh's front.
         deformation: keyframes of the vertices.
         double_sided: whether its back is seen. If not, the camera, mirrors and clear glass show what is behind it, as
-            in glTF; light stops at it all the same. What transmits light or emits from its back has both sides.
+            in glTF; light stops all the same. What transmits, or emits from its back, has both sides.
     """
 
     mesh: _Mesh
@@ -171,30 +172,29 @@ class RenderSettings(Description):
         width, height: pixels.
         spp: samples per pixel.
         noise: relative noise at which a render ends instead, such as 0.01; see `wrt.Renderer.noise`.
-        adaptive: whether tiles of the picture that are good enough for `noise` stop before the others, which is
-            slightly biased.
+        adaptive: whether tiles that are good enough for `noise` stop before the others; slightly biased.
         max_depth: maximum number of path segments; 1 shows emission only, 2 adds direct light.
         filter: reconstruction filter, one of FILTERS.
         sampler: sampler, one of SAMPLERS.
         tone: tone curve of pictures written as PNG or JPEG, see `wrt.develop_image`.
         exposure: stops (factors of two) by which these are brightened, or "auto"; None for 0, unless the picture would
-            be mostly white or dark. The radiance of the film does not depend on tone and exposure.
-        denoise: whether saved pictures are denoised, by the extra wrt[denoise]; see `wrt.Renderer.denoised`.
-        crop: part of the picture to render, in pixels: first column, first row, and the column and row after the last;
-            None for the whole. The pixels are identical to those of the whole picture.
-        max_scatterings: maximum number of scattering events in media along a path; max_depth counts surfaces only.
+            be mostly white or dark.
+        denoise: whether saved pictures are denoised, by the extra wrt[denoise].
+        crop: part of the picture to render: first column and row, and the column and row after the last.
+        max_scatterings: maximum number of scattering events along a path.
         integrator: one of INTEGRATORS; None for "volpath" if media scatter, else "path".
         min_attenuation: integrator "whitted" ends rays whose throughput is below this.
-        jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a material "glossy"; later
-            ones send one. With 0 it has direct light alone.
-        ao_distance: distance up to which surfaces occlude for integrator "ao", metres; None for no limit.
+        jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a "glossy" material; with
+            0 that has direct light alone.
+        ao_distance: distance up to which surfaces occlude for integrator "ao", metres.
         layers: layers to render besides radiance, see docs/integrators.md.
-        clamp_indirect: limit of the indirect radiance of one path per channel, W·sr⁻¹·m⁻²; None for no limit. Biased:
-            energy above the limit is lost.
+        clamp_indirect: limit of the indirect radiance of one path, W·sr⁻¹·m⁻²; biased.
         regularization: roughness r that widens rough surfaces to √(α² + r²) after the first non-specular scattering of
-            a path, 0 to 1. Biased: reflections between rough surfaces are blurred.
-        transparent: whether the camera sees neither the environment nor lights without a mesh, and pictures have an
-            alpha channel; both still light the scene, and are seen in mirrors and through glass.
+            a path, 0 to 1; biased.
+        background: colour behind a transparent picture, which has no alpha channel then; exact in a PNG or JPEG,
+            whatever the tone. It implies `transparent`.
+        transparent: whether pictures have an alpha channel, and the camera sees neither the environment nor lights
+            without a mesh.
     """
 
     width: _Length = 768
@@ -218,11 +218,14 @@ class RenderSettings(Description):
     regularization: _Share = 0.0
     tone: Annotated[str, TONE_SCHEMA, _nameless(check_tone)] = DEFAULT_TONE
     transparent: Flag = False
+    background: Annotated[ColorLike | None, optional(partial(color, maximum=1.0))] = None
 
     def __post_init__(self) -> None:
         Description.__post_init__(self)  # super() knows the class without slots only
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
+        if self.background is not None:
+            self.transparent = True
 
     def changed(self, **changes: Any) -> RenderSettings:
         """Return the settings with the changes that are not None.
@@ -267,8 +270,8 @@ class Scene:
         camera: the camera; None lets the renderer frame the shapes.
         settings: render settings.
         medium: medium that fills all space outside bodies; None for a vacuum.
-        studio_shapes: how many of the first shapes stand in wrt's studio, which the others are; 0 elsewhere.
-        cameras: the cameras of the scene's file by name, in its order; `camera` is one of them, or wrt's own.
+        studio_shapes: how many of the first shapes stand in wrt's studio, which the others are.
+        cameras: the cameras of the scene's file by name.
     """
 
     shapes: list[Shape] = field(default_factory=list)
@@ -301,38 +304,47 @@ class Scene:
             if not isinstance(value, kinds):
                 raise InputError(f"the scene's {rule}, not {type(value).__name__}")
 
-    def add(
-        self,
-        mesh: Mesh,
-        *,
-        material: Material | None = None,
-        emission: ColorSource = 0.0,
-        two_sided_emission: bool = False,
-        name: str | None = None,
-        transform: ArrayLike | Motion | None = None,
-        deformation: Deformation | None = None,
-        double_sided: bool = True,
-    ) -> Shape:
-        """Add a mesh and return the new shape; see Shape for the options."""
-        shape = Shape(
-            mesh=mesh,
-            material=Diffuse() if material is None else material,
-            emission=emission,
-            two_sided_emission=two_sided_emission,
-            name=name or str(getattr(mesh, "name", "shape")),
-            transform=transform,  # type: ignore[arg-type]
-            deformation=deformation,
-            double_sided=double_sided,
-        )
-        self.shapes.append(shape)
-        return shape
+    @overload
+    def add(self, mesh: Mesh, **options: Any) -> Shape: ...
+
+    @overload
+    def add(self, mesh: object, **options: Any) -> Shape | list[Shape]: ...
+
+    def add(self, mesh: Any, *, material: Any = None, **options: Any) -> Shape | list[Shape]:
+        """Add a mesh and return the new shape.
+
+        Args:
+            mesh: a Mesh, the path of a mesh file, or an object of trimesh, PyVista, Open3D, or with `vertices` and
+                `faces`. Files and objects bring their materials and may have several parts, whose shapes are returned
+                in a list.
+            material: a material, the name of one such as "gold", a colour, or an image file for the texture.
+            options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
+                double_sided.
+
+        Raises:
+            InputError: if something cannot be used.
+            TypeError: if there is no such option.
+        """
+        if material is not None:
+            options["material"] = _above.objects().material_of(material)
+        if isinstance(mesh, Mesh):
+            made = [Shape(mesh, **{"name": mesh.name, **options})]
+        else:
+            parts: list[Shape] = _above.objects().shapes_of(mesh)
+            if "transform" in options:
+                parts = bake_transforms(parts)
+            if material is not None:
+                options.setdefault("emission", 0.0)
+            made = [replace(part, **options) for part in parts]
+        self.shapes += made
+        return made[0] if len(made) == 1 else made
 
     def add_instances(
         self,
         mesh: Mesh,
         transforms: Iterable[ArrayLike | Motion],
         *,
-        material: Material | None = None,
+        material: Any = None,
         **options: Any,
     ) -> list[Shape]:
         """Add instances of a mesh, which is stored once; return the new shapes.
@@ -343,7 +355,7 @@ class Scene:
             material: of all instances, as for `add`.
             options: other options of `add`, for all instances.
         """
-        shared = Diffuse() if material is None else material
+        shared = Diffuse() if material is None else _above.objects().material_of(material)
         return [self.add(mesh, material=shared, transform=transform, **options) for transform in transforms]
 
     def add_light(self, light: Light) -> Light:
@@ -353,6 +365,18 @@ class Scene:
             raise InputError(f"a light must be one of {names}, not {type(light).__name__}")
         self.lights.append(light)
         return light
+
+    def render(self, **options: Any) -> Any:
+        """Render the scene and return the picture; see `wrt.render`, whose options these are."""
+        return _above.pictures().render(self, **options)
+
+    def show(self, **options: Any) -> None:
+        """Render the scene and show the picture; see `wrt.show`."""
+        _above.pictures().show(self, **options)
+
+    def save(self, path: str | os.PathLike[str], **options: Any) -> None:
+        """Write the scene as a scene file (.toml) or a GLB; see `wrt.save_scene`. `wrt.save_image` writes pictures."""
+        _above.scene_files().save_scene(path, self, **options)
 
     def view(self, *, spp: int | None = None, **options: Any) -> Any:
         """Return a live view of the scene for a notebook: it converges, and the mouse moves the camera.
@@ -364,14 +388,14 @@ class Scene:
         Raises:
             InputError: when anywidget is not installed (`pip install "wrt[notebook]"`), or on unusable options.
         """
-        return _notebook.viewer().view_scene(self, spp=spp, **options)
+        return _above.viewer().view_scene(self, spp=spp, **options)
 
     def __repr__(self) -> str:
         kinds = f"{len(self.shapes)} shapes, {len(self.lights)} lights"
         return f"<wrt.Scene: {kinds}, {self.settings.width}x{self.settings.height}>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = _notebook.viewer().picture_of_scene(self)
+        picture: bytes | None = _above.viewer().picture_of_scene(self)
         return picture
 
     @property

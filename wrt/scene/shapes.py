@@ -65,15 +65,15 @@ def box(low: Vec3 = (-0.5, -0.5, -0.5), high: Vec3 = (0.5, 0.5, 0.5)) -> Mesh:
 
 
 def sphere(center: Vec3 = (0.0, 0.0, 0.0), radius: float = 1.0, *, subdivisions: int = 5, exact: bool = False) -> Mesh:
-    """Return a sphere of 20·4^subdivisions triangles with exact normals, facing outwards; or an exact one.
+    """Return a sphere of 20·4^subdivisions triangles with exact normals, or an exact one, facing outwards.
 
     Vertices lie on the sphere; at 5 subdivisions the deepest point of a face is 0.07 % of the radius inside it.
 
     Args:
         center: metres.
         radius: metres.
-        subdivisions: number of times that each triangle of an icosahedron is split into four.
-        exact: whether rays meet the sphere itself and `subdivisions` do not matter; see `wrt.spheres`.
+        subdivisions: how often each triangle of an icosahedron is split into four.
+        exact: whether rays meet the sphere itself, whatever the subdivisions.
     """
     if boolean(exact, "exact"):
         radius = number(radius, "radius", above=0.0)

@@ -55,8 +55,7 @@ class ImageTexture(Description):
     Attributes:
         pixels: (H, W, 3) float32, linear Rec. 709; row 0 is the top, at v = 1.
         name: source of the pixels, for messages.
-        channel: "r", "g" or "b" to use this channel for all three. glTF stores roughness in green and metalness in
-            blue.
+        channel: use this channel for all three.
         factor: multiplies the pixels; for emission, the radiance of white, W·sr⁻¹·m⁻².
         scale: scale of the texture coordinates, one number or two for u and v.
         rotation_degrees: rotation of the texture coordinates.
@@ -157,15 +156,12 @@ class NormalMap(Description):
         filter: whether to filter highlights.
         name: source of the pixels, for messages.
         wrap: as for an ImageTexture.
-        heights: whether the pixels are heights instead, in red: a bump map, whose slopes follow from how the texture is
-            stretched over the mesh. `scale` is in metres then.
-        convention: "gltf", or "mitsuba" for maps made for it: y points along the cross product of the normal and u,
-            normals that face away from the viewer are mirrored about the mesh's own, and light from near the horizon is
-            reduced (Estevez, Lecocq and Stellpflug 2019); or "right-handed", with the first of these only.
-        uv_scale, uv_rotation_degrees, uv_offset: placement of the texture coordinates, as scale, rotation_degrees and
-            offset of an ImageTexture. x and y of the normals still point along u and v of the mesh.
-        uv_set: which of the mesh's two sets of texture coordinates a coat_normal_map uses, 0 or 1. x and y point along
-            the first set.
+        heights: whether the pixels are heights, in red: a bump map; `scale` is in metres then.
+        convention: "gltf"; "mitsuba": y points along normal × u, normals that face away from the viewer are mirrored,
+            and light from near the horizon is reduced (Estevez, Lecocq and Stellpflug 2019); or "right-handed", with
+            the first of these only.
+        uv_scale, uv_rotation_degrees, uv_offset: as of an ImageTexture, without the `uv_`; x and y of the normals stay.
+        uv_set: which texture coordinates a `coat_normal_map` uses, 0 or 1; x and y follow the first ones.
     """
 
     pixels: Annotated[NDArray[np.float32] | ImageTexture, _encoded_normals] = field(repr=False)

@@ -68,12 +68,10 @@ class Stage:
             view = view_angles(view)
             if self.frame is False:
                 raise InputError("a view replaces the source's camera; it cannot be kept as well")
-        if isinstance(material, str):
-            from wrt.scene.materials.named import named_material
-
-            material = named_material(material)
         if material is not None and not isinstance(material, Material):
-            raise InputError(f"material must be a material or the name of one, not {type(material).__name__}")
+            from wrt.io.objects import material_of
+
+            material = material_of(material)
         if environment is not None:
             environment = _environment(environment, (view or VIEWS["three-quarter"])[0])
         time = None if self.time is None else number(self.time, "time")

@@ -50,12 +50,13 @@ def share_of_picture(camera: Camera, points: NDArray[Any], aspect: float) -> flo
     depth, film = product(offset, forward), np.stack([product(offset, right), product(offset, up)], axis=1)
     if isinstance(camera, OrthographicCamera):
         half = 0.5 * camera.view_height
-    elif isinstance(camera, PerspectiveCamera) and not (camera.shift_x or camera.shift_y):
+    elif isinstance(camera, PerspectiveCamera) and not (camera.shift_x or camera.shift_y or camera.distortion):
         if depth.max() <= 0.0:
             return 0.0
         if depth.min() <= 0.0:
             return 1.0
         film, half = film / depth[:, None], float(np.tan(np.radians(camera.fov_degrees) / 2.0))
+        aspect *= camera.pixel_aspect
     else:
         return 1.0
     film = film / np.array([half * aspect, half])

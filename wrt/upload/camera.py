@@ -52,7 +52,7 @@ def _model_name(camera: Camera) -> str:
 
 
 def outside_cameras(camera: Camera | None) -> tuple[str, ...]:
-    """Return the name of a camera model that user code registered, for `Features.cameras`."""
+    """Return the name of a camera model that is not in all kernels, for `Features.cameras`."""
     if camera is None:
         return ()
     name = _model_name(camera)

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 _PLACE = {"translation": 3, "rotation": 4, "scale": 3}
 """Properties of a node's place, with their numbers of components."""
 
+PATHS = (*_PLACE, "weights")
+"""Properties of a node that are followed."""
+
 _NEARLY_ALIKE = 0.9995
 """Cosine of half the angle between two rotations above which slerp divides by almost nothing."""
 
@@ -119,7 +122,7 @@ def _channels(tree: Tree) -> list[tuple[int, str, Tree]]:
     return [
         (channel["target"]["node"], channel["target"]["path"], animation["samplers"][channel["sampler"]])
         for channel in animation.get("channels", [])
-        if channel["target"]["path"] in (*_PLACE, "weights") and "node" in channel["target"]
+        if channel["target"]["path"] in PATHS and "node" in channel["target"]
     ]
 
 

@@ -20,8 +20,8 @@ from wrt.io.texture_images import KTX2_HINT, Source, TextureImages, has_ktx2_dec
 from wrt.scene.textures import ImageTexture
 
 WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-NEAREST = 9728
-_MIPMAPS = (9984, 9985, 9986, 9987)
+NEAREST, LINEAR = 9728, 9729
+MIPMAPS = (9984, 9985, 9986, 9987)
 
 
 class GltfImages:
@@ -41,7 +41,7 @@ class GltfImages:
         if pixels is None or info is None:
             return None
         sampler = self._sampler(info)
-        options["filter"] = "trilinear" if sampler.get("minFilter") in _MIPMAPS else "bilinear"
+        options["filter"] = "trilinear" if sampler.get("minFilter") in MIPMAPS else "bilinear"
         if self.is_nearest(info):
             options["filter"] = "nearest"
         placement = placement_of(info) if placed else {}

@@ -11,15 +11,16 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.account import TrackedObject, unused_keys, warn_of_unused
-from wrt.io.gltf.animation import ends_of, pose
+from wrt.io.gltf.animation import PATHS, ends_of, pose
 from wrt.io.gltf.buffers import MESHOPT, Buffers, Tree
-from wrt.io.gltf.images import GltfImages
+from wrt.io.gltf.images import LINEAR, MIPMAPS, NEAREST, WRAPS, GltfImages
 from wrt.io.gltf.materials import EXTENSIONS, GltfMaterials
 from wrt.io.gltf.primitives import FAN, POINTS, STRIP, TRIANGLES, Deformation, Primitive, joint_matrices
 from wrt.io.gltf.scene import Matrix, cameras_of, lights_of, local_matrix, nodes_of, visible_nodes_of
@@ -40,6 +41,18 @@ _KNOWN_EXTENSIONS = {
     *("KHR_node_visibility", "KHR_xmp_json_ld", "KHR_animation_pointer"),
 }
 """Extensions that a file may require: supported, without effect on what is read, or left out with a warning."""
+
+_WORDS: dict[str, tuple[Any, ...]] = {
+    "animations.channels.target.path": (*PATHS, "pointer"),  # whose extension is named
+    "cameras.type": ("perspective", "orthographic"),
+    "materials.alphaMode": ("OPAQUE", "MASK", "BLEND"),
+    "samplers.magFilter": (NEAREST, LINEAR),
+    "samplers.minFilter": (NEAREST, LINEAR, *MIPMAPS),
+    "samplers.wrapS": tuple(WRAPS),
+    "samplers.wrapT": tuple(WRAPS),
+}
+"""The values of enumerations. Others are warned of; of modes of primitives below, and files with other types of lights
+or of numbers are refused."""
 
 _VERSION = re.compile(r"([0-9]+)\.([0-9]+)")
 _OTHER_MODES = {1: "lines", 2: "lines", 3: "lines"}
@@ -71,7 +84,7 @@ def read_gltf(path: Path, data: bytes, seconds: float | None = None) -> Contents
         _warn_of_variants(path, tree)
         lights, cameras = lights_of(tree), cameras_of(tree)
         contents = Contents(_parts(tree, buffers), lights, cameras)
-        warn_of_unused(path, unused_keys(tree, containers=("extensions",)), WITHOUT_EFFECT)
+        warn_of_unused(path, unused_keys(tree, containers=("extensions",), words=_WORDS), WITHOUT_EFFECT)
         return contents
 
 

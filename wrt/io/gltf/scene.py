@@ -88,7 +88,7 @@ def cameras_of(tree: Tree) -> list[tuple[str, Camera]]:
             if described["type"] == "orthographic":
                 height = 2.0 * abs(described["orthographic"]["ymag"])
                 cameras.append((name, OrthographicCamera(**viewpoint(world), view_height=height)))
-            else:
+            elif described["type"] == "perspective":  # the reader warns of others
                 fov = math.degrees(described["perspective"]["yfov"])
                 cameras.append((name, PerspectiveCamera(**viewpoint(world), fov_degrees=fov)))
     return cameras

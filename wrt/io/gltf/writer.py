@@ -230,6 +230,10 @@ class _Writer(Store):
         if isinstance(camera, PerspectiveCamera):
             if camera.shift_x or camera.shift_y:
                 self.note("the shift of a lens")
+            if camera.pixel_aspect != 1.0:
+                self.note("pixels that are not square")
+            if camera.distortion:
+                self.note("the distortion of a lens")
             lens = {"yfov": math.radians(camera.fov_degrees), "aspectRatio": aspect, "znear": _NEAR}
             described = {"type": "perspective", "perspective": lens}
         elif isinstance(camera, OrthographicCamera):

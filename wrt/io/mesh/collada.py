@@ -54,6 +54,9 @@ _SEMANTICS = ("VERTEX", "POSITION", "NORMAL", "COLOR", "TEXCOORD")
 _NEUTRAL = {"specular": 0.0, "reflective": 0.0, "reflectivity": 0.0, "transparency": 1.0}
 """Values at which an element has no effect."""
 
+_NEUTRAL_WORDS = {"magfilter": ("LINEAR", "NONE"), "wrap_s": ("WRAP",), "wrap_t": ("WRAP",)}
+"""The same of elements with a word."""
+
 WITHOUT_EFFECT = {
     "accessor.*": "the library finds the values by their count and stride",
     "ambient": "light from everywhere, which paths compute",
@@ -72,6 +75,9 @@ WITHOUT_EFFECT = {
     "library_physics*": "how bodies move",
     "library_force_fields": "how bodies move",
     "instance_physics_scene": "how bodies move",
+    "index_of_refraction": "of light that passes surfaces, which is left out where they are transparent",
+    "minfilter": "textures are filtered by what a pixel covers",
+    "mipfilter": "textures are filtered by what a pixel covers",
     "evaluate_scene": "how other renderers make a picture",
     "*.base": "where references start",
     "*.schemaLocation": "where the schema is",
@@ -155,23 +161,32 @@ def _unused(element: Any) -> Iterator[str]:
     """Yield the kinds of elements and attributes that are not read, from an element on; of a whole its name alone."""
     name = _local(element.tag)
     if name not in _READ:
-        numbers = "".join(element.itertext()).split()[:3]  # without alpha
-        with contextlib.suppress(ValueError):
-            if name in _NEUTRAL and numbers and all(float(each) == _NEUTRAL[name] for each in numbers):
-                return
-        yield name
+        neutral = (
+            _has_all(element, _NEUTRAL[name]) if name in _NEUTRAL else element.text in _NEUTRAL_WORDS.get(name, ())
+        )
+        if not neutral:
+            yield name
         return
     semantics = [each.get("semantic") for each in element.iterchildren("{*}input")]
     yield from (f"an input {kind}" for kind in semantics if kind not in _SEMANTICS)
     yield from (f"another set of {kind}" for kind in ("COLOR", "TEXCOORD") if semantics.count(kind) > 1)
     for key in element.attrib:
-        if _local(key) not in _ATTRIBUTES and (name, key, element.get(key)) != ("transparent", "opaque", "A_ONE"):
+        is_opaque = element.get(key) == "A_ONE" or (element.get(key) == "RGB_ZERO" and _has_all(element, 0.0))
+        if _local(key) not in _ATTRIBUTES and not (name == "transparent" and key == "opaque" and is_opaque):
             yield f"{name}.{_local(key)}"
     for child in element.iterchildren(tag="{*}*"):
         if (name, _local(child.tag)) == ("emission", "texture"):
             yield "a texture of emission"
         else:
             yield from _unused(child)
+
+
+def _has_all(element: Any, value: float) -> bool:
+    """Return whether the number of an element, or each channel of its colour, is a value."""
+    numbers = "".join(element.itertext()).split()[:3]  # without alpha
+    with contextlib.suppress(ValueError):
+        return bool(numbers) and all(float(each) == value for each in numbers)
+    return False
 
 
 def _local(tag: str) -> str:

@@ -315,7 +315,7 @@ class _Reader:
             least, most = -_HIGHEST, _HIGHEST
         if kind not in ("color", "data"):
             channel = options.get("-imfchan", ["m" if kind == "alpha" else "r"])[0].lower()
-            if channel not in "rgblm":
+            if channel not in (*"rgblm",):
                 self._lost.append(f"{key} -imfchan {channel}")
             kind, attributes["channel"] = "alpha" if channel == "m" else "data", channel if channel in CHANNELS else "r"
         label = f"texture {file}"
@@ -348,7 +348,10 @@ class _Reader:
         """Return the placement of an image by the options of its map, on coordinates as the normal map places them."""
         (su, sv), (ou, ov) = _two(options, "-s", (1.0, 1.0)), _two(options, "-o", (0.0, 0.0))
         (nu, nv), (mu, mv) = self.normals_at.scale, self.normals_at.offset
-        wrap = "clamp" if options.get("-clamp", ["off"])[0].lower() == "on" else "repeat"
+        clamped = options.get("-clamp", ["off"])[0]
+        if clamped.lower() not in ("on", "off"):
+            self._lost.append(f"-clamp {clamped}")
+        wrap = "clamp" if clamped.lower() == "on" else "repeat"
         return {"scale": (su / nu, sv / nv), "offset": (ou - su * mu / nu, ov - sv * mv / nv), "wrap": wrap}
 
 

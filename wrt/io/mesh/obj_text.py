@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
 from wrt.io.mesh.mtl import plain_name
+from wrt.io.mesh.obj_kernel import SIZES, read_lines
 
 _CHUNK = 1 << 20
 """Bytes parsed at a time; temporary arrays take twenty times as many."""
@@ -31,8 +32,8 @@ _SPACE, _NEWLINE, _SLASH, _DOT = b" \n/."
 _TO_SPACES = bytes.maketrans(b"vtnf/", b"     ")
 _POWERS = 10.0 ** np.arange(20)
 
-_LONGEST = 18
-"""Bytes of numbers whose digits fit 64 bits."""
+_LONGEST = 17
+"""Bytes of numbers, with the blank, whose digits are an integer that double precision holds exactly."""
 
 _LARGEST = 2**31 - 1
 
@@ -64,15 +65,22 @@ class ObjText:
         self._path, self._line = path, 1
         self.materials, self._smoothing = {"": 0}, dict.fromkeys(("off", "0", "null"), 0)
         self._state = 0, 0  # the material, and the smoothing group
-        self._widest = 0  # of lines of "v"
+        self._widest, self.colors_are_partial = 0, False  # the most numbers of a line of "v"
         self.libraries: list[str] = []
         self.others: Counter[str] = Counter()
         self._size = dict.fromkeys(_COLUMNS, 0)
         self._found: dict[str, list[NDArray[Any]]] = {kind: [] for kind in _COLUMNS}
-        corners, counts, numbers = zip(*map(self._add, _chunks(data)), strict=True)
-        self.rows = {kind: self._joined(kind) for kind in _COLUMNS}
-        self.corners = np.concatenate(corners)
-        self.counts, (self.face_materials, smoothing) = np.concatenate(counts), np.concatenate(numbers).T
+        data = _joined_lines(data) or b"\n"  # nothing but a byte-order mark
+        lines = read_lines(data, _COLUMNS) if len(data) in SIZES else None
+        if lines is not None:
+            self.rows, self.corners, self.counts = lines.rows, lines.corners, lines.sizes
+            changes = self._states_of(b"".join(_chunks(lines.others)).split(b"\n")[:-1], lines.faces_before.tolist())
+            self.face_materials, smoothing = _states_of_faces(*changes, len(self.counts))
+        else:
+            corners, counts, numbers = zip(*map(self._add, _chunks(data)), strict=True)
+            self.rows = {kind: self._joined(kind) for kind in _COLUMNS}
+            self.corners = np.concatenate(corners)
+            self.counts, (self.face_materials, smoothing) = np.concatenate(counts), np.concatenate(numbers, axis=1)
         self.face_smoothing = smoothing if self.others.pop("s", 0) else None
         for column, kind in enumerate(_COLUMNS):
             indices, count = self.corners[:, column], len(self.rows[kind])
@@ -99,7 +107,7 @@ class ObjText:
     def _add(self, chunk: bytes) -> tuple[_Corners, NDArray[np.int32], NDArray[np.int32]]:
         """Parse some lines of one space between words, and return the corners of their faces.
 
-        Also how many each has, and (F, 2) the material and the smoothing group of each.
+        Also how many each has, and (2, F) the material and the smoothing group of each.
         """
         letters = np.frombuffer(chunk + b"\n\n", np.uint8)
         ends = np.flatnonzero(letters[:-2] == _NEWLINE)
@@ -121,16 +129,13 @@ class ObjText:
                 rows = self._numbers(kind, b"".join(runs[number]), self._line + np.flatnonzero(kinds == number))
                 self._found[kind].append(rows)
                 self._size[kind] += len(rows)
-        # Lines that begin a material or a smoothing group, and the numbers of both.
-        begins, states = [-1], [self._state]
-        for line in np.flatnonzero(kinds == -1).tolist() if -1 in runs else ():
-            if starts[line] < ends[line]:
-                self._add_statement(chunk[starts[line] : ends[line]].decode("utf-8", "surrogateescape"))
-                if self._state != states[-1]:
-                    begins.append(line)
-                    states.append(self._state)
+        others = np.flatnonzero((kinds == -1) & (starts < ends))
         faces = np.flatnonzero(kinds == 3)
-        of_faces = np.array(states, np.int32)[np.searchsorted(begins, faces, side="right") - 1]
+        statements = [
+            chunk[start:end] for start, end in zip(starts[others].tolist(), ends[others].tolist(), strict=True)
+        ]
+        changes = self._states_of(statements, np.searchsorted(faces, others).tolist())
+        of_faces = _states_of_faces(*changes, len(faces))
         corners, counts = np.zeros((0, 3), np.int32), np.zeros(0, np.int32)
         if 3 in runs:
             corners, counts = self._corners(b"".join(runs[3]), self._line + faces)
@@ -146,6 +151,16 @@ class ObjText:
                     raise self._error(f"a face names a {kind!r} that is not there ({self._size[kind]} are)", place)
         self._line += len(starts)
         return corners - np.int32(1), counts, of_faces
+
+    def _states_of(self, statements: list[bytes], faces_before: list[int]) -> tuple[list[int], list[tuple[int, int]]]:
+        """Add statements, and return from which face on there is which state."""
+        begins, states = [0], [self._state]
+        for statement, begin in zip(statements, faces_before, strict=True):
+            self._add_statement(statement.decode("utf-8", "surrogateescape"))
+            if self._state != states[-1]:
+                begins.append(begin)
+                states.append(self._state)
+        return begins, states
 
     def _add_statement(self, line: str) -> None:
         match line.split(" "):
@@ -249,19 +264,36 @@ def _owners(is_first: NDArray[np.bool_]) -> tuple[_Index, _Index]:
     return np.cumsum(is_first) - 1, place - np.maximum.accumulate(np.where(is_first, place, 0))
 
 
-def _chunks(data: bytes) -> Iterator[bytes]:
-    """Yield whole lines of some bytes each, without comments, and with one space between words and no other."""
+def _states_of_faces(begins: list[int], states: list[tuple[int, int]], count: int) -> NDArray[np.int32]:
+    """Return (2, F) the state of each of `count` faces, from the faces at which states begin."""
+    return np.repeat(np.array(states, np.int32).T, np.diff([*begins, count]), axis=1)
+
+
+def _joined_lines(data: bytes) -> bytes:
+    """Return a text with continued lines joined, and newlines between lines."""
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    if b"\\" in data:
-        data = data.replace(b"\\\n", b" ")
+    return data.replace(b"\\\n", b" ") if b"\\" in data else data
+
+
+def _name_or_nothing(found: re.Match[bytes]) -> bytes:
+    """Return what a match of _COMMENT has of a name, in which "#" may be: the start of a word begins a comment."""
+    text, start = found.string, found.start()
+    before = text[text.rfind(b"\n", 0, start) + 1 : start]
+    is_comment = not before or before[-1] <= _SPACE or before.lstrip()[:1] in b"vf"
+    return b"" if is_comment else re.split(rb"\s#", found[0], maxsplit=1)[0]
+
+
+def _chunks(data: bytes) -> Iterator[bytes]:
+    """Yield whole lines of some bytes each, without comments, and with one space between words and no other."""
     start = 0
     while start < len(data):
         end = data.find(b"\n", start + _CHUNK) + 1 or len(data)
         chunk = data[start:end]
+        chunk = chunk if chunk.endswith(b"\n") else chunk + b"\n"
         start = end
         if b"#" in chunk:
-            chunk = _COMMENT.sub(b"", chunk)
+            chunk = _COMMENT.sub(_name_or_nothing, chunk)
         if b"\t" in chunk:
             chunk = chunk.replace(b"\t", b" ")
         blank = np.frombuffer(chunk, np.uint8) <= _SPACE
@@ -269,4 +301,4 @@ def _chunks(data: bytes) -> Iterator[bytes]:
             while b"  " in chunk:
                 chunk = chunk.replace(b"  ", b" ")
             chunk = _INDENT.sub(b"", chunk).replace(b" \n", b"\n")
-        yield chunk if chunk.endswith(b"\n") else chunk.rstrip(b" ") + b"\n"
+        yield chunk

@@ -47,7 +47,7 @@ class Part:
         tangents: (N, 4) or None, as in `wrt.Mesh`; need not be unit.
         reflectance: an image mapped by `uvs`, if the file names one.
         material: the material, if the file describes more than a reflectance; it fits `uvs` and `colors`.
-        radius: of points; readers leave it at 0.
+        radius: of points: (N,), one for all, or 0 if the file does not say.
         two_sided: whether emission is two-sided.
         double_sided: whether it is seen from behind.
         smoothing: what the file says of a surface without normals (docs/foreign-files.md): 0 for flat triangles, or
@@ -69,7 +69,7 @@ class Part:
     places: list[NDArray[np.float64]] = field(default_factory=list)
     two_sided: bool = False
     double_sided: bool = True
-    radius: float = 0.0
+    radius: FloatArray | float = 0.0
     smoothing: IntArray | int | None = None
     vertex_format: str = "vertex {} (counted from 0)"
 
@@ -119,7 +119,8 @@ def placed(part: Part, places: list[NDArray[np.float64]]) -> Part:
 def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
     """Return a part transformed by a (4, 4) matrix; a reflection also flips the winding, so that fronts stay fronts."""
     linear = matrix[:3, :3]
-    mirrored = determinant(linear) < 0.0
+    mirrored = (volume := determinant(linear)) < 0.0
+    radius = part.radius * np.cbrt(abs(volume))
     normals, tangents = part.normals, part.tangents
     # Places that overflow are refused with all other vertices that are not finite.
     with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, too
@@ -132,7 +133,7 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
             tangents = moved_tangents(tangents, linear)
         vertices = product(np.asarray(part.vertices, np.float64), linear.T) + matrix[:3, 3]
     faces = part.faces[:, ::-1] if mirrored else part.faces
-    return replace(part, vertices=vertices, faces=faces, normals=normals, tangents=tangents)
+    return replace(part, vertices=vertices, faces=faces, normals=normals, tangents=tangents, radius=radius)
 
 
 def viewpoint(matrix: NDArray[np.float64]) -> dict[str, Any]:

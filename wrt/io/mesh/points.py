@@ -29,18 +29,18 @@ def is_cloud(part: Part) -> bool:
 
 
 def with_radii(path: str, parts: list[Part], extent: float, radius: float | None) -> list[Part]:
-    """Return the parts, those of points with a radius, and print the radius in a warning.
+    """Return the parts, those of points with a radius, and print a radius that the file does not give in a warning.
 
     Args:
         path: the file, for messages.
         parts: repaired parts.
         extent: the size of all, for a point without a neighbour: its radius is a hundredth of it, or 1.
-        radius: the radius of all points in the file's units; by default it follows from their distances.
+        radius: the radius of all points in the file's units; by default the file's, or else by their distances.
 
     Raises:
         InputError: if the radius is not positive, or there are no points for it.
     """
-    clouds = [part for part in parts if is_cloud(part)]
+    clouds = [part for part in parts if is_cloud(part) and (radius is not None or not np.any(part.radius))]
     if radius is not None and not 0.0 < radius < np.inf:
         raise InputError(f"{path}: the radius of points must be a positive number, not {radius:g}")
     if not clouds:
@@ -48,24 +48,22 @@ def with_radii(path: str, parts: list[Part], extent: float, radius: float | None
             raise InputError(f"{path}: it has no points that a radius is for")
         return parts
     alone = 0.01 * extent or 1.0
-    result = [
-        replace(part, radius=radius or _radius(part.vertices) or alone) if is_cloud(part) else part for part in parts
-    ]
-    radii = sorted({part.radius for part in result if is_cloud(part)})
+    found = {id(part): radius or _radius(part.vertices) or alone for part in clouds}
+    radii = sorted(set(found.values()))
     size = f"{radii[0]:.3g}" if len(radii) == 1 else f"{radii[0]:.3g} to {radii[-1]:.3g}"
     count = sum(len(part.faces) for part in clouds)
     other = "" if radius else "; --point-radius, or point_radius of wrt.load, sets another"
     warn(f"{path}: its {count} points are drawn as spheres of radius {size}{other}", UserWarning)
-    return result
+    return [replace(part, radius=found.get(id(part), part.radius)) for part in parts]
 
 
 def spheres_of(part: Part, name: str) -> Spheres:
     """Return the spheres of a repaired part of points."""
     memory_limits.take(memory_limits.MESHES, _BYTES * len(part.faces))
     chosen = part.faces[:, 0]
-    return spheres(
-        part.vertices[chosen], part.radius, colors=None if part.colors is None else part.colors[chosen], name=name
-    )
+    radii = part.radius[chosen] if isinstance(part.radius, np.ndarray) else part.radius
+    colors = None if part.colors is None else part.colors[chosen]
+    return spheres(part.vertices[chosen], radii, colors=colors, name=name)
 
 
 def _radius(points: FloatArray) -> float:

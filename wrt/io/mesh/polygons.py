@@ -16,7 +16,7 @@ _Int = NDArray[np.int64]
 
 
 def triangulate(
-    path: str | Path, positions: NDArray[np.floating[Any]], corners: IntArray, counts: _Int
+    path: str | Path, positions: NDArray[np.floating[Any]], corners: IntArray, counts: IntArray
 ) -> tuple[_Int, _Int]:
     """Cut polygons into triangles; concave ones too, if they are flat and do not cross themselves.
 

@@ -108,7 +108,7 @@ def _extent(parts: list[Part]) -> tuple[FloatArray, FloatArray, float, float]:
 
 def _box_corners(part: Part) -> NDArray[np.float64]:
     """Return (P, 3) corners of the bounding boxes of all instances of a repaired part."""
-    box = box_around(part.vertices) + [[-part.radius], [part.radius]]
+    box = box_around(part.vertices) + np.max(part.radius, initial=0.0) * np.array([[-1.0], [1.0]])
     corners = np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
     return np.concatenate([product(corners, m[:3, :3].T) + m[:3, 3] for m in part.places] or [corners])
 
@@ -145,6 +145,7 @@ def _repaired(path: str, part: Part) -> Part:
         normals=rows("normals", used),
         colors=None if colors is None else np.clip(colors, 0.0, 1.0),
         face_colors=rows("face_colors", solid, "face colours"),
+        radius=part.radius[used] if isinstance(part.radius, np.ndarray) else part.radius,
         smoothing=rows("smoothing", solid) if isinstance(part.smoothing, np.ndarray) else part.smoothing,
         uvs=rows("uvs", used, "texture coordinates"),
         tangents=rows("tangents", used, "tangents") if _reads_tangents(part.material) else None,

@@ -22,13 +22,15 @@ from wrt.io.safe_read import as_text, as_utf8
 from wrt.scene.normals import same_positions
 
 _OF_PART = re.compile(rb"COLOR=(.{3})(?: (?=MATERIAL=)|(.))(?:.?MATERIAL=(.{4}))?", re.DOTALL)
-"""Colour, alpha and material of the part in a header of Magics; MeshLab writes no alpha.
+"""Colour, alpha and material of the part in a header of Magics; MeshLab writes no alpha, and spaces in its place.
 
 Of a material the diffuse colour is read. Those of ambient light and of highlights have no effect: there is no ambient
 light, and without an exponent a highlight has no size.
 """
 
 _SPACES = 0x2020  # the attribute word of old versions of Blender, which have no colours
+
+_NO_COLOR = 0x8000  # of all faces where Autodesk's programs have none, by the rule of Magics but without its header
 
 _UNKNOWN = re.compile(rb"^[ \t]*(?!(?:end)?(?:solid|facet|loop)|outer|vertex)([a-z_]\w*)", re.IGNORECASE | re.MULTILINE)
 """The first word of a line of a text file that is not of the format."""
@@ -86,15 +88,16 @@ def colors_of(source: object, words: NDArray[np.uint16], header: bytes) -> Float
     channels = np.column_stack([(words >> shift & 31) / 31.0 for shift in (10, 5, 0)])
     of_part = _OF_PART.search(header)
     if of_part is None:
-        if not flagged.any():
-            unknown = (words != 0) & (words != _SPACES)
+        if not flagged.any() or (words == _NO_COLOR).all():
+            unknown = ~np.isin(words, (0, _SPACES, _NO_COLOR))
             warn_of_unused(source, ["an attribute word that is not a colour"] * np.count_nonzero(unknown), {})
             return None
         colors = decoded(channels)
         colors[~flagged] = DEFAULT_REFLECTANCE
         return colors
     color, alpha, material = of_part.groups()
-    whole = np.frombuffer(material if material and any(material[:3]) else color + (alpha or b"\xff"), np.uint8) / 255.0
+    shown = material if material and any(material[:3]) else color + (alpha or b"")
+    whole = np.frombuffer(shown if alpha else shown[:3] + b"\xff", np.uint8) / 255.0
     own = flagged if flagged.all() and np.ptp(words) else ~flagged & words.any()
     rgba = np.column_stack([channels[:, ::-1], np.ones(len(words))])
     rgba[~own] = *whole[:3], whole[3] or 1.0  # some programs leave alpha at 0

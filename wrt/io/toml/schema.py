@@ -229,7 +229,7 @@ def _number(
 
 def _color(maximum: float = math.inf) -> list[Schema]:
     grey = _number(minimum=0.0, maximum=maximum)
-    return [grey, array_of(grey, 3, 3)]
+    return [grey, array_of(grey, 3, 3), {"type": "string"}]
 
 
 def _that_vary() -> list[Schema]:
@@ -247,6 +247,7 @@ def _unchecked() -> dict[str, list[Schema]]:
         "alpha": [_number(minimum=LEAST_ALPHA, maximum=1.0), _PAIR],
         "anisotropy": [share],
         "crop": [array_of(_number("integer", minimum=0, maximum=65536), 4, 4)],
+        "distortion": [array_of(NUMBER, 0, 8)],
         "dispersion": [_number(minimum=0.0, maximum=MOST_DISPERSION)],
         "distribution": [{"enum": list(MASKINGS)}],
         "f0": _color(maximum=1.0),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.io import memory_limits
-from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, Part
+from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, Part, points_of
 from wrt.io.mesh.polygons import triangulate
 from wrt.io.usd.lights import Values
 from wrt.io.usd.materials import Coordinates, UsdMaterials
@@ -39,19 +39,20 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
     triangles, owner = triangulate(f"{path}: {name}", points, corners, counts)
     if values["orientation"] == "leftHanded":
         triangles = triangles[:, ::-1]
-    normals = [_at_corners(primvar, 3, corners, counts) for primvar in shape["normals"]]
+    at = _Corners(corners, counts, materials.unsupported)
+    normals = [at.values("normals", primvar, 3) for primvar in shape["normals"]]
     at_corners = {
         "normals": next((each for each in normals if each is not None), None),
         "uvs": None,
         "colors": None,
     }
-    coordinates = {name: _at_corners(primvar, 2, corners, counts) for name, primvar in shape["uvs"]}
+    coordinates = {each: at.values(each, primvar, 2) for each, primvar in shape["uvs"]}
     holes = indices(values.get("holeIndices"))
     parts = []
     for faces, material in _subsets(shape, len(counts)):
         chosen = triangles[np.isin(owner, np.setdiff1d(faces, holes))]
         at_corners["uvs"], uv_sets = _uvs(coordinates, materials.uv_sets(material))
-        at_corners["colors"] = _colors(shape, materials.color_primvar(material), corners, counts)
+        at_corners["colors"] = _colors(shape, materials.color_primvar(material), at)
         if all(each is None for each in at_corners.values()):
             part = Part(name, points, corners[chosen])
         else:  # values at corners split the vertices
@@ -82,17 +83,29 @@ def _uvs(
     return np.concatenate(sets, axis=1), tuple(needed)
 
 
-def _colors(
-    shape: dict[str, Any], name: str, corners: NDArray[np.int64], counts: NDArray[np.int64]
-) -> NDArray[Any] | None:
+def _colors(shape: dict[str, Any], name: str, at: _Corners) -> NDArray[Any] | None:
     """Return (C, 3) colours of a name at corners, or (C, 4) where they are not opaque and no material is bound."""
-    colors = _at_corners(dict(shape["colors"]).get(name), 3, corners, counts)
-    opacities = _at_corners(shape["opacities"], 1, corners, counts)
+    colors = at.values(name, dict(shape["colors"]).get(name), 3)
+    opacities = at.values("displayOpacity", shape["opacities"], 1)
     if opacities is None or shape["material"] is not None or not (opacities < 1.0).any():
         return colors
-    return np.concatenate(
-        [np.full((len(corners), 3), DEFAULT_REFLECTANCE) if colors is None else colors, opacities], axis=1
-    )
+    colors = np.full((len(opacities), 3), DEFAULT_REFLECTANCE) if colors is None else colors
+    return np.concatenate([colors, opacities], axis=1)
+
+
+def part_of_points(shape: dict[str, Any], materials: UsdMaterials) -> Part:
+    """Return points, whose widths are diameters (UsdGeomPoints)."""
+    name, material = shape["path"], shape["material"]
+    points = _rows(shape["values"]["points"], 3)
+    points = np.zeros((0, 3), np.float32) if points is None else points.astype(np.float32)
+    at = _each_vertex(len(points), materials)
+    part = points_of(name, points, _colors(shape, materials.color_primvar(material), at))
+    widths = at.values("widths", shape["widths"], 1)
+    if widths is not None and ((widths > 0.0) & (widths < np.inf)).all():
+        part.radius = 0.5 * widths[:, 0]
+    elif widths is not None:
+        materials.unsupported.add("a width of Points that is not positive, with the other widths,")
+    return _with_material(part, material, materials, ())
 
 
 def part_of_solid(path: Path, shape: dict[str, Any], materials: UsdMaterials) -> Part:
@@ -119,9 +132,9 @@ def part_of_solid(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
     part.uvs, uv_sets = _uvs({"st": uvs}, materials.uv_sets(shape["material"]))
     constant = [each for each in shape["colors"] if each[1] and each[1][1] == "constant"]
     opacities = shape["opacities"] if shape["opacities"] and shape["opacities"][1] == "constant" else None
-    vertices = np.arange(len(mesh.vertices))
     of_shape = {**shape, "colors": constant, "opacities": opacities}
-    part.colors = _colors(of_shape, materials.color_primvar(shape["material"]), vertices, np.ones_like(vertices))
+    at = _each_vertex(len(mesh.vertices), materials)
+    part.colors = _colors(of_shape, materials.color_primvar(shape["material"]), at)
     return _with_material(part, shape["material"], materials, uv_sets)
 
 
@@ -185,31 +198,48 @@ def _rows(value: Any, width: int) -> NDArray[Any] | None:
     """Return (N, width) numbers, or None where the value is of a type that the schema does not have."""
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
         return None
-    rows: NDArray[Any] = np.atleast_2d(value)
+    rows: NDArray[Any] = value[:, None] if width == 1 and value.ndim == 1 else np.atleast_2d(value)
     return rows if rows.ndim == 2 and rows.shape[1] == width else None
 
 
-def _at_corners(
-    primvar: list[Any] | None, width: int, corners: NDArray[np.int64], counts: NDArray[np.int64]
-) -> NDArray[Any] | None:
-    """Return (C, width) values at each corner of the faces, or None where their number or type does not fit.
+@dataclass(frozen=True, eq=False)
+class _Corners:
+    """The corners of faces, at which a mesh has values.
 
-    Args:
-        primvar: the values and their interpolation, or None.
-        width: numbers in each.
+    Attributes:
         corners: (C,) point of each corner.
         counts: corners of each face.
+        misfits: takes the kinds of values that are left out.
     """
-    rows = _rows(primvar[0], width) if primvar else None
-    if primvar is None or rows is None:
-        return None
-    numbers = {
-        "faceVarying": np.arange(len(corners)),
-        "vertex": corners,
-        "varying": corners,
-        "uniform": np.repeat(np.arange(len(counts)), counts),
-        "constant": np.zeros(len(corners), np.int64),
-    }.get(primvar[1])
-    if numbers is None or (len(numbers) and numbers.max() >= len(rows)):
-        return None
-    return np.asarray(rows[numbers], np.float64)
+
+    corners: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    misfits: set[str]
+
+    def values(self, name: str, primvar: list[Any] | None, width: int) -> NDArray[Any] | None:
+        """Return (C, width) values of a primvar, or None if it has none or their number or type does not fit.
+
+        Args:
+            name: of the primvar.
+            primvar: the values and their interpolation, or None.
+            width: numbers in each.
+        """
+        if primvar is None or primvar[0] is None or not np.size(primvar[0]):
+            return None
+        rows = _rows(primvar[0], width)
+        numbers = {
+            "faceVarying": np.arange(len(self.corners)),
+            "vertex": self.corners,
+            "varying": self.corners,
+            "uniform": np.repeat(np.arange(len(self.counts)), self.counts),
+            "constant": np.zeros(len(self.corners), np.int64),
+        }.get(primvar[1])
+        if rows is None or numbers is None or (len(numbers) and numbers.max() >= len(rows)):
+            self.misfits.add(f"a primvar {name} that does not fit its points or faces")
+            return None
+        return np.asarray(rows[numbers], np.float64)
+
+
+def _each_vertex(count: int, materials: UsdMaterials) -> _Corners:
+    """Return the points of what has no faces, as the corners of one face each."""
+    return _Corners(np.arange(count), np.ones(count, np.int64), materials.unsupported)

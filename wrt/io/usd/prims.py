@@ -29,8 +29,11 @@ _OF_LIGHTS = tuple(
     for name in ("color", "intensity", "exposure", "normalize", "enableColorTemperature", "colorTemperature")
 )
 
+_OF_DOMES = (*_OF_LIGHTS, "inputs:texture:file", "inputs:texture:format")
+
 _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "Mesh": ("points", "faceVertexCounts", "faceVertexIndices", "orientation", "holeIndices"),
+    "Points": ("points",),
     "PointInstancer": ("protoIndices",),
     "Camera": (
         *("verticalAperture", "horizontalApertureOffset", "verticalApertureOffset"),
@@ -44,7 +47,8 @@ _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "RectLight": (*_OF_LIGHTS, "inputs:width", "inputs:height"),
     "DiskLight": (*_OF_LIGHTS, "inputs:radius"),
     "DistantLight": (*_OF_LIGHTS, "inputs:angle"),
-    "DomeLight": (*_OF_LIGHTS, "inputs:texture:file", "inputs:texture:format"),
+    "DomeLight": _OF_DOMES,
+    "DomeLight_1": (*_OF_DOMES, "poleAxis"),
 }
 """The attributes of each type that are read."""
 
@@ -91,11 +95,15 @@ class _Prim:
     def unused(self, time: Any) -> Iterator[str]:
         """Yield the kinds of properties that say something else than the schema does, and were not used."""
         prim, kind = self.prim, str(self.prim.GetTypeName())
+        definition = prim.GetPrimDefinition()
         for name in prim.GetAuthoredPropertyNames():
+            attribute = prim.GetAttribute(name)
+            words = attribute.GetMetadata("allowedTokens") if attribute and name in self._used else None
+            if words and (word := attribute.Get(time)) not in (None, *words):
+                yield f"{kind}.{name} {str(word)!r}"
             if name in self._used or name.startswith(_READ_BY_LIBRARY):
                 continue
-            attribute = prim.GetAttribute(name)
-            if prim.GetProperty(name).IsCustom():
+            if prim.GetProperty(name).IsCustom() or (not kind and name not in definition.GetPropertyNames()):
                 continue  # of no schema
             if not attribute:
                 if prim.GetRelationship(name).GetTargets():
@@ -106,8 +114,16 @@ class _Prim:
                 value = attribute.Get(time)
                 if name.endswith("shaping:cone:angle") and isinstance(value, float) and value >= _ALL_AROUND:
                     continue
-                if value is not None and value != prim.GetPrimDefinition().GetAttributeFallbackValue(name):
+                if value is not None and value != definition.GetAttributeFallbackValue(name):
                     yield f"{kind}.{name}"
+
+
+def _metres_per_unit(stage: Any) -> float | None:
+    """Return the unit of length of a stage, or None if it is not a number; some files have it in single precision."""
+    with contextlib.suppress(Tf.ErrorException):  # of another type
+        return float(UsdGeom.GetStageMetersPerUnit(stage))
+    unit = stage.GetRootLayer().pseudoRoot.GetInfo("metersPerUnit")
+    return float(unit) if isinstance(unit, (int, float)) and 0.0 < unit < math.inf else None
 
 
 def times_of(stage: Any, layers: list[Any]) -> tuple[float, float, float] | None:
@@ -146,9 +162,7 @@ class Description:
         self.content: dict[str, Any] = {"shapes": {}, "prototypes": {}, "materials": {}, "nodes": {}, "left_out": []}
         self.content["animation"] = [0.0, (times[1] - times[0]) / times[2]] if times and times[1] > times[0] else None
         self.content["up"] = str(UsdGeom.GetStageUpAxis(stage))
-        self.content["metersPerUnit"] = None
-        with contextlib.suppress(Tf.ErrorException):  # of another type
-            self.content["metersPerUnit"] = UsdGeom.GetStageMetersPerUnit(stage)
+        self.content["metersPerUnit"] = _metres_per_unit(stage)
         self.content["prims"] = self._prims(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
         self.content["places"] = self._array(memoryview(self._places).cast("d"))
         self.content["unused"] = self._unused
@@ -172,7 +186,7 @@ class Description:
             if is_instancer:
                 values = self._instances(prim)
                 walk.PruneChildren()
-            elif kind == "Mesh" or kind in _SOLIDS:
+            elif kind in ("Mesh", "Points", *_SOLIDS):
                 values = {"shape": self._shape(prim, kind)}
             elif kind in _ATTRIBUTES:  # a camera or a light
                 values = {"values": self._values(prim, kind)}
@@ -240,7 +254,7 @@ class Description:
         return {name: self._value(attribute) for name, attribute in attributes.items() if attribute}
 
     def _shape(self, prim: _Prim, kind: str) -> str:
-        """Describe a mesh or a solid, unless it has been, and return its key, which instances of it have too."""
+        """Describe a mesh, points or a solid, unless it has been; return its key, which instances of it have too."""
         key = _key(prim.prim) + self._inherited(prim.prim)
         if key not in self.content["shapes"]:
             primvars = UsdGeom.PrimvarsAPI(prim.prim)
@@ -252,7 +266,13 @@ class Description:
                 "colors": [[name, self._primvar(primvar)] for name, primvar in _colors(primvars).items()],
                 "opacities": self._primvar(primvars.FindPrimvarWithInheritance("displayOpacity")),
             }
-            self.content["shapes"][key] = shape | (self._of_mesh(prim, primvars) if kind == "Mesh" else {})
+            if kind == "Mesh":
+                shape |= self._of_mesh(prim, primvars)
+            elif kind == "Points":
+                widths = self._plain(prim.attribute("widths").Get(self._time))
+                own = [widths, str(UsdGeom.Points(prim.prim).GetWidthsInterpolation())]
+                shape["widths"] = self._primvar(primvars.GetPrimvar("widths")) or own
+            self.content["shapes"][key] = shape
         return key
 
     def _inherited(self, prim: Any) -> str:
@@ -383,7 +403,7 @@ def _bound_to(prim: Any) -> list[Any]:
 def _identity(shader: Any) -> str:
     """Return the type of a shader, or "" if there is none."""
     identity = shader.GetPrim().GetAttribute("info:id") if shader else None
-    return str(identity.Get()) if identity else ""
+    return str(identity.Get() or "") if identity else ""
 
 
 def _coordinates(primvars: Any) -> dict[str, Any]:

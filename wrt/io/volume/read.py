@@ -84,8 +84,8 @@ def load_density(path: PathLike, *, grid: str | None = None, **arguments: Any) -
     Args:
         path: ends in .npy, .npz, .vol or .nvdb.
         grid: name of the array or grid in a file of several; None for "density", or the only one.
-        arguments: those of DensityGrid, in place of those in the file. With a `lower` or `upper` corner, nothing of
-            the place in the file counts.
+        arguments: those of `DensityGrid`, in place of those in the file. With a lower or upper corner the file's place
+            does not count.
 
     Raises:
         InputError: when it cannot be read, or would take too much memory.

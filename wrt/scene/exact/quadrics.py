@@ -137,7 +137,7 @@ def disk(center: Vec3 = (0.0, 0.0, 0.0), normal: Vec3 = (0.0, 1.0, 0.0), radius:
 
     Args:
         center: metres.
-        normal: the direction of its front, the side that emits; of any length.
+        normal: direction of its front, which emits; of any length.
         radius: metres.
 
     Raises:

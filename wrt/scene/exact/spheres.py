@@ -86,7 +86,7 @@ def spheres(centers: ArrayLike, radii: ArrayLike, *, colors: ArrayLike | None = 
     Args:
         centers: (N, 3) metres.
         radii: (N,) metres, or one for all.
-        colors: (N, 3) linear Rec. 709 of each, which a material reads by `wrt.VertexColor`; (N, 4) with alpha.
+        colors: (N, 3) linear Rec. 709, read by `wrt.VertexColor`; (N, 4) with alpha.
         name: for messages.
 
     Raises:

@@ -76,10 +76,9 @@ class SpotLight(Light):
         color: radiance of a white Lambertian surface that faces the light on its axis at one metre, W·sr⁻¹·m⁻².
         inner_degrees: angle from the axis up to which it has its full intensity.
         outer_degrees: angle from the axis beyond which it is dark.
-        falloff: how it fades between the two: "smooth", "linear" or "gltf".
-        texture: image that multiplies the intensity, as of a slide before the lamp. It fills the square around the
-            outer cone, which is then narrower than 90 degrees; seen from behind the lamp it is upright. `power` is that
-            without the texture.
+        falloff: how it fades between the two.
+        texture: image that multiplies the intensity, upright from behind the lamp. It fills the square around the outer
+            cone, which is then narrower than 90 degrees; `power` is that without it.
         up: direction of the texture's upper edge, seen from its middle; not along the axis.
     """
 
@@ -160,10 +159,8 @@ class ProjectorLight(Light):
         up: direction of the image's upper edge, seen from its middle; not along the axis.
         texture: the image; without one the frame is a square of one colour.
         irradiance: of a plane across the axis at one metre where the image is white, per channel, W·m⁻².
-        color: radiance of a white Lambertian surface in its place: irradiance / π, W·sr⁻¹·m⁻². Mitsuba's `projector`
-            calls this irradiance.
-        fov_degrees: angle between the left and right edge of the frame. Its height follows from the image, whose
-            pixels are square.
+        color: radiance of a white Lambertian surface there: irradiance / π, W·sr⁻¹·m⁻².
+        fov_degrees: angle between the left and right edge of the frame, whose height follows from the image.
     """
 
     position: Vector

@@ -20,7 +20,7 @@ class Body(Material):
     """Base of the materials of bodies that light enters.
 
     Attributes:
-        interior: medium inside the body, in scene files its name; by default the body is clear.
+        interior: medium inside the body; by default it is clear.
         priority: where bodies overlap, only the one of the highest priority exists.
     """
 

@@ -54,8 +54,8 @@ class _Boundary(Material):
     """Base of the boundaries of transparent media.
 
     Attributes:
-        ior: refractive index inside, or a name such as "water" (`wrt materials --presets`); 1.5 is common glass.
-        exterior_ior: the same for the outside; 1 is vacuum, and air to three digits.
+        ior: refractive index inside, or a name such as "water" (wrt materials --presets).
+        exterior_ior: the same for the outside.
         specular_reflectance: multiplies reflected light; 1 in nature.
         specular_transmittance: multiplies transmitted light; 1 in nature.
     """
@@ -79,8 +79,8 @@ class _BodyBoundary(_Boundary, Dispersive):
     """Base of the boundaries of bodies, which may be dispersive.
 
     Attributes:
-        dispersion: how much more blue is refracted than red: 20 over the Abbe number, as in glTF, or a name such as
-            "diamond" (`wrt materials --presets`). `ior` is then that of yellow light, 587.6 nm. 0 is none.
+        dispersion: 20 over the Abbe number, as in glTF, or a name such as "diamond" (wrt materials --presets); `ior` is
+            then that at 587.6 nm.
     """
 
     _: KW_ONLY
@@ -113,8 +113,7 @@ class Dielectric(_BodyBoundary):
     Triangles wind counter-clockwise seen from outside the body, where the index is `exterior_ior`.
 
     Attributes:
-        fresnel: "exact" for Fresnel's equations, or "schlick" for Schlick's approximation (1994) by the angle in the
-            medium of lower index.
+        fresnel: "exact", or Schlick's approximation (1994) by the angle in the medium of lower index.
     """
 
     _: KW_ONLY
@@ -153,8 +152,8 @@ class RoughDielectric(_BodyBoundary, Microfacets):
         alpha: roughness, as for `RoughConductor`.
         distribution: of normals, as for `RoughConductor`.
         masking: shadowing and masking of facets, as for `RoughConductor`.
-        multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which conserves
-            energy. Otherwise that light is lost, as in most renderers, and rough glass is too dark.
+        multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017); otherwise it is
+            lost.
     """
 
     alpha: ColorSource = 0.1

@@ -41,13 +41,13 @@ class Measurement(Description):
     normals are relative to the viewer's.
 
     Attributes:
-        phi_i: (P,) azimuths of the viewer, radians, ascending; of anisotropic surfaces the whole circle from −π on, its
-            first half or its first quarter.
+        phi_i: (P,) azimuths of the viewer, radians, ascending; of anisotropic surfaces the circle from −π on, or its
+            first half or quarter.
         theta_i: (T,) angles of the viewer to the normal, radians, ascending.
         ndf: (H, W) distribution of facet normals.
         sigma: (H, W) area that facets show in a direction, per area of the surface.
-        vndf: (P, T, H, W) density of the normals that the viewer sees, on the square; it is normalised.
-        luminance: (P, T, N, N) density of what is reflected, on the square that `vndf` warps; it is normalised.
+        vndf: (P, T, H, W) density of the normals that the viewer sees, on the square; normalised.
+        luminance: (P, T, N, N) density of what is reflected, on the square that `vndf` warps; normalised.
         rgb: (P, T, 3, N, N) what is reflected there, in linear Rec. 709.
         jacobian: whether `rgb` is to be multiplied by ndf / (4 sigma).
         name: source of the tables, for messages.

@@ -80,8 +80,7 @@ class Conductor(_Metal):
         k: extinction coefficient per channel; copper's by default.
         f0: reflectance at normal incidence per channel, 0 to 1, instead of eta and k; or a name such as
             "gold", "silicon" or "gems" (wrt materials --presets).
-        metal: a name such as "gold", or a chemical symbol, instead of the others (wrt materials --presets). It is
-            replaced by its eta and k, or by its f0 if only that is known.
+        metal: a name or chemical symbol instead, such as "gold" (wrt materials --presets): its eta and k, or its f0.
     """
 
     eta: ColorLike | None = None
@@ -110,18 +109,17 @@ class RoughConductor(_Metal, Microfacets):
     given as for `Conductor`.
 
     Attributes:
-        alpha: roughness, 1e-4 to 1: about √2 times the root-mean-square slope of the facets. A number; two numbers,
-            for brushed surfaces, along u and along v; or an image with the first in red and the second in green. Two
-            distributions have their own parameters instead, always two numbers: "abc" has B, from 0.1, and C, from 0
-            to 100 (Löw et al. 2012); "sgd" has α, from 1e-5 to 10, and p, from 0 to 10 (Bagher et al. 2012).
+        alpha: roughness, 1e-4 to 1: about √2 times the root-mean-square slope of the facets. Two numbers, along u and
+            v, for brushed surfaces; an image has them in red and green. For "abc" B, from 0.1, and C, 0 to 100 (Löw et
+            al. 2012); for "sgd" α, 1e-5 to 10, and p, 0 to 10 (Bagher et al. 2012).
         eta, k, f0, metal: as for `Conductor`.
         distribution: of normals: "ggx" (Trowbridge and Reitz 1975), "beckmann", "blinn-phong", "abc" or "sgd".
         masking: shadowing and masking of facets: "smith" (height-correlated) for "ggx" and "beckmann",
-            "smith-separable" for these and "blinn-phong", "walter" (the rational fit of 2007) for the last two,
-            "cook-torrance", "kelemen" or "implicit" for all. The default is "smith" where available, else
-            "cook-torrance". "blinn-phong" uses "smith-separable" and "walter" of "beckmann", up to an alpha of 0.3.
-        multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which makes
-            rough metals brighter and more saturated. Otherwise that light is lost, as in most renderers.
+            "smith-separable" for these and "blinn-phong", "walter" (2007) for the last two, the others for all. The
+            default is "smith", else "cook-torrance". "blinn-phong" has "smith-separable" and "walter" of "beckmann", up
+            to an alpha of 0.3.
+        multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017); otherwise it is
+            lost.
         reflectance: multiplies reflected light per channel, 0 to 1, at each bounce; 1 in nature.
     """
 

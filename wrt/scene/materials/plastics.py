@@ -26,10 +26,9 @@ class _Coated(Material):
     Attributes:
         reflectance: fraction of light that the base reflects per channel, 0 to 1.
         ior: refractive index of the coat, or a name such as "water" (`wrt materials --presets`).
-        exterior_ior: the same for the medium around it.
-        nonlinear: whether internal reflections make colours deeper, as varnish does to wood. Otherwise `reflectance`
-            is the visible colour where the coat reflects nothing.
-        specular_reflectance: multiplies light that the coat reflects; 1 in nature.
+        exterior_ior: the same for the outside.
+        nonlinear: whether internal reflections make colours deeper, as varnish does to wood.
+        specular_reflectance: multiplies reflected light; 1 in nature.
     """
 
     reflectance: Reflectance = 0.5
@@ -67,12 +66,10 @@ class RoughPlastic(_Coated):
     The coat is the microfacet model of Walter, Marschner, Li and Torrance (2007). Both sides look the same.
 
     Attributes:
-        alpha: roughness of the coat, 1e-4 to 1: about √2 times the root-mean-square slope of its facets. An image
-            gives it in its red channel.
-        distribution: of the facets' normals: "ggx" or "beckmann".
+        alpha: roughness of the coat, 1e-4 to 1: about √2 times the root-mean-square slope of its facets.
+        distribution: of the facets' normals.
         masking: shadowing and masking of facets, as for `RoughConductor`.
-        multiple_bounces: whether light that facets block reaches the base, so a white one stays white. Otherwise that
-            light is lost, as in most renderers, and rough coats are darker.
+        multiple_bounces: whether light that facets block reaches the base; otherwise it is lost.
     """
 
     alpha: Annotated[ColorSource, partial(value_source, minimum=LEAST_ALPHA, maximum=1.0)] = 0.1

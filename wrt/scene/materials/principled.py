@@ -57,30 +57,26 @@ class Principled(Filmed, Dispersive, Entered):
             0 to 1.
         metallic: 0 dielectric, 1 metal.
         roughness: 0 mirror to 1 matt; its square is the roughness α of GGX.
-        ior: refractive index of the dielectric, from 1, or a name such as "water" (`wrt materials --presets`). 0 means
-            infinite, as in glTF: specular_color is then the reflectance at normal incidence.
+        ior: refractive index of the dielectric, from 1, or a name such as "water" (wrt materials --presets). 0 is
+            infinite, as in glTF.
         specular: strength of the dielectric's reflection.
         specular_color: tint of that reflection at normal incidence; may exceed 1.
-        anisotropy: elongation of highlights along one direction, 0 to 1. An image is as in KHR_materials_anisotropy:
-            the direction in tangent space in red and green, the strength in blue.
+        anisotropy: elongation of highlights along one direction, 0 to 1. An image is as in KHR_materials_anisotropy.
         anisotropy_rotation: turns that direction counter-clockwise from u towards v, radians.
-        transmission: fraction of the light entering the dielectric that is transmitted, as in glass, not scattered
-            back.
-        thin_walled: whether the surface is a thin sheet, not the boundary of a body; transmitted light is then not
-            refracted.
-        dispersion: how much more blue is refracted than red, where light enters a body: 20 over the Abbe number, or a
-            name such as "diamond" (`wrt materials --presets`). `ior` is then that of yellow light. 0 is none.
-        film: share of the surface under a thin film, whose colours come from interference, as on soap bubbles, oil and
-            the wings of insects.
+        transmission: fraction of the light entering the dielectric that is transmitted, as in glass.
+        thin_walled: whether the surface is a thin sheet, which does not refract, not the boundary of a body.
+        dispersion: 20 over the Abbe number, as in glTF, or a name such as "diamond" (wrt materials --presets); `ior` is
+            then that at 587.6 nm.
+        film: share of the surface under a thin film, whose colours come from interference.
         coat: coverage of a clear coat of index 1.5.
         coat_roughness: as `roughness`, of the coat.
-        coat_normal_map: perturbs the coat's normal, in place of `normal_map`, which then perturbs what lies below
-            alone; a flat map leaves the mesh's own normal. Neither map can have a filter, or Mitsuba's convention.
+        coat_normal_map: perturbs the coat's normal in place of `normal_map`; a flat map leaves the mesh's own. Neither
+            map can then have a filter, or Mitsuba's convention.
         sheen_color: colour of fibres on the surface, as on velvet, per channel, 0 to 1.
         sheen_roughness: roughness of the fibres; below 0.07 it counts as 0.07.
         emission: emitted radiance, W·sr⁻¹·m⁻².
-        multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017), which makes
-            rough metals brighter and more saturated. Otherwise that light is lost, as in most glTF viewers.
+        multiple_bounces: whether light scatters between facets more than once (Kulla and Conty 2017); otherwise it is
+            lost.
     """
 
     base_color: Reflectance = 0.8
@@ -202,15 +198,14 @@ class Burley(Entered):
         roughness: 0 mirror to 1 matt; its square is the roughness α of GGX.
         anisotropy: elongation of highlights along u, 0 to 1.
         transmission: share of a dielectric that is clear instead of diffuse.
-        diffuse_transmission: share of the diffuse light that goes through a thin sheet instead of back; without effect
-            on bodies.
-        thin_walled: whether the surface is a thin sheet, not the boundary of a body.
+        diffuse_transmission: share of the diffuse light that goes through a thin sheet instead of back.
+        thin_walled: whether the surface is a thin sheet, which does not refract, not the boundary of a body.
         ior: refractive index of the dielectric, from 1.
         specular_tint: how far its reflection takes the hue of the base colour.
         sheen: strength of the light that fibres add at grazing angles.
         sheen_tint: how far this takes the hue of the base colour.
-        flatness: blends the diffuse base to one that looks like light scattered below the surface.
-        coat: strength of a clear coat, which reflects a quarter as much as varnish; without effect on thin sheets.
+        flatness: blends the diffuse base to a look of light scattered below the surface.
+        coat: strength of a clear coat, which reflects a quarter as much as varnish; not on thin sheets.
         coat_gloss: 0 satin to 1 gloss, of the coat.
     """
 

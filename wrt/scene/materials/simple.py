@@ -31,14 +31,14 @@ class Diffuse(Material):
 
 @dataclass(frozen=True)
 class OrenNayar(Material):
-    """A rough matt surface such as plaster or clay, on both sides; flatter than Diffuse, and retro-reflective.
+    """A rough matt surface such as plaster or clay, on both sides; retro-reflective.
 
     The energy-preserving form (Portsmouth, Kutz and Hill 2025) of the model of Oren and Nayar (1994). With `sigma` 0
     it is Diffuse.
 
     Attributes:
-        reflectance: fraction of light that each facet reflects per channel, 0 to 1. The surface as a whole reflects
-            less, because light between facets is absorbed more than once; a white one stays white.
+        reflectance: fraction of light that each facet reflects per channel, 0 to 1; the whole surface reflects less,
+            unless white.
         sigma: standard deviation of the facets' slope angle, radians, 0 to π/2; 0.35 is 20 degrees.
     """
 
@@ -71,12 +71,9 @@ class Glossy(Material):
     and its reflectance is the same at every angle. For metals, use RoughConductor.
 
     Attributes:
-        reflectance: fraction of light reflected per channel, 0 to 1. Near grazing angles, light in the part of the
-            lobe below the surface is lost.
-        side: side of a square at distance 1 that is perpendicular to the mirrored direction, above 0 and at most 100;
-            the blur's full width is 2 atan(side / 2). The default is 0.1.
-        exponent: instead of the square, n of Phong's lobe (n + 1) / 2π cosⁿα around the mirrored direction (1975), 0
-            to 100000.
+        reflectance: fraction of light reflected per channel, 0 to 1.
+        side: side of a square at distance 1 across the mirrored direction, above 0 and at most 100; by default 0.1.
+        exponent: instead of the square, n of Phong's lobe (n + 1) / 2π cosⁿα (1975), 0 to 100000.
     """
 
     reflectance: Reflectance = 1.0
