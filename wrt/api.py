@@ -317,5 +317,9 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
 
         up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
     if up not in (None, "y") and (scene.lights or scene.camera):
-        raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
+        if scene.lights or stage.time is not None:
+            raise InputError(f"{name}: an up axis is for files without lights and animations: it would not turn these")
+        from wrt.studio.presentation import upright
+
+        scene, up = upright(scene, up), "y"
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
