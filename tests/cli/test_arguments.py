@@ -3,7 +3,6 @@
 import argparse
 import re
 import shlex
-from pathlib import Path
 
 import pytest
 
@@ -52,7 +51,7 @@ def test_an_output_given_twice_is_an_error_and_of_other_options_the_last_one_win
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rooms").mkdir()
     for file in ("bunny.obj", "lamp1.glb", "LAMP.OBJ", "lamp.glb", "rooms/kitchen.toml", "-x.obj"):

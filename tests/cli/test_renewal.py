@@ -77,7 +77,7 @@ def test_intervals_can_be_given_and_turned_off():
 
 
 @pytest.fixture
-def often(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def often(monkeypatch, tmp_path):
     """Renew after every pass, in a folder of its own."""
     for name, value in {"FIRST_SECONDS": 0.0, "SHARE_OF_RENDER": 0.0, "MOST_TIME": np.inf, "NEARLY_DONE": -1.0}.items():
         monkeypatch.setattr(renewal, name, value)

@@ -62,7 +62,7 @@ def sorted_pairs(backend: Any) -> Any:
 
 
 @pytest.fixture
-def second_gpu(monkeypatch: pytest.MonkeyPatch) -> StandIn:
+def second_gpu(monkeypatch):
     """Take every array to be on the second GPU."""
     gpu = StandIn()
     Device("cpu")

@@ -24,7 +24,7 @@ SAVE = "import sys, wrt, numpy; wrt.save_image(sys.argv[1], numpy.full((4, 8, 3)
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """Renders trace nothing, so their pictures are black."""
     monkeypatch.setattr(RenderKernel, "to_compile", lambda _: [])
     monkeypatch.setattr(RenderKernel, "launch", lambda *_: None)

@@ -3,7 +3,6 @@
 import math
 import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,14 +25,14 @@ pxr = pytest.importorskip("pxr")
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """Return a folder with the image that the scene names."""
     wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
     return tmp_path
 
 
 @pytest.fixture
-def scene(folder: Path) -> wrt.Scene:
+def scene(folder):
     return load_file(write(folder, "all.usda", USD))
 
 

@@ -102,12 +102,12 @@ SPECIAL: dict[str, Any] = {
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """Return a folder with an image, where files are described without another process."""
     from wrt.io.usd.prims import Description
 
-    def described(path: Path, time: float | None = None) -> Any:
-        arrays: list[memoryview[Any]] = []
+    def described(path, time=None):
+        arrays = []
         stage = Usd.Stage.Open(str(path))
         with memory_limits.one_load():
             content = Description(stage, stage.GetUsedLayers(), arrays, time).content
