@@ -41,6 +41,7 @@ def load(
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     camera: Camera | int | str | None = None,
+    cameras: PathLike | None = None,
     smooth_degrees: float | None = None,
     strict: bool = False,
     confined: bool = False,
@@ -71,6 +72,8 @@ def load(
         parameters: values of the parameters `$name` of a Mitsuba scene.
         camera: a camera; or the name of one of the source's cameras, or its number from 0; by default the first, with
             a warning if there are several.
+        cameras: a file of cameras, see `wrt.load_cameras`, which replace the source's; `camera` chooses among them. The
+            source keeps its place, and gets no backdrop from the studio.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
             The default is what the format says, or 60.
         strict: whether unsupported content raises an error instead of a warning.
@@ -97,11 +100,22 @@ def load(
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
     smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
+    others: dict[str, Camera] = {}
+    if cameras is not None:
+        from wrt.io.camera_files import load_cameras
+        from wrt.io.cameras import number_of
+
+        if isinstance(camera, Camera):
+            raise InputError("choose a camera or a file of cameras")
+        others = {name: found.camera for name, found in load_cameras(cameras).items()}
+        first = list(others)[0 if camera is None else number_of(cameras, list(others), camera)]
+        others = {first: others[first], **others}
+        camera, frame = None, False if frame is None and view is None else frame
     reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None}
     reading["camera"] = None if isinstance(camera, Camera) else camera
     reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
-    stage = Stage(view, frame, material, environment, transparent, aspect, time)
+    stage = Stage(view, frame, material, environment, transparent, aspect, time, cameras=others)
     with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
         folder = confinement_folder() if file is not source else _folder_of(source)
         with confined_to(folder) if confined else contextlib.nullcontext():
@@ -311,7 +325,7 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
-    name = name_of(source)
+    name, scene = name_of(source), stage.with_cameras(scene)
     if up is None and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
