@@ -26,6 +26,7 @@ import wrt
 from wrt.cli.arguments.options import make_parser
 from wrt.cli.arguments.parser import commands_of
 from wrt.describe.docstrings import meanings_of, plain, summary_of
+from wrt.io.toml.reader import shape_makers
 from wrt.io.toml.schema import scene_schema, schema_text
 from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS
@@ -48,13 +49,13 @@ GROUPS: dict[str, str] = {
     "Scenes": "Scene Shape RenderSettings",
     "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon",
     "Motion": "Motion Deformation",
-    "Cameras": f"Camera {_names(CAMERAS)} register_camera",
+    "Cameras": f"Camera {_names(CAMERAS)} load_cameras FileCamera register_camera",
     "Lights": f"{_names(LIGHTS)} {_names(ENVIRONMENTS)} Light register_light",
     "Materials": f"Material {_names(MATERIALS)} Measurement register_material",
     "Media": "Medium DensityGrid",
     "Textures": "ImageTexture VertexColor NormalMap",
     "Rays": "Intersector Hits",
-    "Files and pictures": "load_image save_image develop_image save_video turntable save_scene load_density "
+    "Files and pictures": "load_image save_image develop_image show save_video turntable save_scene load_density "
     "load_measurement",
     "Errors": "InputError InputWarning",
 }
@@ -63,6 +64,7 @@ GROUPS: dict[str, str] = {
 INTERNAL_MEMBERS = {
     *(
         "arguments_for",
+        "denoising_guides",
         "check",
         "greatest",
         "half_angles",
@@ -76,6 +78,13 @@ INTERNAL_MEMBERS = {
     *dir(tuple),
 }
 """Members without an underscore that only wrt itself calls, or that a named tuple has."""
+
+
+BASES_OF_SCENE_FILES = {
+    wrt.Camera: "scene-format.md#camera",
+    wrt.Material: "scene-format.md#materialsname",
+}
+"""Classes whose members this page explains, and the places of their fields."""
 
 
 def names_text() -> str:
@@ -97,11 +106,22 @@ def entry_of(name: str, explained: dict[tuple[str, str], str]) -> str:
     thing = getattr(wrt, name)
     heading = f"### wrt.{name}\n\n`wrt.{name}{signature_of(thing)}`"
     if place := scene_file_section(thing):
-        return f"{heading}: [its fields]({place}).\n"
+        short = re.sub(r"[*], .*[)]`$", "*, ...)`", heading)
+        made = {
+            use: text
+            for use, text in members_of(thing).items()
+            if use.startswith("`from_") and use[1:].partition("(")[0] in vars(thing)
+        }
+        if thing is wrt.Medium:  # a type of scene files explains the arguments of each
+            made = {use: text.partition(" `")[0] for use, text in made.items()}
+        meaning = "its fields" if inspect.isclass(thing) else "its arguments"
+        return f"{short}: [{meaning}]({place}).\n" + (f"\nMembers:\n\n{listing(made)}" if made else "")
     parts = [f"{heading}\n\n{summary_of(thing)}\n"]
     is_class = inspect.isclass(thing)
     for kind, documented in {"Arguments": getattr(thing, "__init__", None), "Fields": thing}.items():
-        if documented and (meanings := meanings_of(documented)):
+        if place := BASES_OF_SCENE_FILES.get(thing) if documented is thing else None:
+            parts.append(f"[Its fields]({place}).\n")
+        elif documented and (meanings := meanings_of(documented)):
             title = f"{kind}:\n\n" if is_class else ""
             parts.append(title + rows_of(name, {f"`{key}`": meaning for key, meaning in meanings.items()}, explained))
     parts += [f"{title}: {text}\n" for title, text in results_of(thing).items()]
@@ -146,11 +166,12 @@ def scene_file_section(thing: Any) -> str:
         wrt.ImageTexture: "textures",
         wrt.VertexColor: "values-that-vary",
         wrt.NormalMap: "normal-maps",
+        wrt.Medium: "medianame",
         (wrt.ConstantEnvironment, wrt.SphericalHarmonicsEnvironment, wrt.SunSkyEnvironment): "environment",
     }.items():
         if inspect.isclass(thing) and issubclass(thing, base) and thing not in (wrt.Camera, wrt.Material, wrt.Light):
             return f"scene-format.md#{anchor}"
-    return ""
+    return "scene-format.md#shapes" if thing in shape_makers().values() else ""
 
 
 def results_of(thing: Any) -> dict[str, str]:
@@ -202,7 +223,8 @@ def options_text() -> str:
         if explained:
             parts.append(listing(explained))
         if same:
-            parts.append(f"As for render: {', '.join(same)}.\n")
+            names = (f"`{re.findall('-+[a-z-]+', key)[0]}`" for key in same)
+            parts.append(f"As for render: {', '.join(names)}.\n")
     return "\n".join(parts)
 
 
@@ -304,7 +326,9 @@ def meaning_of(value: dict[str, Any], kind: str) -> str:
     text = re.sub(r"one of [A-Z_]+; ", "", text)
     text = re.sub(r"\bNone (is|for)\b", "by default", text)
     text = re.sub(",? per channel", "", text) if kind.startswith("colour") else text
-    text = re.sub(r", 0 (to|and at most) 1\b", "", text) if " 0 to 1" in kind else text
+    if limits := re.search(r"(?:above )?(\S+) (?:up )?to ([\d.]+)", kind.replace(",", "")):  # "0 to 1" in the text, too
+        low, high = re.escape(limits[1]), re.escape(limits[2])
+        text = re.sub(rf",? (?:above )?{low} (?:to|and at most) {high}\b,?", "", text)
     return text[:1].upper() + text[1:]
 
 

@@ -5,7 +5,7 @@
 
 from collections.abc import Iterator
 
-from wrt import _notebook
+from wrt import _above
 from wrt._version import __version__ as __version__
 
 _SOURCES: dict[str, str] = {}
@@ -38,7 +38,10 @@ def _module(name: str) -> object:
     return importlib.import_module(name)
 
 
-_notebook.viewer = lambda: _module("wrt.view.notebook")
+_above.objects = lambda: _module("wrt.io.objects")
+_above.pictures = lambda: _module("wrt.pictures")
+_above.scene_files = lambda: _module("wrt.io.toml.writer")
+_above.viewer = lambda: _module("wrt.view.notebook")
 
 
 def __getattr__(name: str) -> object:

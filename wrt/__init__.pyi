@@ -4,10 +4,11 @@ from wrt._version import __version__ as __version__
 from wrt.animation.turntable import turntable as turntable
 from wrt.animation.video import save_video as save_video
 from wrt.api import load as load
-from wrt.api import render as render
 from wrt.develop.picture import develop_image as develop_image
 from wrt.errors import InputError as InputError
 from wrt.errors import InputWarning as InputWarning
+from wrt.io.camera_files import FileCamera as FileCamera
+from wrt.io.camera_files import load_cameras as load_cameras
 from wrt.io.images import load_image as load_image
 from wrt.io.images import save_image as save_image
 from wrt.io.load_mesh import load_mesh as load_mesh
@@ -16,6 +17,8 @@ from wrt.io.toml.writer import save_scene as save_scene
 from wrt.io.volume.read import load_density as load_density
 from wrt.memory_needed import DeviceMemory as DeviceMemory
 from wrt.memory_needed import device_memory as device_memory
+from wrt.pictures import render as render
+from wrt.pictures import show as show
 from wrt.precompiling import Precompiled as Precompiled
 from wrt.precompiling import precompile as precompile
 from wrt.registering import register_camera as register_camera

@@ -1,4 +1,4 @@
-"""`load` and `render`: from a file, mesh or scene to a picture."""
+"""`load`: from a file, a mesh or an object to a scene."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import os
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
 from wrt.io.archives import first_of, unpacked
 from wrt.io.file_type import renderable
 from wrt.io.safe_read import PathLike, confined_to, confinement_folder
+from wrt.scene.camera import Camera
 from wrt.scene.developing import names_file
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
@@ -25,10 +25,7 @@ from wrt.scene.mesh import Mesh
 from wrt.scene.scene import RenderSettings, Scene, Shape
 from wrt.studio.stage import FOR_ANIMATIONS, Stage
 from wrt.studio.views import ViewLike
-from wrt.values import number
-
-if TYPE_CHECKING:
-    from wrt.rendering.renderer import Renderer
+from wrt.values import ColorLike, number
 
 MOST_NAMES = 10_000
 """Maximum number of file names in a folder to search for one similar to a missing file's."""
@@ -43,13 +40,14 @@ def load(
     triangles: int | None = None,
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
-    camera: int | str | None = None,
+    camera: Camera | int | str | None = None,
+    cameras: PathLike | None = None,
     smooth_degrees: float | None = None,
     strict: bool = False,
     confined: bool = False,
     view: ViewLike | None = None,
     frame: bool | None = None,
-    material: Material | str | None = None,
+    material: Material | ColorLike | PathLike | None = None,
     environment: Environment | PathLike | None = None,
     transparent: bool = False,
     double_sided: bool = False,
@@ -63,16 +61,19 @@ def load(
     Args:
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
             PLY, STL, OFF, GLB, glTF); an archive (.zip, .gz, .bz2) with one of these, or archive.zip/scene.xml; bytes
-            or an open file; a trimesh object, a `Mesh`, or a `Scene` (returned unchanged). Meshes are put into a studio
-            unless their file has lights; a camera in the file is kept if it shows the mesh well.
+            or an open file; an object of trimesh, PyVista, Open3D, or with `vertices` and `faces`; a `Mesh`,
+            or a `Scene` (returned unchanged). Meshes are put into a studio unless their file has lights; a camera in
+            the file is kept if it shows the mesh well.
         triangles: number of triangles of a scene's procedural meshes.
         up: for meshes, the axis that points up: x, y, z, -x, -y or -z. The default is y for glTF and a `Mesh`, z for
             3MF, and what a COLLADA or USD file says. For other files it is the one of y and z on which the mesh stands;
             in doubt z for STL and OFF, and y for the others. A trimesh object follows the type of its file, and without
             one is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        camera: the name of one of the source's cameras, or its number from 0; by default the first, with a warning if
-            there are several.
+        camera: a camera, for which the source keeps its place, too; or the name of one of the source's cameras, or its
+            number from 0; by default the first, with a warning if there are several.
+        cameras: a file of cameras, see `wrt.load_cameras`, which replace the source's; `camera` chooses among them. The
+            source keeps its place, and gets no backdrop from the studio.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
             The default is what the format says, or 60.
         strict: whether unsupported content raises an error instead of a warning.
@@ -82,7 +83,7 @@ def load(
         frame: True frames everything except floors, backdrops and lamps, from the direction of the view or the camera;
             False keeps the camera. By default a camera in a mesh's file is replaced, with a warning, if the mesh fills
             less than half of its picture.
-        material: replaces the materials of a mesh: a material, or a text such as "gold".
+        material: replaces the materials of a mesh: a material, a colour, an image file, or a text such as "gold".
         environment: replaces the studio's light or the scene's environment: an environment, an image file, or "sky".
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
         double_sided: whether everything is seen from behind, also what a file calls single-sided.
@@ -99,10 +100,22 @@ def load(
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
     smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
-    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    others: dict[str, Camera] = {"camera": camera} if isinstance(camera, Camera) else {}
+    if cameras is not None:
+        from wrt.io.camera_files import load_cameras
+        from wrt.io.cameras import number_of
+
+        if isinstance(camera, Camera):
+            raise InputError("choose a camera or a file of cameras")
+        others = {name: found.camera for name, found in load_cameras(cameras).items()}
+        first = list(others)[0 if camera is None else number_of(cameras, list(others), camera)]
+        others = {first: others[first], **others}
+        camera, frame = None, False if frame is None and view is None else frame
+    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None}
+    reading["camera"] = None if isinstance(camera, Camera) else camera
     reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
-    stage = Stage(view, frame, material, environment, transparent, aspect, time)
+    stage = Stage(view, frame, material, environment, transparent, aspect, time, cameras=others)
     with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
         folder = confinement_folder() if file is not source else _folder_of(source)
         with confined_to(folder) if confined else contextlib.nullcontext():
@@ -128,9 +141,11 @@ def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any)
         options: as for `load`; a width and a height among the settings are the aspect.
 
     Raises:
-        InputError: see `load`; also if the picture is to be denoised and the extra wrt[denoise] is not installed.
+        InputError: see `load`; also if the picture is to be denoised and Open Image Denoise is not installed.
     """
     width, height = settings.get("width"), settings.get("height")
+    if settings.get("background") is not None:
+        options["transparent"] = True  # nothing else is behind what it shows
     scene = load(source, aspect=width / height if width and height else None, **options)
     scene = dataclasses.replace(scene, settings=scene.settings.changed(**settings))
     if scene.settings.denoise:
@@ -210,8 +225,11 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     from wrt.io.load_mesh import load_object
 
     surface: dict[str, Any] = {name: reading[name] for name in of_files}
-    scene = load_object(source, standalone=True, **surface)
+    from wrt.io.other_libraries import as_trimesh
     from wrt.io.trimesh_objects import file_type
+
+    source = as_trimesh(source)
+    scene = load_object(source, standalone=True, in_place=bool(stage.cameras), **surface)
 
     return _present(source, scene, reading["up"], file_type(source), stage)
 
@@ -263,9 +281,9 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
     up = reading["up"]
-    scene = load_file(path, time=stage.time, standalone=stage.time is None, **surface)
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=bool(stage.cameras), **surface)
     scene = with_camera(path, scene, camera)
-    if camera is None and stage.view is None:
+    if camera is None and stage.view is None and not stage.cameras:
         note_several(path, list(scene.cameras))
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up
@@ -305,73 +323,15 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
-    name = name_of(source)
+    name, scene = name_of(source), stage.with_cameras(scene)
     if up is None and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
         up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
     if up not in (None, "y") and (scene.lights or scene.camera):
-        raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
+        if scene.lights or stage.time is not None:
+            raise InputError(f"{name}: an up axis is for files without lights and animations: it would not turn these")
+        from wrt.studio.presentation import upright
+
+        scene, up = upright(scene, up), "y"
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
-
-
-def render(
-    source: Any,
-    *,
-    spp: int | None = None,
-    time: float | None = None,
-    noise: float | None = None,
-    adaptive: bool | None = None,
-    device: str = "cpu",
-    seed: int = 0,
-    threads: int | None = None,
-    client: Any = None,
-    progress: bool | None = None,
-    **options: Any,
-) -> NDArray[np.float32]:
-    """Render `source` and return (H, W, 3) float32 linear radiance, of the crop window if there is one.
-
-    A transparent picture is (H, W, 4): its radiance, 0 where nothing is seen, and its coverage (associated alpha).
-
-    Args:
-        source: as for `load`.
-        spp: samples per pixel; without spp, time and noise, the scene's settings decide.
-        time: seconds of rendering.
-        noise: relative noise of the picture at which rendering ends, see `wrt.Renderer.noise`.
-        adaptive: whether tiles that reach this noise stop before the others, see `wrt.Renderer.passes`.
-        device: "cpu", "cuda" or "cuda:N".
-        seed: 0 to 2³² − 1; different seeds give statistically independent pictures.
-        threads: CPU threads; by default all cores.
-        client: a Dask client, to render on its cluster (docs/clusters.md).
-        progress: whether to show progress; by default a bar in terminals and notebooks, and nothing elsewhere.
-        options: fields of `wrt.RenderSettings`, which override the scene's own, and options of `load`.
-
-    Raises:
-        InputError: if an argument cannot be used.
-    """
-    from wrt.progress.bar import ProgressBar
-    from wrt.progress.terminal import bar_stream
-    from wrt.rendering.renderer import Renderer
-
-    settings, loading = split_settings(options)
-    scene = load_with_settings(source, settings, **loading)
-    where: dict[str, Any] = {"device": device, "seed": seed, "threads": threads}
-    if client is None:
-        renderer = Renderer(scene, **where)
-    else:
-        from wrt.distributed.head import DistributedRenderer
-
-        renderer = DistributedRenderer(scene, client=client, **where)
-    is_watched = bar_stream() is not None if progress is None else progress
-    limits: dict[str, Any] = {"spp": spp, "time": time, "noise": noise, "adaptive": adaptive}
-    name = Path(source).stem if isinstance(source, (str, os.PathLike)) else "picture"
-    with ProgressBar(name, time_limit=time, is_shown=is_watched) as bar:
-        for done in renderer.passes(**limits, pass_seconds=None if is_watched else renderer.longest_pass):
-            bar.update(done)
-    return finished_image(renderer)
-
-
-def finished_image(renderer: Renderer) -> NDArray[np.float32]:
-    """Return the radiance of a renderer, denoised if that is set, with the coverage of a transparent picture."""
-    image, alpha = renderer.denoised() if renderer.settings.denoise else renderer.image(), renderer.alpha()
-    return image if alpha is None else np.dstack([image, alpha])

@@ -17,7 +17,10 @@ Vec3: TypeAlias = tuple[float, float, float]
 """Three finite numbers."""
 
 ColorLike: TypeAlias = float | Sequence[float]
-"""Linear Rec. 709 RGB: three numbers, or one for a grey."""
+"""Linear Rec. 709 RGB: three numbers, or one for a grey.
+
+Where a color is checked it may also be a text as in CSS, such as "#ff8800" or "red", which is sRGB; the type leaves
+text out, because after the check there are numbers."""
 
 FLOAT32_MAX = 3.4028234663852886e38
 """The largest float32; a larger colour would be infinite in kernels."""
@@ -108,7 +111,9 @@ def vector(value: object, name: str) -> Vec3:
 
 
 def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
-    """Return `value` as non-negative linear RGB; a single number is a grey."""
+    """Return `value` as non-negative linear RGB; a number is a grey, and a text is decoded by `color_of_text`."""
+    if isinstance(value, str):
+        value = color_of_text(value, name)
     if isinstance(value, (int, float)) or getattr(value, "shape", None) == ():
         grey = number(value, name, minimum=0.0, maximum=maximum)
         return grey, grey, grey
@@ -116,6 +121,35 @@ def color(value: object, name: str, *, maximum: float = FLOAT32_MAX) -> Vec3:
     for i, item in enumerate(result):
         number(item, f"{name}[{i}]", minimum=0.0, maximum=maximum)
     return result
+
+
+def color_names() -> list[str]:
+    """Return the names of CSS that `color_of_text` knows."""
+    from PIL import ImageColor
+
+    return list(ImageColor.colormap)
+
+
+def is_color(text: str) -> bool:
+    """Return whether `color_of_text` knows a text."""
+    return text in color_names() or text.startswith("#")
+
+
+def color_of_text(text: str, name: str) -> Vec3:
+    """Return linear RGB of "#rrggbb", "#rgb" or the name of a colour in CSS, which are sRGB, or raise InputError."""
+    from PIL import ImageColor
+
+    from wrt.scene.srgb import linear_from_srgb
+
+    word = text.strip().lower()
+    try:
+        codes = ImageColor.getrgb(word)
+    except ValueError:
+        hint, examples = did_you_mean(word, color_names()), "red, #ff8800 or three numbers"
+        raise InputError(f"{name} must be a colour, such as {examples}, not {text!r}{hint}") from None
+    if len(codes) != 3:
+        raise InputError(f"{name} must be a colour without alpha, not {text!r}")
+    return vec3(linear_from_srgb(np.array(codes) / 255.0))
 
 
 def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[Any]:

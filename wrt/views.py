@@ -124,7 +124,6 @@ class _Views:
             self._device.cancelled.clear()
 
     def _render(self, index: int, camera: Camera) -> View:
-        from wrt.api import finished_image
         from wrt.rendering.passes import LONGEST_PASS
 
         renderer = self._idle.pop()
@@ -144,7 +143,7 @@ class _Views:
                 if self._ended.is_set():
                     break
             self._seconds_of_view = renderer.seconds_render - before
-            return View(index, camera, finished_image(renderer), renderer.layers(), renderer.spp)
+            return View(index, camera, renderer.finished(), renderer.layers(), renderer.spp)
         finally:
             self._idle.append(renderer)
 

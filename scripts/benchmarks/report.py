@@ -190,7 +190,7 @@ class Section(NamedTuple):
 
 SECTIONS = {
     "render": (
-        Section(PAGE, "render", render_text),
+        Section(NOTES / "comparison.md", "render", render_text),
         Section(NOTES / "comparison.md", "agreement", lambda result: agreement_table(result["rows"])),
     ),
     "gpu": (Section(ROOT / "docs" / "gpu.md", "speed", gpu_text),),

@@ -3,7 +3,6 @@
 import argparse
 import re
 import shlex
-from pathlib import Path
 
 import pytest
 
@@ -52,7 +51,7 @@ def test_an_output_given_twice_is_an_error_and_of_other_options_the_last_one_win
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rooms").mkdir()
     for file in ("bunny.obj", "lamp1.glb", "LAMP.OBJ", "lamp.glb", "rooms/kitchen.toml", "-x.obj"):
@@ -92,7 +91,7 @@ TYPED = {
     "render x --width=40": "there is no option --width (did you mean '--size'?)",
     "render y.obj -x.obj": "'-x.obj' begins like an option; to name the file, type ./-x.obj",
     "render x --xyzzy": "there is no option --xyzzy (see 'wrt render --help')",
-    "info x y": "unexpected argument 'y' (see 'wrt info --help')",
+    "convert x y z": "unexpected argument 'z' (see 'wrt convert --help')",
     "completion bsh": "argument SHELL: must be one of bash, zsh, fish, not 'bsh' (did you mean 'bash'?)",
     "render x -o a.png -o b.png": "argument -o/--output: given twice, as 'a.png' and as 'b.png'",
     "materials difuse": "there is no material 'difuse' (did you mean 'diffuse'?)",

@@ -155,7 +155,7 @@ def test_short_answers_import_nothing_heavy(arguments):
         # Of wrt itself just what reads the options: everything else may grow heavy imports of its own.
         heavy |= {"numpy", "json", "logging"}
         of_wrt = {name for name in imported if name.startswith("wrt.") and not name.startswith("wrt.cli.arguments")}
-        allowed = ("_notebook", "_version", "errors", "cli", "cli.process", "cli.exit_status", "cli.streams")
+        allowed = ("_above", "_version", "errors", "cli", "cli.process", "cli.exit_status", "cli.streams")
         assert of_wrt <= {f"wrt.{name}" for name in allowed}
     assert "wrt.cli" in imported
     assert not imported & heavy

@@ -50,7 +50,7 @@ WRITTEN = (
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("room.toml").write_text(ROOM)
     np.save("radiance.npy", np.ones((2, 2, 3), np.float32))

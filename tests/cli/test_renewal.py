@@ -77,7 +77,7 @@ def test_intervals_can_be_given_and_turned_off():
 
 
 @pytest.fixture
-def often(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def often(monkeypatch, tmp_path):
     """Renew after every pass, in a folder of its own."""
     for name, value in {"FIRST_SECONDS": 0.0, "SHARE_OF_RENDER": 0.0, "MOST_TIME": np.inf, "NEARLY_DONE": -1.0}.items():
         monkeypatch.setattr(renewal, name, value)
@@ -132,14 +132,7 @@ def test_never_writes_it_only_at_the_end_and_the_same(monkeypatch, often):
         ("image", RuntimeError("CUDA error"), "RuntimeError: CUDA error (test_renewal.py, line "),
     ],
 )
-def test_what_fails_in_a_renewal_is_one_warning_and_the_picture_comes_at_the_end(
-    monkeypatch,
-    often,
-    capsys,
-    method,
-    error,
-    message,
-):
+def test_what_fails_in_a_renewal_is_one_warning(monkeypatch, often, capsys, method, error, message):
     original, calls = getattr(wrt.Renderer, method), []
 
     def failing(self, *arguments, **options):

@@ -4,7 +4,6 @@ Films of the two differ by rounding alone: they have the same numbers of rays, a
 """
 
 import json
-from collections.abc import Iterator
 
 import gpu_check
 import numpy as np
@@ -24,7 +23,7 @@ CASES = film_cases()
 
 
 @pytest.fixture(scope="module")
-def gpu() -> Iterator[EmulatedBackend]:
+def gpu():
     """A GPU whose modules are compiled without optimisation, as they hardly run."""
     with emulated_cuda(optimization=0) as backend:
         yield backend

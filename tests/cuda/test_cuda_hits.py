@@ -3,12 +3,10 @@
 Trees are built by the branches for CUDA, so they are others; hits are the same.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.emulated_cuda.backend import GPU, EmulatedBackend, emulated_cuda
+from support.emulated_cuda.backend import GPU, emulated_cuda
 from support.ray_trees import HARD, Tree, assert_greedy, batches, build, check, grid, mesh_of, read_back, soup
 
 import wrt
@@ -18,7 +16,7 @@ pytestmark = pytest.mark.machinery
 
 
 @pytest.fixture(scope="module")
-def gpu() -> Iterator[EmulatedBackend]:
+def gpu():
     with emulated_cuda(optimization=0) as backend:
         yield backend
 

@@ -28,7 +28,7 @@ TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
 @pytest.fixture(autouse=True)
-def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def temporary(tmp_path, monkeypatch):
     """Make temporary folders in one folder, and check that they are removed."""
     folder = tmp_path / "temporary"
     folder.mkdir()
@@ -45,7 +45,7 @@ def zipped(path: Path, files: dict[str, str | bytes], method: int = zipfile.ZIP_
 
 
 @pytest.fixture
-def model(tmp_path: Path) -> dict[str, str | bytes]:
+def model(tmp_path):
     wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
     return {"m/a.obj": OBJ, "m/a.mtl": MTL, "m/maps/red.png": (tmp_path / "red.png").read_bytes(), "readme.txt": "a"}
 

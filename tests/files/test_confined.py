@@ -80,7 +80,7 @@ def written(name: str, folder: Path, outside: str) -> Path:
 
 
 @pytest.fixture
-def folders(tmp_path: Path) -> tuple[Path, Path]:
+def folders(tmp_path):
     """Return the folder of a scene, and one beside it with every kind of file that a scene may refer to."""
     scene, outside = tmp_path / "scene", tmp_path / "outside"
     scene.mkdir()

@@ -283,7 +283,11 @@ def test_lights_of_a_file_take_the_place_of_the_studio_unless_they_are_dark(tmp_
     scene = wrt.load(path)
     assert len(scene.shapes) > 1
     assert scene.camera.origin == (0.5, 0.5, 2.0)
-    check_refused("an up axis is for files without lights and cameras", lambda path: wrt.load(path, up="z"), path)
+    turned = wrt.load(path, up="z", frame=False)  # (x, y, z) becomes (x, z, -y)
+    assert turned.camera.origin == pytest.approx((0.5, 2.0, -0.5))
+    np.testing.assert_allclose(turned.shapes[0].bounds, [[0, 0, -1], [1, 0, 0]], atol=1e-6)
+    lit = saved(tmp_path, tree_with([light(0)]))
+    check_refused("an up axis is for files without lights", lambda path: wrt.load(path, up="z"), lit)
     # Alone they count as missing, so the studio lights the mesh; beside meshes that emit they mean darkness
     off = [{"type": "point", "intensity": 0.0}, {"type": "directional", "color": [0, 0, 0]}]
     tree = tree_with([light(0), light(1)], off)

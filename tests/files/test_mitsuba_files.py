@@ -1,6 +1,5 @@
 """Scene files of Mitsuba look as Mitsuba renders them: the same XML, by both, compared by `image_z_test`."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -89,12 +88,12 @@ KERNELS = (
 
 
 @pytest.fixture(autouse=True)
-def few_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+def few_kernels(monkeypatch):
     render_with(KERNELS, monkeypatch)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     result = tmp_path_factory.mktemp("scenes")
     write_files(result)
     return result

@@ -38,6 +38,13 @@ def material_of(folder: Path, text: str, obj: str = OBJ) -> wrt.Material:
     return shape.material
 
 
+def test_names_may_have_the_sign_of_comments(tmp_path):
+    write(tmp_path, "m#1.mtl", "newmtl a#1\nKd 1 0 0\nnewmtl a#2\nKd 0 1 0\n")
+    text = OBJ.replace("m.mtl", "m#1.mtl #m").replace("usemtl m", "usemtl a#2 # a#1")
+    (shape,) = load_shapes(write(tmp_path, "mesh.obj", text))
+    assert shape.material.reflectance == (0, 1, 0)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

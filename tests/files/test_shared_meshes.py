@@ -33,7 +33,7 @@ file = "hills.gltf"
 
 
 @pytest.fixture
-def hills(tmp_path: Path) -> Path:
+def hills(tmp_path):
     """Return a file of hills in three places, and a triangle in one."""
     mesh = terrain(3000)
     tree = gltf_box(mesh.vertices * np.float32(2.0 / np.ptp(mesh.bounds[:, 0])), mesh.faces)

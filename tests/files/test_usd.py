@@ -3,7 +3,6 @@
 import math
 import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,14 +25,14 @@ pxr = pytest.importorskip("pxr")
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """Return a folder with the image that the scene names."""
     wrt.save_image(tmp_path / "red.png", np.full((2, 2, 3), (0.5, 0.0, 0.0)))
     return tmp_path
 
 
 @pytest.fixture
-def scene(folder: Path) -> wrt.Scene:
+def scene(folder):
     return load_file(write(folder, "all.usda", USD))
 
 
@@ -199,6 +198,34 @@ def test_images_are_black_beyond_their_edges_unless_they_continue(folder):
         texture = square_of(load_file(write(folder, f"{wrap}.usda", text))).material.base_color
         for uv, value in (((0.001, 0.3), 1.0), ((0.4, 0.1), expected), ((0.1, -0.3), expected)):  # of scale 3 and 2
             np.testing.assert_allclose(texel(texture, uv), value, err_msg=f"{wrap} at {uv}")
+
+
+def test_an_image_without_coordinates_has_the_colour_of_its_origin(folder):
+    pixels = np.full((2, 2, 3), 1.0)
+    pixels[1, 0] = 0.25, 0.5, 0.0
+    wrt.save_image(folder / "red.exr", pixels)
+    text = USD.replace("red.png", "red.exr").replace("float2 inputs:st.connect = </World/Red/Place.outputs:result>", "")
+    assert square_of(load_file(write(folder, "a.usda", text))).material.base_color == pytest.approx((0.25, 0.5, 0.0))
+
+
+@pytest.mark.filterwarnings("error::wrt.errors.InputWarning")
+def test_the_pole_of_a_dome_may_be_that_of_the_stage_and_what_no_schema_has_is_not_named(folder):
+    image = "asset inputs:texture:file = @red.png@"
+    stage = BALL.replace("metersPerUnit = 1", 'metersPerUnit = 1\nupAxis = "Z"')
+    turned = "matrix4d xformOp:transform = ((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1))"
+    turned += '\nuniform token[] xformOpOrder = ["xformOp:transform"]'
+    scenes = [
+        load_file(write(folder, f"{number}.usda", stage + dome))
+        for number, dome in enumerate(
+            (
+                f'def DomeLight "d" {{\n{image}\n{turned}\n}}\n',
+                f'def DomeLight_1 "d" {{\n{image}\n}}\n',
+                f'def DomeLight_1 "d" {{\n{image}\nuniform token poleAxis = "Z"\n}}\ndef "b" {{\nint extra = 1\n}}\n',
+                f'def DomeLight_1 "d" {{\n{image}\nuniform token poleAxis = "Y"\n}}\n',
+            )
+        )
+    ]
+    assert [bool(differences(scenes[0], scene)) for scene in scenes] == [False, False, False, True]
 
 
 def texel(texture: wrt.ImageTexture, uv: tuple[float, float]) -> np.ndarray:

@@ -20,7 +20,7 @@ from wrt.io.usd import reader
 from wrt.io.usd.process import read_message, write_message
 
 pytest.importorskip("pxr")
-from pxr import Gf, Sdf, Sdr, Usd, UsdShade
+from pxr import Gf, Sdf, Sdr, Tf, Usd, UsdGeom, UsdShade
 
 BASE = (ROOT / "tests/scenes/meshes/painted.usda").read_text("utf-8")
 """Two triangles of a material whose image is placed by a transform."""
@@ -41,7 +41,7 @@ PRIMS = {
     "RectLight": f"{LIGHT}float inputs:width = 2",
     "DiskLight": LIGHT,
     "DistantLight": LIGHT,
-    "DomeLight": f"{LIGHT}asset inputs:texture:file = @ramp.png@",
+    **dict.fromkeys(("DomeLight", "DomeLight_1"), f"{LIGHT}asset inputs:texture:file = @ramp.png@"),
     "Points": "point3f[] points = [(0, 0, 0), (9, 0, 0)]\nfloat[] widths = [1, 2]",
     **dict.fromkeys(("Mesh", "Cube", "Sphere", "Plane", "Cylinder", "Cone", "Capsule"), ""),
 }
@@ -90,6 +90,7 @@ SPECIAL: dict[str, Any] = {
     "enableColorTemperature": False,
     "colorTemperature": 9000.0,
     "treatAsPoint": True,
+    "poleAxis": "Z",
     "useSpecularWorkflow": 1,
     "primvars:displayColor": [Gf.Vec3f(0.3, 0.2, 0.1)],
     "purpose": "guide",
@@ -101,12 +102,12 @@ SPECIAL: dict[str, Any] = {
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """Return a folder with an image, where files are described without another process."""
     from wrt.io.usd.prims import Description
 
-    def described(path: Path, time: float | None = None) -> Any:
-        arrays: list[memoryview[Any]] = []
+    def described(path, time=None):
+        arrays = []
         stage = Usd.Stage.Open(str(path))
         with memory_limits.one_load():
             content = Description(stage, stage.GetUsedLayers(), arrays, time).content
@@ -253,3 +254,16 @@ def test_types_that_are_not_drawn_are_named_once(folder):
         "a prim of type BasisCurves is unknown to wrt and left out (2 times)",
         "a prim of type Unheard is unknown to wrt and left out",
     ]
+
+
+def test_a_unit_of_length_may_be_in_single_precision(folder, monkeypatch):
+    def raising(stage: Any) -> float:
+        raise Tf.ErrorException
+
+    stage = stage_of(BASE)
+    stage.SetMetadata("metersPerUnit", 0.25)
+    expected, _ = loaded(folder, stage)
+    monkeypatch.setattr(UsdGeom, "GetStageMetersPerUnit", raising)  # as the library does where it is
+    scene, messages = loaded(folder, stage)
+    assert not messages
+    assert not differences(expected, scene)

@@ -78,6 +78,13 @@ MISTAKES: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
     # Materials of materials
     (wrt.Mix, {"first": 0.5}, "first must be a wrt.Material, not float"),
     (wrt.Mix, {"first": A, "second": wrt.Emissive(3.0)}, "second must not emit light; give the shape an emission"),
+    (wrt.Diffuse, {"normal_map": wrt.NormalMap(PIXELS, uv_set=1)}, "normal_map follows the first texture coordinates"),
+    (wrt.Principled, {"coat_normal_map": wrt.NormalMap(PIXELS, filter=True)}, "coat_normal_map cannot have a filter"),
+    (
+        wrt.Principled,
+        {"normal_map": wrt.NormalMap(PIXELS, convention="mitsuba"), "coat_normal_map": BUMPS},
+        "normal_map cannot have Mitsuba's convention where there is a coat_normal_map",
+    ),
     (wrt.Mix, {"first": A, "second": B, "normal_map": BUMPS}, "a mix has no normals of its own"),
     (wrt.TwoSided, {"front": chain(7)}, "materials are nested more than 7 deep"),
     # Textures

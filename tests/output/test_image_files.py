@@ -104,7 +104,7 @@ def test_outputs_that_could_not_be_written_are_refused_before(tmp_path, monkeypa
     monkeypatch.setattr(os, "access", lambda *_: False)
     refused("may not be written to", check_output, tmp_path / "a.png")
     monkeypatch.undo()
-    refused(r"must be \(H, W, 3\)", save_image, tmp_path / "a.png", np.zeros((4, 4)))
+    refused(r"must be \(H, W, 3\)", save_image, tmp_path / "a.png", np.zeros((4, 4, 2)))
     refused(r"^a picture is written to a path, not to BytesIO; .*wrt.develop_image", save_image, io.BytesIO(), NOISE)
     codes = np.full((2, 2, 3), 200, np.uint8)
     for name in ("a.png", "a.exr", "a.npy"):

@@ -28,7 +28,7 @@ MATERIALS.append(wrt.Plastic(0.4))
 
 
 @pytest.fixture(autouse=True)
-def _two_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+def _two_kernels(monkeypatch):
     """One that is small, one of all models."""
     models = (material.model for material in MATERIALS)
     render_with([WITH_OPACITY, covering("diffuse", *models, aovs=True, composite="holes")], monkeypatch)

@@ -11,6 +11,7 @@ import pictures.tutorial
 import pytest
 from conftest import ROOT
 from PIL import Image
+from support.covering_kernels import OF_PICTURES, render_with
 
 import wrt
 from wrt.scene.camera import CAMERAS
@@ -52,8 +53,9 @@ def test_scenes_of_pictures_are_built():
 
 
 @pytest.mark.slow
-def test_a_picture_renders_as_the_docs_show_it(tmp_path):
+def test_a_picture_renders_as_the_docs_show_it(tmp_path, monkeypatch):
     """16 pixels wide, against the picture of the docs made as small; noise and JPEG leave a difference of 6 levels."""
+    render_with([OF_PICTURES], monkeypatch)
     assert gallery.main(["light-spots", "--spp", "256", "--size", "16", "--out", str(tmp_path)]) == 0
     with Image.open(tmp_path / "light-spots.jpg") as picture:
         found = np.asarray(picture.convert("RGB"), np.float64)

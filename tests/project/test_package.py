@@ -42,7 +42,7 @@ def test_every_folder_with_python_files_is_a_package_and_others_are_none():
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(tmp_path_factory):
     """Return a wheel built from a copy of the source tree, which the build would litter."""
     folder = tmp_path_factory.mktemp("wheel")
     for source in SOURCES:

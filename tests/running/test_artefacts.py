@@ -26,7 +26,7 @@ from wrt.kernels.bsdf import BSDFS, model_of
 
 
 @pytest.fixture
-def environment(tmp_path: Path) -> dict[str, str]:
+def environment(tmp_path):
     return without_artefacts(tmp_path)
 
 

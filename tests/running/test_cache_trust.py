@@ -14,7 +14,7 @@ from wrt.backend.kernel_cache import DIGEST
 
 
 @pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def cache(tmp_path, monkeypatch):
     """A cache in a folder of its own, with no folders used or warned of before."""
     monkeypatch.setattr(cache_folders, "_warnings_given", set())
     monkeypatch.delenv("WARP_CACHE_PATH", raising=False)

@@ -33,9 +33,9 @@ MIRROR = Features(("mirror",), False, "constant", light_shapes=("disk", "sphere"
 
 
 @pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+def started(monkeypatch):
     """Return the folders for which compilers would be started."""
-    folders: list[Path] = []
+    folders = []
     monkeypatch.setattr(later, "_start", lambda _, kernels: folders.append(kernels))
     monkeypatch.setenv(SWITCH, "")
     monkeypatch.delenv(BUILD_MACHINE, raising=False)
@@ -43,7 +43,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
 
 
 @pytest.fixture
-def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def table(tmp_path, monkeypatch):
     """Return the file of a table of artefacts in a folder of its own."""
     artefacts = Artefacts()
     assert artefacts.path is not None
@@ -62,11 +62,11 @@ def request(features: Features, lanes: int, kernels: Path) -> Path | None:
 
 
 @pytest.fixture
-def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Features]:
+def compiled(monkeypatch):
     """Return what `main` would have compiled; diffuse surfaces are not translated, or rejected by clang."""
-    features: list[Features] = []
+    features = []
 
-    def compile_kernel(requested: Features, lanes: int, uses: Any) -> None:
+    def compile_kernel(requested, lanes, uses):
         assert (uses is not None) == is_general(requested)
         if requested == DIFFUSE:
             raise Unsupported("diffuse") if lanes == 8 else RuntimeError("CPU kernel build failed")

@@ -43,7 +43,7 @@ class Loads:
 
 
 @pytest.fixture
-def loads(monkeypatch: pytest.MonkeyPatch) -> Loads:
+def loads(monkeypatch):
     return Loads(monkeypatch)
 
 

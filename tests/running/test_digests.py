@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
-from support.covering_kernels import covering, render_by, render_with
+from support.covering_kernels import OF_PICTURES, render_by, render_with
 from support.digests import SIZES, arithmetic, cases, film_digest, rendered
 
 from wrt.backend.warp_start import initialize_warp
@@ -22,17 +22,9 @@ NEIGHBOURS = "picture-materials-", "picture-thin-films"
 """Pictures of many models, whose kernels take 10 to 20 s to compile. They are rendered by the kernels of a picture that
 differs only in its many lights, with the same bits."""
 
-OF_PICTURES = covering(
-    *("dielectric", "diffuse", "mirror", "oren_nayar", "plastic"),
-    *("rough_conductor:ggx:smith:conductor", "rough_plastic:ggx:smith"),
-    sampler="sobol",
-)
-"""One kernel for the many pictures of the documentation that differ in a model, a light or a texture. Those of
-`wide_scenes` and the built-in scenes, which have every feature as well, are rendered by their own kernels."""
-
 
 @pytest.fixture(scope="module")
-def recorded() -> dict[str, str]:
+def recorded():
     """Films recorded with the arithmetic of this processor and C library; none if it is of another kind."""
     initialize_warp()
     return RECORDED.get(arithmetic(), {})

@@ -64,7 +64,7 @@ class Cache:
 
 
 @pytest.fixture
-def cache(tmp_path: Path) -> Cache:
+def cache(tmp_path):
     return Cache(tmp_path)
 
 
@@ -95,7 +95,7 @@ class SmallBuild(Build):
 
 
 @pytest.fixture
-def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+def files(tmp_path, monkeypatch):
     """Return the files of an intact build in a cache."""
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     found = SmallBuild().provide()

@@ -53,18 +53,18 @@ started: list[Compiler] = []
 
 
 @pytest.fixture(autouse=True)
-def switched_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def switched_on(monkeypatch):
     """Allow wide kernels, which other tests switch off."""
     monkeypatch.delenv(SWITCH)
 
 
 @pytest.fixture
-def renderer() -> wrt.Renderer:
+def renderer():
     return wrt.Renderer(wrt.load("cornell-box"), width=20, height=19)
 
 
 @pytest.fixture
-def cache(renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+def cache(renderer, monkeypatch):
     """Return whether the cache has the kernel, on a processor with all features, where nothing is really compiled."""
     state = SimpleNamespace(is_compiled=False)
     started.clear()
@@ -76,9 +76,9 @@ def cache(renderer: wrt.Renderer, monkeypatch: pytest.MonkeyPatch) -> SimpleName
 
 
 @pytest.fixture
-def requested(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def requested(monkeypatch):
     """Return the features of kernels that are requested for a later render."""
-    features: list[Any] = []
+    features = []
     monkeypatch.setattr(later, "request", lambda each, *_: features.append(each))
     return features
 

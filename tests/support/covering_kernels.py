@@ -35,6 +35,14 @@ def covering(*models: str, **fields: Any) -> Features:
     )
 
 
+OF_PICTURES = covering(
+    *("conductor", "dielectric", "diffuse", "mirror", "oren_nayar", "plastic"),
+    *("rough_conductor:ggx:smith:conductor", "rough_plastic:ggx:smith"),
+    sampler="sobol",
+)
+"""One kernel for the many pictures and examples of the documentation that differ in a model, a light or a texture."""
+
+
 def render_with(kernels: Sequence[Features], monkeypatch: pytest.MonkeyPatch) -> None:
     """Have the first kernel that covers a scene render it; a scene that none covers gets its own."""
     render_by(lambda features: next((kernel for kernel in kernels if kernel.covers(features)), features), monkeypatch)

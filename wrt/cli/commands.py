@@ -57,50 +57,63 @@ def completion(_: Interrupts, *, shell: str) -> int:
 def info(
     _: Interrupts,
     *,
-    source: str | None,
+    sources: list[str],
     system: bool,
     memory: bool,
     size: tuple[int, int] | None,
     confined: bool,
 ) -> int:
-    """Show what a scene or mesh file contains, or what wrt finds on this machine."""
+    """Show what scenes or mesh files contain, or what wrt finds on this machine; return the highest exit status."""
     from wrt.errors import InputError
 
     if system:
         from wrt.cli.system import system_text
 
         _print(system_text())
-    if source is None:
-        if system:
-            return 0
+    elif not sources:
         raise InputError("info: name a scene, or give --system")
+    if size and not memory:
+        raise InputError("--size is for --memory")
+    from wrt.progress.bar import short_warnings
 
+    highest = 0
+    with short_warnings(warn):
+        for number, source in enumerate(sources):
+            name = source if len(sources) > 1 else ""
+            try:
+                text = _memory_text(source, size, confined) if memory else _contents_text(source, confined)
+            except EXPECTED as error:
+                highest = max(highest, failure(error, name=name))
+                continue
+            _print("\n" * (number > 0) + f"{name}\n" * bool(name) + text)
+    return highest
+
+
+def _memory_text(source: str, size: tuple[int, int] | None, confined: bool) -> str:
+    from wrt.api import load
+    from wrt.memory_needed import device_memory, memory_text
+
+    scene = load(source, confined=confined)
+    width, height = size or (scene.settings.width, scene.settings.height)
+    return memory_text(device_memory(scene, width=width, height=height), width, height)
+
+
+def _contents_text(source: str, confined: bool) -> str:
     from wrt.api import load
     from wrt.describe.scene import scene_text
     from wrt.io.archives import unpacked
     from wrt.io.file_type import ARRAYS_SUFFIX, MESH_SUFFIXES
     from wrt.io.load_mesh import load_file
     from wrt.io.safe_read import confined_to
-    from wrt.progress.bar import short_warnings
 
-    if size and not memory:
-        raise InputError("--size is for --memory")
-    with short_warnings(warn), unpacked(source) as file:
+    with unpacked(source) as file:
         path = Path(file)
-        if memory:
-            from wrt.memory_needed import device_memory, memory_text
-
-            scene = load(file, confined=confined)
-            width, height = size or (scene.settings.width, scene.settings.height)
-            text = memory_text(device_memory(scene, width=width, height=height), width, height)
-        elif path.suffix.lower() in MESH_SUFFIXES and os.path.isfile(path):
-            # A mesh file is described without the studio that `load` adds. `alone` moves a mesh to the origin, which
-            # would hide its place in the file, but not one from arrays.
-            with confined_to(path.parent if confined else None):
-                text = scene_text(load_file(path, standalone=path.suffix.lower() == ARRAYS_SUFFIX))
-        else:
-            text = scene_text(load(file, confined=confined))
-    return _print(text)
+        if path.suffix.lower() not in MESH_SUFFIXES or not os.path.isfile(path):
+            return scene_text(load(file, confined=confined))
+        # A mesh file is described without the studio that `load` adds. `standalone` moves a mesh to the origin, which
+        # would hide its place in the file, but not one from arrays.
+        with confined_to(path.parent if confined else None):
+            return scene_text(load_file(path, standalone=path.suffix.lower() == ARRAYS_SUFFIX))
 
 
 def develop(

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from wrt.describe.docstrings import meanings_of, plain, summary_of
 from wrt.errors import InputError, did_you_mean
 from wrt.scene.materials import MATERIALS, Material
+from wrt.scene.materials.named import LOOKS
 from wrt.scene.materials.presets import (
     ALIASES,
     DIELECTRIC_ABBE,
@@ -92,8 +93,12 @@ def explain_material(name: str) -> str:
     Raises:
         InputError: if there is no material of that name.
     """
+    if name in LOOKS:
+        cls, values = LOOKS[name]
+        given = ", ".join(f"{key} = {value!r}" for key, value in values.items())
+        return f"{name} is {cls.type_name} with {given}\n\n{explain_material(cls.type_name)}"
     if name not in MATERIALS:
-        hint = did_you_mean(name, MATERIALS) or "; 'wrt materials' lists them"
+        hint = did_you_mean(name, [*LOOKS, *MATERIALS]) or "; 'wrt materials' lists them"
         raise InputError(f"there is no material {name!r}{hint}")
     cls = MATERIALS[name]
     import wrt

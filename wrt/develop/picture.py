@@ -14,9 +14,9 @@ from wrt.develop.ocio import encode, find_view
 from wrt.develop.tones import CURVES
 from wrt.errors import InputError
 from wrt.scene.developing import DEFAULT_TONE, Exposure, check_exposure, check_tone
-from wrt.scene.srgb import srgb_from_linear
+from wrt.scene.srgb import of_codes, srgb_from_linear
 from wrt.slices import Threads, available_threads
-from wrt.values import FLOAT32_MAX, refuse_codes
+from wrt.values import FLOAT32_MAX, array, refuse_codes
 
 NOTICEABLE = 0.05
 """Share of pixels that may clip to white before a warning: lamps, windows and their reflections are supposed to, and
@@ -59,19 +59,63 @@ def develop_image(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Expos
     """Return linear radiance as 8-bit sRGB codes.
 
     Args:
-        image: (H, W, 3) linear Rec. 709 radiance, row 0 at the top. NaN becomes black.
+        image: linear Rec. 709 radiance, row 0 at the top: (H, W, 3); with associated alpha, (H, W, 4); of one
+            channel or a mask, (H, W); or a stack, (N, H, W, C). NaN becomes black.
         tone: name of the tone curve: "soft", "none", "neutral", "agx", "aces", "ocio" or
             "ocio:CONFIG,DISPLAY,VIEW" (see docs/tone.md).
         exposure: stops (factors of two) by which the picture is brightened first, or "auto". By default 0, unless the
             picture would be mostly white; `Renderer.save` brightens dark renders too.
 
     Returns:
-        (H, W, 3) uint8, dithered: row 0 at the top.
+        (H, W, 3) uint8, dithered: row 0 at the top; with alpha (H, W, 4), not associated; (N, H, W, C) of a stack.
 
     Raises:
         InputError: if an argument cannot be used.
     """
-    return develop(image, tone=tone, exposure=exposure).codes
+    if (stack := np.asarray(image)).ndim == 4:
+        return np.stack([develop_image(each, tone=tone, exposure=exposure) for each in stack])
+    colors, alpha = colors_and_alpha(image, "an image")
+    codes = develop(unassociated(colors, alpha), tone=tone, exposure=exposure).codes
+    return codes if alpha is None else with_alpha(codes, alpha)
+
+
+def colors_and_alpha(image: ArrayLike | None, name: str) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Return the (H, W, 3) colours and the (H, W) alpha, if there is any, of an image as `develop_image` takes it.
+
+    Raises:
+        InputError: if it is of another shape, holds codes, or has no finite value; the message names it by `name`.
+    """
+    refuse_codes(image, name)
+    with np.errstate(over="ignore"):
+        pixels = array(image, name, np.float32)
+    if pixels.ndim == 2:
+        pixels = pixels[:, :, None]
+    if pixels.ndim != 3 or pixels.shape[2] not in (1, 3, 4) or pixels.size == 0:
+        raise InputError(f"{name} must be (H, W, 3), (H, W, 4) with alpha, or (H, W), not {np.asarray(image).shape}")
+    if not np.isfinite(pixels).any():
+        raise InputError(f"{name} has no finite value in it")
+    colors = np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels[:, :, :3]
+    return np.ascontiguousarray(colors), pixels[:, :, 3] if pixels.shape[2] == 4 else None
+
+
+def unassociated(colors: NDArray[np.float32], alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    """Return colours without the factor alpha; black where nothing is visible."""
+    if alpha is None:
+        return colors
+    share = alpha[:, :, None]
+    return np.divide(colors, share, out=np.zeros_like(colors), where=share > 0.0)
+
+
+def with_alpha(codes: NDArray[np.uint8], alpha: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return (H, W, 4) codes: a picture's, and of its alpha."""
+    return np.dstack([codes, np.rint(255.0 * np.clip(np.nan_to_num(alpha), 0.0, 1.0)).astype(np.uint8)])
+
+
+def over(codes: NDArray[np.uint8], alpha: NDArray[np.float32], background: ArrayLike) -> NDArray[np.uint8]:
+    """Return sRGB codes blended with a linear colour behind them, in linear light."""
+    share = np.clip(np.nan_to_num(alpha), 0.0, 1.0)[:, :, None]
+    linear = share * of_codes(linear=False)[codes] + (1.0 - share) * np.asarray(background, np.float32)
+    return np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
 
 
 def require_tone(tone: str) -> None:
@@ -83,11 +127,9 @@ def require_tone(tone: str) -> None:
 def develop(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = None) -> Developed:
     """Develop linear radiance for a display; see `develop_image`."""
     tone, exposure = check_tone(tone), check_exposure(exposure)
-    refuse_codes(image, "an image")
-    with np.errstate(over="ignore"):
-        pixels = np.ascontiguousarray(image, np.float32)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-        raise InputError(f"an image must be (H, W, 3), not {pixels.shape}")
+    pixels, alpha = colors_and_alpha(image, "an image")
+    if alpha is not None:
+        raise InputError("an image to develop has no alpha")
     chosen = stops(pixels, exposure, brighten=False)
     # 2.0**100 is finite in float32, so only the product can overflow.
     gain = np.float32(2.0**chosen)

@@ -25,7 +25,7 @@ from wrt.scene.developing import DEFAULT_TONE, DEVELOPED_SUFFIXES, Exposure
 from wrt.scene.environment import ImageEnvironment
 from wrt.scene.layers import channel_names
 from wrt.scene.srgb import linear_from_srgb, of_codes
-from wrt.values import Vec3, refuse_codes, sealed
+from wrt.values import ColorLike, Vec3, color, sealed
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -252,6 +252,7 @@ def save_image(
     alpha: ArrayLike | None = None,
     metadata: Mapping[str, object] | None = None,
     layers: Mapping[str, NDArray[Any]] | None = None,
+    background: ColorLike | None = None,
     force: bool = False,
 ) -> Developed | None:
     """Write a linear Rec. 709 image as PNG, JPEG, OpenEXR or NumPy array, by its suffix.
@@ -261,13 +262,16 @@ def save_image(
 
     Args:
         path: ends in .png, .jpg or .jpeg (8 bits, as by `develop_image`), .exr (float32) or .npy (float32 (H, W, 3)).
-        image: (H, W, 3), row 0 at the top; None to write layers only. A fourth channel is the same as `alpha`.
+        image: (H, W, 3), (H, W, 4) whose last channel is `alpha`, or (H, W), row 0 at the top; None to write layers
+            only.
         tone: tone curve of a PNG or JPEG, see `develop_image`.
         exposure: exposure of a PNG or JPEG, see `develop_image`.
         alpha: (H, W) coverage, 0 to 1, by which the radiance is multiplied already (associated alpha). A PNG holds the
             quotient; a JPEG has no alpha.
         metadata: names and values, as text in PNG and JPEG, attributes in OpenEXR.
         layers: the result of `wrt.Renderer.layers`, for OpenEXR: 32-bit channels such as `albedo.R`.
+        background: linear colour behind a PNG or JPEG with alpha, which then has none. The tone curve leaves it as it
+            is.
         force: whether to replace a file that wrt did not write.
 
     Returns:
@@ -280,7 +284,6 @@ def save_image(
     suffix = file.suffix.lower()
     cover: dict[str, NDArray[np.float32]] = {}
     if image is not None or not layers:
-        refuse_codes(image, f"{file}: an image")
         image, cover = _with_coverage(file, image, alpha)
     notes = {"Software": f"wrt {__version__}", **{str(key): str(value) for key, value in (metadata or {}).items()}}
     developed: Developed | None = None
@@ -292,19 +295,21 @@ def save_image(
     elif suffix == ".npy":
         write = functools.partial(_write_npy, pixels=np.dstack([np.asarray(image), *cover.values()]))
     else:
-        from wrt.develop.picture import develop
+        from wrt.develop.picture import develop, over, unassociated, with_alpha
 
         pixels, coverage = np.asarray(image), cover.get("alpha")
-        require_room(file, pixels.shape[1], pixels.shape[0], alpha=coverage is not None)
-        if coverage is not None:  # without the factor alpha; black where nothing is visible
-            share = coverage[:, :, None]
-            pixels = np.divide(pixels, share, out=np.zeros_like(pixels), where=share > 0.0)
-        developed = develop(pixels, tone=tone, exposure=exposure)
+        require_room(file, pixels.shape[1], pixels.shape[0], alpha=coverage is not None and background is None)
+        developed = develop(unassociated(pixels, coverage), tone=tone, exposure=exposure)
+        codes = developed.codes
+        if coverage is not None and background is not None:
+            codes = over(codes, coverage, color(background, "background", maximum=1.0))
+        elif coverage is not None:
+            codes = with_alpha(codes, coverage)
         notes |= {"Tone": developed.tone, "Exposure": f"{developed.stops:.6g} stops"}
         if suffix == ".png":
-            write = functools.partial(_write_png, codes=developed.codes, notes=notes, alpha=coverage)
+            write = functools.partial(_write_png, codes=codes, notes=notes)
         else:
-            write = functools.partial(_write_jpeg, codes=developed.codes, notes=notes, name=file)
+            write = functools.partial(_write_jpeg, codes=codes, notes=notes, name=file)
     write_atomically(file, write, PICTURE, force=force)
     return developed
 
@@ -323,17 +328,16 @@ def _with_coverage(
     file: Path, image: ArrayLike | None, alpha: ArrayLike | None
 ) -> tuple[NDArray[np.float32], dict[str, NDArray[np.float32]]]:
     """Return the (H, W, 3) colours of an image, and its coverage as a layer if there is any."""
-    pixels = np.asarray(image, np.float32)
-    if alpha is None and pixels.ndim == 3 and pixels.shape[2] == 4:
-        pixels, alpha = pixels[:, :, :3], pixels[:, :, 3]
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.size == 0:
-        raise InputError(f"{file}: an image must be (H, W, 3), not {pixels.shape}")
+    from wrt.develop.picture import colors_and_alpha
+
+    pixels, coverage = colors_and_alpha(image, f"{file}: an image")
+    alpha = coverage if alpha is None else alpha
     if alpha is None:
-        return np.ascontiguousarray(pixels), {}
+        return pixels, {}
     cover = np.asarray(alpha, np.float32)
     if cover.shape != pixels.shape[:2]:
         raise InputError(f"{file}: alpha must be (H, W) as the image is, {pixels.shape[:2]}, not {cover.shape}")
-    return np.ascontiguousarray(pixels), {"alpha": cover}
+    return pixels, {"alpha": cover}
 
 
 def _write_jpeg(path: Path, codes: NDArray[np.uint8], notes: Mapping[str, str], name: Path) -> None:
@@ -345,18 +349,13 @@ def _write_jpeg(path: Path, codes: NDArray[np.uint8], notes: Mapping[str, str], 
     Image.fromarray(codes).save(path, format="JPEG", comment=comment, **_JPEG)
 
 
-def _write_png(
-    path: Path, codes: NDArray[np.uint8], notes: Mapping[str, str], alpha: NDArray[np.float32] | None
-) -> None:
+def _write_png(path: Path, codes: NDArray[np.uint8], notes: Mapping[str, str]) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
     info = PngInfo()
     for key, value in notes.items():
         info.add_itxt(key, value)  # UTF-8, unlike the older text chunk
-    if alpha is not None:
-        cover = np.clip(np.nan_to_num(alpha), 0.0, 1.0)
-        codes = np.dstack([codes, np.rint(255.0 * cover).astype(np.uint8)])
     Image.fromarray(codes).save(path, format="PNG", pnginfo=info)
 
 

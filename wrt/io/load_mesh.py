@@ -36,8 +36,8 @@ def load_mesh(source: Any, *, smooth_degrees: float | None = None, file_type: st
     """Read all triangles of a file or a trimesh object as one mesh in world space, without its materials.
 
     Args:
-        source: the path of a mesh file or of an archive with one; bytes or an open file; or a `trimesh.Trimesh` or
-            `trimesh.Scene`.
+        source: the path of a mesh file or of an archive with one; bytes or an open file; or an object of trimesh,
+            PyVista, Open3D, or with `vertices` and `faces`.
         smooth_degrees: as for `load`.
         file_type: type of bytes, or of an open file without a name, such as "stl".
 
@@ -48,11 +48,6 @@ def load_mesh(source: Any, *, smooth_degrees: float | None = None, file_type: st
         if isinstance(file, (str, os.PathLike)):
             shapes, name = load_shapes(file, smooth_degrees=smooth_degrees), Path(file).name
         else:
-            import trimesh
-
-            if not isinstance(source, trimesh.parent.Geometry):
-                kind = f"the path or the content of a mesh file or a trimesh object, not {type(source).__name__}"
-                raise InputError(f"load_mesh expects {kind}; wrt.Mesh takes arrays of vertices and faces")
             shapes, name = bake_transforms(from_trimesh(source, smooth_degrees=smooth_degrees)), OF_TRIMESH
     meshes = [shape.mesh for shape in shapes if not isinstance(shape.mesh, Spheres)]
     if not meshes:
@@ -73,6 +68,7 @@ def load_file(
     smooth_degrees: float | None = None,
     time: float | None = None,
     standalone: bool = False,
+    in_place: bool = False,
     point_radius: float | None = None,
 ) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
@@ -90,6 +86,7 @@ def load_file(
             then moved there unless it has lights or cameras: positions are exact to a part of its size, not of the
             distance.
             Arrays have the material of mesh files instead of a shape's default.
+        in_place: whether it stays where it is all the same.
         point_radius: the radius of points, in the file's units; by default it follows from their distances.
     """
     file = Path(path)
@@ -116,7 +113,9 @@ def load_file(
         raise InputError(f"{file}: {advice_on(file) or unknown}")
     with naming_file(file), hinting(file):
         contents = _contents(file, read_file(file), time)
-        return _scene(str(file), contents, smooth_degrees, standalone=standalone, point_radius=point_radius)
+        return _scene(
+            str(file), contents, smooth_degrees, movable=standalone and not in_place, point_radius=point_radius
+        )
 
 
 def _contents(file: Path, data: bytes, time: float | None) -> Contents:
@@ -178,19 +177,23 @@ def load_object(
     *,
     smooth_degrees: float | None = None,
     standalone: bool = False,
+    in_place: bool = False,
     point_radius: float | None = None,
 ) -> Scene:
     """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file; see `wrt.io.trimesh_objects`.
+
+    Objects of other libraries become those of trimesh, see `wrt.io.other_libraries`.
 
     Instances become shapes that share a mesh, each with a transform; all others are in world space. Vertex and face
     colours are sRGB, or linear if the object was loaded from glTF or has a PBRMaterial. Given normals are kept; normals
     that trimesh computes are not, because they smooth every edge. Points are drawn as
     spheres, and paths left out with a warning.
     """
+    from wrt.io.other_libraries import as_trimesh
     from wrt.io.trimesh_objects import read_object
 
-    contents = read_object(source)
-    return _scene(OF_TRIMESH, contents, smooth_degrees, standalone=standalone, point_radius=point_radius)
+    contents = read_object(as_trimesh(source))
+    return _scene(OF_TRIMESH, contents, smooth_degrees, movable=standalone and not in_place, point_radius=point_radius)
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = None) -> list[Shape]:
@@ -203,10 +206,10 @@ def _scene(
     contents: Contents,
     smooth_degrees: float | None,
     *,
-    standalone: bool = False,
+    movable: bool = False,
     point_radius: float | None = None,
 ) -> Scene:
-    movable = standalone and not (contents.lights or contents.cameras)
+    movable = movable and not (contents.lights or contents.cameras)
     shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees, point_radius)
     names = unique(name for name, _ in contents.cameras)
     cameras = dict(zip(names, (camera for _, camera in contents.cameras), strict=True))

@@ -71,7 +71,7 @@ def read_object(source: Any, name: str = OF_TRIMESH) -> Contents:
         alone.warn_of_unused()
         return Contents([placed(part, [world]) for part in parts] if world[0, 0] != 1.0 else parts)
     if not isinstance(source, trimesh.Scene):
-        kinds = "a path, wrt.Scene, wrt.Mesh, trimesh.Trimesh or trimesh.Scene"
+        kinds = "a path, wrt.Scene, wrt.Mesh, or a mesh of trimesh, PyVista, Open3D or with vertices and faces"
         raise InputError(f"expected {kinds}, not {type(source).__name__}; wrt.Mesh takes arrays")
     reader = _Reader(source, name)
     places: dict[str, list[NDArray[np.float64]]] = {}

@@ -51,15 +51,37 @@ class Picture(ABC):
         return self.integrator != "aov"
 
     def image(self) -> NDArray[np.float32]:
-        """Return (H, W, 3) float32, the current estimate of linear radiance in the rendered part of the picture."""
+        """Return (H, W, 3) float32, the current estimate of linear radiance in the rendered part of the picture.
+
+        Raises:
+            InputError: before the first pass.
+        """
+        self._require_samples()
         return self.film.mean()
+
+    def finished(self) -> NDArray[np.float32]:
+        """Return `image`, denoised and over its background if the settings say so, with alpha as a fourth channel.
+
+        A picture that is transparent, and has no background, is (H, W, 4); see `alpha`.
+        """
+        image = self.denoised() if self.settings.denoise else self.image()
+        alpha, background = self.alpha(), self.settings.background
+        if alpha is None:
+            return image
+        if background is None:
+            return np.dstack([image, alpha])
+        return np.asarray(image + (1.0 - alpha[..., None]) * np.asarray(background, np.float32), np.float32)
+
+    def _require_samples(self) -> None:
+        if not self.film.tally().samples:
+            raise InputError("there is no picture yet: call render(spp=16), or go through passes(spp=16)")
 
     @abstractmethod
     def denoised(self) -> NDArray[np.float32]:
         """Return `image` without most of its noise."""
 
     def alpha(self) -> NDArray[np.float32] | None:
-        """Return (H, W) float32 coverage of a transparent picture, 0 to 1; None for others.
+        """Return (H, W) float32 coverage of a transparent picture, 0 to 1, or None.
 
         It is how much of a pixel shows a surface. `image` holds the radiance of those alone (associated alpha).
         """
@@ -69,7 +91,13 @@ class Picture(ABC):
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
 
         They are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
+
+        Raises:
+            InputError: before the first pass.
         """
+        if not self.settings.layers:
+            return {}
+        self._require_samples()
         return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
@@ -92,6 +120,7 @@ class Picture(ABC):
         """
         path, settings, layers, alpha = picture_path(path), self.settings, self.layers(), self.alpha()
         check_contents(path, self)
+        self._require_samples()
         metadata = {
             "Software": f"wrt {__version__}",
             "Integrator": self.integrator,
@@ -110,11 +139,19 @@ class Picture(ABC):
         if suffix not in DEVELOPED_SUFFIXES:
             if settings.denoise and suffix == ".exr":
                 layers[NOISY] = self.image()
+            if settings.background is not None:
+                image, alpha = self.finished(), None
             return save(image, alpha=alpha, layers=layers)
         # Only pixels that are covered decide the exposure.
         covered = image if alpha is None or not alpha.any() else image[alpha > 0.0][None] / alpha[alpha > 0.0, None]
         chosen = stops(covered, settings.exposure if exposure is None else exposure)
-        return save(image, alpha=alpha, tone=settings.tone if tone is None else tone, exposure=chosen)
+        return save(
+            image,
+            alpha=alpha,
+            tone=settings.tone if tone is None else tone,
+            exposure=chosen,
+            background=settings.background,
+        )
 
 
 def check_contents(path: Path, picture: Picture) -> None:
@@ -128,7 +165,12 @@ def check_contents(path: Path, picture: Picture) -> None:
     shown = path.suffix.lower() in DEVELOPED_SUFFIXES and not has_light and len(layers) == 1
     if layers and path.suffix.lower() != ".exr" and not shown:
         raise InputError(f"{path}: layers go into OpenEXR files; give it a name that ends in .exr")
-    require_room(path, picture.film.width, picture.film.height, alpha=picture.settings.transparent and has_light)
+    require_room(
+        path,
+        picture.film.width,
+        picture.film.height,
+        alpha=picture.settings.transparent and picture.settings.background is None and has_light,
+    )
 
 
 def layer_colors(name: str, values: NDArray[Any]) -> NDArray[np.float32]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt import _notebook
+from wrt import _above
 from wrt.backend.device import Device
 from wrt.develop.denoise import denoise, require_denoiser
 from wrt.errors import InputError, warn
@@ -240,6 +240,18 @@ class Renderer(Picture):
         self._kernel.expect(limits.least_seconds(self.film))
         return self._run(limits)
 
+    def render(self, *, progress: Callable[[Progress], object] | None = None, **limits: Any) -> NDArray[np.float32]:
+        """Render as `passes` does, and return the picture; see `finished`.
+
+        Args:
+            progress: called with the Progress after each pass.
+            limits: options of `passes`.
+        """
+        for done in self.passes(**limits):
+            if progress is not None:
+                progress(done)
+        return self.finished()
+
     def _run(self, limits: Limits) -> Iterator[Progress]:
         schedule = Schedule(limits, self.film, self.noise_estimate, first=self.first_pass, longest=self.longest_pass)
         while (target := schedule.next_target(short=self._passes_are_short)) is not None:
@@ -298,11 +310,12 @@ class Renderer(Picture):
         Guided by albedo and normals of what is seen, in mirrors and through glass too, for which more rays are traced.
 
         Raises:
-            InputError: when the extra wrt[denoise] is not installed, or there is no picture of radiance.
+            InputError: when Open Image Denoise is not installed, or there is no picture of radiance.
         """
         require_denoiser()
         threads = self.threads if self.device.is_cpu else None
-        return denoise(self.image(), **self.denoising_guides(), threads=threads)
+        guides = self.denoising_guides()
+        return denoise(self.image(), **guides, threads=threads)
 
     def denoising_guides(self) -> dict[str, NDArray[np.float32]]:
         """Return what `denoised` is guided by: "albedo" and "normal", (H, W, 3) each; see `wrt.develop.denoise`.
@@ -382,7 +395,7 @@ class Renderer(Picture):
 
         Returns:
             "total" and "total_of_squares", vec3d sums of samples and of their squares; int32 "count" of samples, and
-            "rejected", those that were not finite and count as black; int64 "rays".
+            "rejected", the ones that were not finite and count as black; int64 "rays".
         """
         return self.film.on_device()
 
@@ -452,13 +465,13 @@ class Renderer(Picture):
 
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""
-        return _notebook.viewer().view_renderer(self, spp=spp)
+        return _above.viewer().view_renderer(self, spp=spp)
 
     def __repr__(self) -> str:
         return f"<wrt.Renderer {self.width}x{self.height} {self.integrator} on {self.device.name}, {self.spp} spp>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = _notebook.viewer().picture_of_renderer(self)
+        picture: bytes | None = _above.viewer().picture_of_renderer(self)
         return picture
 
     def part(self, number: int, of: int, *, spp: int | None = None) -> Part:

@@ -118,8 +118,8 @@ class Medium(Description):
     mean free path.
 
     Attributes:
-        absorption: absorption coefficient.
-        scattering: scattering coefficient.
+        absorption: absorption coefficient, per metre and channel.
+        scattering: scattering coefficient, per metre and channel.
         g: mean cosine of the scattering angle (Henyey and Greenstein 1941): 0 isotropic, 1 forward, −1 backward.
         emission: emitted radiance per metre, W·sr⁻¹·m⁻³.
         density: factor on all coefficients that varies in space; None for 1 everywhere.

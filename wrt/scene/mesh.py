@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrt import _notebook
+from wrt import _above
 from wrt.errors import InputError, warn
 from wrt.linalg import determinant, inverse, norm, product
 from wrt.scene.motion import check_affine, turn
@@ -87,7 +87,7 @@ class Mesh:
         return f"<wrt.Mesh {self.name}: {len(self.faces)} triangles, {len(self.vertices)} vertices{parts}>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = _notebook.viewer().picture_of_mesh(self)
+        picture: bytes | None = _above.viewer().picture_of_mesh(self)
         return picture
 
     def __post_init__(self) -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wrt import _notebook
+from wrt import _above
 from wrt.errors import InputError, did_you_mean
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
@@ -27,8 +28,8 @@ from wrt.scene.materials.material import UnlimitedColor
 from wrt.scene.medium import Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.motion import Motion, affine_matrix
-from wrt.scene.textures import ColorSource, shines
-from wrt.values import FLOAT32_MAX, Vec3, integer, number
+from wrt.scene.textures import shines
+from wrt.values import FLOAT32_MAX, ColorLike, Vec3, color, integer, number
 
 FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 """Reconstruction filters by name; `kernels/camera/models.py` defines them."""
@@ -62,8 +63,8 @@ class Shape(Description):
     Attributes:
         mesh: the triangles.
         material: material of the surface.
-        emission: radiance from its front, per channel, W·sr⁻¹·m⁻², also an image or vertex colours; 0 for that of the
-            material.
+        emission: radiance from its front, per channel, W·sr⁻¹·m⁻², also an image or vertex colours; 0 for the
+            material's.
         two_sided_emission: whether its back emits too.
         name: for messages.
         transform: a (4, 4) affine matrix from the mesh's space to the world, or a `Motion`. Shapes with a transform
@@ -178,7 +179,7 @@ class RenderSettings(Description):
         tone: tone curve of pictures written as PNG or JPEG, see `wrt.develop_image`.
         exposure: stops (factors of two) by which these are brightened, or "auto"; None for 0, unless the picture would
             be mostly white or dark.
-        denoise: whether saved pictures are denoised, by the extra wrt[denoise].
+        denoise: whether saved pictures are denoised.
         crop: part of the picture to render: first column and row, and the column and row after the last.
         max_scatterings: maximum number of scattering events along a path.
         integrator: one of INTEGRATORS; None for "volpath" if media scatter, else "path".
@@ -190,6 +191,8 @@ class RenderSettings(Description):
         clamp_indirect: limit of the indirect radiance of one path, W·sr⁻¹·m⁻²; biased.
         regularization: roughness r that widens rough surfaces to √(α² + r²) after the first non-specular scattering of
             a path, 0 to 1; biased.
+        background: colour behind a transparent picture, which has no alpha channel then; exact in a PNG or JPEG,
+            whatever the tone. It implies `transparent`.
         transparent: whether pictures have an alpha channel, and the camera sees neither the environment nor lights
             without a mesh.
     """
@@ -215,11 +218,14 @@ class RenderSettings(Description):
     regularization: _Share = 0.0
     tone: Annotated[str, TONE_SCHEMA, _nameless(check_tone)] = DEFAULT_TONE
     transparent: Flag = False
+    background: Annotated[ColorLike | None, optional(partial(color, maximum=1.0))] = None
 
     def __post_init__(self) -> None:
         Description.__post_init__(self)  # super() knows the class without slots only
         if self.crop is not None:
             self.crop = _crop_window(self.crop, self.width, self.height)
+        if self.background is not None:
+            self.transparent = True
 
     def changed(self, **changes: Any) -> RenderSettings:
         """Return the settings with the changes that are not None.
@@ -298,38 +304,47 @@ class Scene:
             if not isinstance(value, kinds):
                 raise InputError(f"the scene's {rule}, not {type(value).__name__}")
 
-    def add(
-        self,
-        mesh: Mesh,
-        *,
-        material: Material | None = None,
-        emission: ColorSource = 0.0,
-        two_sided_emission: bool = False,
-        name: str | None = None,
-        transform: ArrayLike | Motion | None = None,
-        deformation: Deformation | None = None,
-        double_sided: bool = True,
-    ) -> Shape:
-        """Add a mesh and return the new shape; see Shape for the options."""
-        shape = Shape(
-            mesh=mesh,
-            material=Diffuse() if material is None else material,
-            emission=emission,
-            two_sided_emission=two_sided_emission,
-            name=name or str(getattr(mesh, "name", "shape")),
-            transform=transform,  # type: ignore[arg-type]
-            deformation=deformation,
-            double_sided=double_sided,
-        )
-        self.shapes.append(shape)
-        return shape
+    @overload
+    def add(self, mesh: Mesh, **options: Any) -> Shape: ...
+
+    @overload
+    def add(self, mesh: object, **options: Any) -> Shape | list[Shape]: ...
+
+    def add(self, mesh: Any, *, material: Any = None, **options: Any) -> Shape | list[Shape]:
+        """Add a mesh and return the new shape.
+
+        Args:
+            mesh: a Mesh, the path of a mesh file, or an object of trimesh, PyVista, Open3D, or with `vertices` and
+                `faces`. Files and objects bring their materials and may have several parts, whose shapes are returned
+                in a list.
+            material: a material, the name of one such as "gold", a colour, or an image file for the texture.
+            options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
+                double_sided.
+
+        Raises:
+            InputError: if something cannot be used.
+            TypeError: if there is no such option.
+        """
+        if material is not None:
+            options["material"] = _above.objects().material_of(material)
+        if isinstance(mesh, Mesh):
+            made = [Shape(mesh, **{"name": mesh.name, **options})]
+        else:
+            parts: list[Shape] = _above.objects().shapes_of(mesh)
+            if "transform" in options:
+                parts = bake_transforms(parts)
+            if material is not None:
+                options.setdefault("emission", 0.0)
+            made = [replace(part, **options) for part in parts]
+        self.shapes += made
+        return made[0] if len(made) == 1 else made
 
     def add_instances(
         self,
         mesh: Mesh,
         transforms: Iterable[ArrayLike | Motion],
         *,
-        material: Material | None = None,
+        material: Any = None,
         **options: Any,
     ) -> list[Shape]:
         """Add instances of a mesh, which is stored once; return the new shapes.
@@ -340,7 +355,7 @@ class Scene:
             material: of all instances, as for `add`.
             options: other options of `add`, for all instances.
         """
-        shared = Diffuse() if material is None else material
+        shared = Diffuse() if material is None else _above.objects().material_of(material)
         return [self.add(mesh, material=shared, transform=transform, **options) for transform in transforms]
 
     def add_light(self, light: Light) -> Light:
@@ -350,6 +365,18 @@ class Scene:
             raise InputError(f"a light must be one of {names}, not {type(light).__name__}")
         self.lights.append(light)
         return light
+
+    def render(self, **options: Any) -> Any:
+        """Render the scene and return the picture; see `wrt.render`, whose options these are."""
+        return _above.pictures().render(self, **options)
+
+    def show(self, **options: Any) -> None:
+        """Render the scene and show the picture; see `wrt.show`."""
+        _above.pictures().show(self, **options)
+
+    def save(self, path: str | os.PathLike[str], **options: Any) -> None:
+        """Write the scene as a scene file (.toml) or a GLB; see `wrt.save_scene`. `wrt.save_image` writes pictures."""
+        _above.scene_files().save_scene(path, self, **options)
 
     def view(self, *, spp: int | None = None, **options: Any) -> Any:
         """Return a live view of the scene for a notebook: it converges, and the mouse moves the camera.
@@ -361,14 +388,14 @@ class Scene:
         Raises:
             InputError: when anywidget is not installed (`pip install "wrt[notebook]"`), or on unusable options.
         """
-        return _notebook.viewer().view_scene(self, spp=spp, **options)
+        return _above.viewer().view_scene(self, spp=spp, **options)
 
     def __repr__(self) -> str:
         kinds = f"{len(self.shapes)} shapes, {len(self.lights)} lights"
         return f"<wrt.Scene: {kinds}, {self.settings.width}x{self.settings.height}>"
 
     def _repr_png_(self) -> bytes | None:
-        picture: bytes | None = _notebook.viewer().picture_of_scene(self)
+        picture: bytes | None = _above.viewer().picture_of_scene(self)
         return picture
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import sys
 from collections.abc import Callable
 from importlib import resources
 from typing import Any
@@ -59,6 +60,15 @@ def picture_of_mesh(mesh: Mesh) -> bytes | None:
         return picture_of_scene(load(mesh))
     except InputError:  # its colours are not those of a material
         return None
+
+
+def display(picture: Any) -> bool:
+    """Show a Pillow image in the cell of a notebook or of a console of IPython; return whether there is one."""
+    ipython = sys.modules.get("IPython")
+    if ipython is None or ipython.get_ipython() is None:
+        return False
+    ipython.display.display(picture)
+    return True
 
 
 def view_scene(scene: Scene, *, spp: int | None = None, **options: Any) -> Any:

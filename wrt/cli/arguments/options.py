@@ -49,8 +49,11 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--view": _value("VIEW", types.checked_by("wrt.studio.views", "view_angles"),
         "view the scene from AZIMUTH,ELEVATION in degrees, or from the front, right, back, left, top, bottom or "
         "three-quarter"),
-    "--material": _value("NAME", types.checked_by("wrt.scene.materials.named", "named_material"),
-        "material of a mesh, such as gold, glass or diffuse:0.8,0.2,0"),
+    "--material": _value("NAME", types.checked_by("wrt.io.objects", "material_of"),
+        "material of a mesh, such as gold, glass, red, #ff8800, diffuse:0.8,0.2,0 or an image for its texture",
+        dest="material"),
+    "--background": _value("COLOR", types.color,
+        "colour behind what is shown, such as white or #f4f4f4, instead of the backdrop"),
     "--environment": _value("FILE", str, "light the scene with an image, such as an .hdr, or with sky for sun and sky"),
     "--layers": _value("NAMES", str, "layers to add to an .exr: albedo, normal, depth and others (see the docs)"),
     "--triangles": _value("N", whole(1), "number of triangles of a procedural mesh"),
@@ -83,10 +86,12 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "checkpoint; for the picture 2 s at first, then longer and longer)"),
     "--camera": _value("NAME", str, "name or number, from 0, of one of the input's cameras (default: the first)",
         dest="camera"),
+    "--cameras": _value("FILE", str, "render the input through the cameras of transforms.json, or of a folder with "
+        "COLMAP's cameras.txt and images.txt: all, or the one that --camera names"),
     "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
-    "--denoise": _flag("remove noise from the picture (needs the extra wrt[denoise])"),
+    "--denoise": _flag("remove noise from the picture"),
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
-    "--double-sided": _flag("show the backs of all surfaces, also of those that a file calls single-sided"),
+    "--double-sided": _flag("show the backs of all surfaces, also of single-sided ones"),
     "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
     "--quiet": _flag("show only errors and warnings"),
     "--json": _flag("print a summary of each render to standard output as a line of JSON"),
@@ -119,10 +124,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "units (default: by their distances)"),
 }  # fmt: skip
 
-ALIASES = {"--output": "-o", "--define": "-D", "--camera": "--sensor"}
-"""Second names; Mitsuba calls a camera a sensor."""
+ALIASES = {"--output": "-o", "--define": "-D", "--camera": "--sensor", "--material": "--color"}
+"""Second names; Mitsuba calls a camera a sensor, and a colour is a material."""
 
-STUDIO = "--size --crop --view --frame --material --environment --transparent --layers --triangles"
+STUDIO = "--size --crop --view --frame --material --background --environment --transparent --layers --triangles"
 INTEGRATION = "--sampler --integrator --clamp-indirect --regularization"
 READING = "--define --camera --confined --strict --up --crease --point-radius --double-sided"
 
@@ -154,6 +159,7 @@ def _join_negative_values(arguments: list[str]) -> list[str]:
 
 ARGUMENTS: dict[str, dict[str, Any]] = {
     "NAME": {"dest": "name", "nargs": "?", "help": "describe this material, such as diffuse"},
+    "SCENES": {"dest": "sources", "nargs": "*", "metavar": "SCENE", "help": "built-in scenes, scene or mesh files"},
     "SCENE": {"dest": "source", "help": "built-in scene, scene file or mesh file, as for wrt render"},
     "OUT.toml": {
         "dest": "output",
@@ -211,9 +217,8 @@ def make_parser() -> argparse.ArgumentParser:
     command("materials", "NAME --presets", "list the materials and their parameters, or describe one")
     command(
         "info",
-        "SCENE --system --memory --size --confined",
-        "show what a scene or mesh file contains|: shapes, materials, textures, lights and camera",
-        scene={"nargs": "?"},
+        "SCENES --system --memory --size --confined",
+        "show what scenes or mesh files contain|: shapes, materials, textures, lights and camera",
         size={"help": "with --memory: the size of the picture"},
     )
     command(
@@ -260,7 +265,7 @@ def make_parser() -> argparse.ArgumentParser:
         "render",
         f"INPUT --output --spp --time --noise --adaptive --denoise {STUDIO} --device --threads "
         f"--dask --seed --max-depth {INTEGRATION} --tone --exposure --turntable --frames --fps --part --checkpoint "
-        f"--resume --save-every --force --quiet --json {READING}",
+        f"--resume --save-every --force --quiet --json --cameras {READING}",
         "render scenes and meshes to pictures",
         device={"help": "device to render on: cpu, cuda, cuda:N, or several GPUs: cuda:0,1 or cuda:all (default: cpu)"},
     )

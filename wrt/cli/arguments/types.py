@@ -54,6 +54,16 @@ def finite(text: str) -> float:
     return value
 
 
+def color(text: str) -> tuple[float, float, float]:
+    """Convert a colour as in CSS, or three linear numbers, to linear RGB."""
+    from wrt import values
+
+    try:
+        return values.color([float(part) for part in text.split(",")] if "," in text else text, "background")
+    except (InputError, ValueError) as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def exposure(text: str) -> float | str:
     """Convert text to stops, or return "auto"."""
     if text == "auto":

@@ -113,7 +113,7 @@ def _vertices(corners: NDArray[np.int32], count: int) -> tuple[NDArray[np.int32]
     """Return (C,) a vertex for each corner, and (3, V) what each vertex is made of: position, coordinates, normal.
 
     Vertices of `count` positions keep their numbers. Where corners at a position name different coordinates or normals,
-    trimesh makes further vertices.
+    further vertices follow, in the order of what they are made of.
     """
     position, *others = corners.T
     example = np.zeros(count, np.int32)
@@ -124,11 +124,13 @@ def _vertices(corners: NDArray[np.int32], count: int) -> tuple[NDArray[np.int32]
         different |= own != found[position]
     vertices = np.ascontiguousarray(position)
     if different.any():
-        from trimesh.visual.texture import unmerge_faces
-
-        further, *made = unmerge_faces(*(each[different][:, None] for each in corners.T))
-        vertices[different] = count + further.reshape(-1)
-        sources = np.concatenate([sources, np.stack(made).astype(np.int32)], axis=1)
+        made = corners[different]
+        keys = made[:, 0].astype(np.int64)
+        for each in made.T[1:]:  # numbers of what is equal so far, as three indices might not fit 64 bits
+            keys = np.unique(keys, return_inverse=True)[1] * (int(each.max()) + 2) + each
+        _, first, further = np.unique(keys, return_index=True, return_inverse=True)
+        vertices[different] = count + further
+        sources = np.concatenate([sources, made[first].T], axis=1)
     return vertices, sources
 
 

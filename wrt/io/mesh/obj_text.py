@@ -276,6 +276,14 @@ def _joined_lines(data: bytes) -> bytes:
     return data.replace(b"\\\n", b" ") if b"\\" in data else data
 
 
+def _name_or_nothing(found: re.Match[bytes]) -> bytes:
+    """Return what a match of _COMMENT has of a name, in which "#" may be: the start of a word begins a comment."""
+    text, start = found.string, found.start()
+    before = text[text.rfind(b"\n", 0, start) + 1 : start]
+    is_comment = not before or before[-1] <= _SPACE or before.lstrip()[:1] in b"vf"
+    return b"" if is_comment else re.split(rb"\s#", found[0], maxsplit=1)[0]
+
+
 def _chunks(data: bytes) -> Iterator[bytes]:
     """Yield whole lines of some bytes each, without comments, and with one space between words and no other."""
     start = 0
@@ -285,7 +293,7 @@ def _chunks(data: bytes) -> Iterator[bytes]:
         chunk = chunk if chunk.endswith(b"\n") else chunk + b"\n"
         start = end
         if b"#" in chunk:
-            chunk = _COMMENT.sub(b"", chunk)
+            chunk = _COMMENT.sub(_name_or_nothing, chunk)
         if b"\t" in chunk:
             chunk = chunk.replace(b"\t", b" ")
         blank = np.frombuffer(chunk, np.uint8) <= _SPACE

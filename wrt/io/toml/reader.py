@@ -194,7 +194,7 @@ class _SceneReader(TableReader):
             return VertexColor(**options)
         if value == "vertex-colors":
             return VertexColor()
-        if isinstance(value, str) and str not in kinds:
+        if isinstance(value, str) and str not in kinds and Path(value).suffix:
             raise InputError(f"must be a number, three numbers, {{ texture = FILE }} or 'vertex-colors', not {value!r}")
         return self.texture(value) if isinstance(value, dict) else value
 

@@ -229,7 +229,7 @@ def _number(
 
 def _color(maximum: float = math.inf) -> list[Schema]:
     grey = _number(minimum=0.0, maximum=maximum)
-    return [grey, array_of(grey, 3, 3)]
+    return [grey, array_of(grey, 3, 3), {"type": "string"}]
 
 
 def _that_vary() -> list[Schema]:
@@ -258,6 +258,8 @@ def _unchecked() -> dict[str, list[Schema]]:
         "offset": [_PAIR],
         "scale": [NUMBER, _PAIR],
         "subdivisions": [_number("integer", minimum=0, maximum=MAX_SUBDIVISIONS)],
+        "uv_offset": [_PAIR],
+        "uv_scale": [NUMBER, _PAIR],
         "wrap": [wrap, array_of(wrap, 2, 2)],
     }
 

@@ -75,7 +75,7 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
     import tomli_w
 
     if file.suffix.lower() != ".toml":
-        raise InputError(f"{file}: the name of a scene file must end in .toml or .glb")
+        raise InputError(f"{file}: the name of a scene file must end in .toml or .glb; wrt.save_image writes pictures")
     require_writable(file, SCENE, force=force)
     replaces = force and file.exists()
     arrays = next((folder for folder in _folders(file) if not os.path.lexists(folder)), None)

@@ -95,7 +95,8 @@ class UsdMaterials:
         if shader is None:
             return []
         nodes = {key: self.node(source) for key, source in shader["sources"].items()}
-        placed = {key: self.coordinates(node) for key, node in nodes.items() if node["id"] == "UsdUVTexture"}
+        images = {key: node for key, node in nodes.items() if node["id"] == "UsdUVTexture" and "st" in node["sources"]}
+        placed = {key: self.coordinates(node) for key, node in images.items()}
         found = [placed.pop("normal")] if "normal" in placed else []
         for name_of_primvar, move in placed.values():
             each = name_of_primvar, move if move[1] else _NOT_MOVED
@@ -282,7 +283,7 @@ class _Inputs:
         channels = {"rgb": [0, 1, 2], "a": [3, 3, 3]}.get(channel) or [max(0, "rgb".find(channel))] * 3
         scale, bias = _numbers(image, "scale", (1.0,) * 4)[channels], _numbers(image, "bias", (0.0,) * 4)[channels]
         fallback = image["inputs"].get("fallback")
-        coordinates = self._owner.coordinates(image)
+        coordinates = self._owner.coordinates(image) if "st" in image["sources"] else None
         kind = "alpha" if channel == "a" else _SPACES[space] or kind
         if file and channel == "a" and not self._owner.has_alpha(file):
             return np.ones(3) * scale + bias
@@ -292,9 +293,9 @@ class _Inputs:
             values = _numbers(image, "fallback", (*values.tolist(), 1.0))
             return None if fallback is None else values[channels]
         move = _NOT_MOVED
-        if coordinates not in self._uv_sets:  # those of a normal map are moved already
+        if coordinates is not None and coordinates not in self._uv_sets:  # those of a normal map are moved already
             coordinates, move = (coordinates[0], _NOT_MOVED), coordinates[1]
-        if coordinates not in self._uv_sets:  # a mesh without them has the colour at (0, 0) everywhere
+        if coordinates is None or coordinates not in self._uv_sets:  # the colour at (0, 0), without coordinates
             return np.asarray(pixels[-1, 0][[each % 3 for each in channels]] * scale + bias)
         if name == "normal":
             # To −1 to 1 in the file, from 0 to 1 here.

@@ -29,6 +29,8 @@ _OF_LIGHTS = tuple(
     for name in ("color", "intensity", "exposure", "normalize", "enableColorTemperature", "colorTemperature")
 )
 
+_OF_DOMES = (*_OF_LIGHTS, "inputs:texture:file", "inputs:texture:format")
+
 _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "Mesh": ("points", "faceVertexCounts", "faceVertexIndices", "orientation", "holeIndices"),
     "Points": ("points",),
@@ -45,7 +47,8 @@ _ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "RectLight": (*_OF_LIGHTS, "inputs:width", "inputs:height"),
     "DiskLight": (*_OF_LIGHTS, "inputs:radius"),
     "DistantLight": (*_OF_LIGHTS, "inputs:angle"),
-    "DomeLight": (*_OF_LIGHTS, "inputs:texture:file", "inputs:texture:format"),
+    "DomeLight": _OF_DOMES,
+    "DomeLight_1": (*_OF_DOMES, "poleAxis"),
 }
 """The attributes of each type that are read."""
 
@@ -92,6 +95,7 @@ class _Prim:
     def unused(self, time: Any) -> Iterator[str]:
         """Yield the kinds of properties that say something else than the schema does, and were not used."""
         prim, kind = self.prim, str(self.prim.GetTypeName())
+        definition = prim.GetPrimDefinition()
         for name in prim.GetAuthoredPropertyNames():
             attribute = prim.GetAttribute(name)
             words = attribute.GetMetadata("allowedTokens") if attribute and name in self._used else None
@@ -99,7 +103,7 @@ class _Prim:
                 yield f"{kind}.{name} {str(word)!r}"
             if name in self._used or name.startswith(_READ_BY_LIBRARY):
                 continue
-            if prim.GetProperty(name).IsCustom():
+            if prim.GetProperty(name).IsCustom() or (not kind and name not in definition.GetPropertyNames()):
                 continue  # of no schema
             if not attribute:
                 if prim.GetRelationship(name).GetTargets():
@@ -110,8 +114,16 @@ class _Prim:
                 value = attribute.Get(time)
                 if name.endswith("shaping:cone:angle") and isinstance(value, float) and value >= _ALL_AROUND:
                     continue
-                if value is not None and value != prim.GetPrimDefinition().GetAttributeFallbackValue(name):
+                if value is not None and value != definition.GetAttributeFallbackValue(name):
                     yield f"{kind}.{name}"
+
+
+def _metres_per_unit(stage: Any) -> float | None:
+    """Return the unit of length of a stage, or None if it is not a number; some files have it in single precision."""
+    with contextlib.suppress(Tf.ErrorException):  # of another type
+        return float(UsdGeom.GetStageMetersPerUnit(stage))
+    unit = stage.GetRootLayer().pseudoRoot.GetInfo("metersPerUnit")
+    return float(unit) if isinstance(unit, (int, float)) and 0.0 < unit < math.inf else None
 
 
 def times_of(stage: Any, layers: list[Any]) -> tuple[float, float, float] | None:
@@ -150,9 +162,7 @@ class Description:
         self.content: dict[str, Any] = {"shapes": {}, "prototypes": {}, "materials": {}, "nodes": {}, "left_out": []}
         self.content["animation"] = [0.0, (times[1] - times[0]) / times[2]] if times and times[1] > times[0] else None
         self.content["up"] = str(UsdGeom.GetStageUpAxis(stage))
-        self.content["metersPerUnit"] = None
-        with contextlib.suppress(Tf.ErrorException):  # of another type
-            self.content["metersPerUnit"] = UsdGeom.GetStageMetersPerUnit(stage)
+        self.content["metersPerUnit"] = _metres_per_unit(stage)
         self.content["prims"] = self._prims(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
         self.content["places"] = self._array(memoryview(self._places).cast("d"))
         self.content["unused"] = self._unused
@@ -393,7 +403,7 @@ def _bound_to(prim: Any) -> list[Any]:
 def _identity(shader: Any) -> str:
     """Return the type of a shader, or "" if there is none."""
     identity = shader.GetPrim().GetAttribute("info:id") if shader else None
-    return str(identity.Get()) if identity else ""
+    return str(identity.Get() or "") if identity else ""
 
 
 def _coordinates(primvars: Any) -> dict[str, Any]:

@@ -55,7 +55,7 @@ WITHOUT_EFFECT = {
     "*.skel:joint*": "a part of skins, which are named",
     "*.collection:*Link": "the collection itself; its members are named",
     "*.collection:*Link:expansionRule": "how members of a collection are listed",
-    "DomeLight.inputs:normalize": "a dome has no size",
+    "DomeLight*.inputs:normalize": "a dome has no size",
     "Camera.clippingRange": "bounds of a depth buffer",
     "Camera.horizontalAperture": "the picture's size decides about its width",
     "Camera.stereoRole": "one of the two eyes is rendered alone",
@@ -74,10 +74,16 @@ WITHOUT_EFFECT = {
     "Points.orientation": "the outside of spheres is known",
     "Material.inputs:*": "values that shaders read; what a shader reads is accounted for there",
     "Material.outputs:*:*": "the same material for other renderers",
+    "*.preliminary:*": "how a viewer places and moves things in a room",
+    "*.subsetFamily:*:familyType": "whether subsets cover a mesh; each is read by itself",
     "a prim of type Physics*": "how bodies move",
+    "a prim of type Preliminary_*": "how a viewer places and moves things in a room",
+    "a prim of type SpatialAudio": "sound",
     "a prim of type Render*": "settings of other renderers; the command line has wrt's",
     "a prim of type Skel*": "moves a skin, which is named",
     "UsdPreviewSurface.occlusion": "paths compute how surfaces shade each other",
+    "UsdPreviewSurface.specular": "no input of this shader; Blender writes it",
+    "UsdUVTexture.m??Filter": "no input of this shader; textures are filtered by what a pixel covers",
 }
 """Content that does not change a picture, and why."""
 
@@ -85,6 +91,9 @@ Color = tuple[float, float, float]
 
 MOST_COLORS = 256
 """Maximum number of colours of a point instancer's instances, since each is a mesh of its own."""
+
+_Y_FROM_Z = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
+"""The rotation that turns +z to +y."""
 
 _MISSING = re.compile(r"Could not open asset @([^@]*)@")
 
@@ -134,7 +143,7 @@ class _Reader:
         if content["up"] not in ("Y", "Z"):
             warn(f"{path}: its up axis {content['up']!r} is not one of USD; taken as Y")
         if content["up"] == "Z":
-            self._world = product(np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]]), self._world)
+            self._world = product(_Y_FROM_Z, self._world)
         self._materials = UsdMaterials(path, content)
         self._parts: dict[tuple[str, Color | None], list[Part]] = {}
         self._places: dict[tuple[str, Color | None], list[Matrix]] = {}
@@ -172,10 +181,14 @@ class _Reader:
                 elif kind == "Camera":
                     camera = camera_of(Values(prim["values"], name), matrix, self._scale)
                     self._cameras.append((prim["path"].rpartition("/")[2], camera))
-                elif kind != "DomeLight":
+                elif not kind.startswith("DomeLight"):
                     self._lights.append(light_of(Values(prim["values"], name), kind, matrix))
                 elif self._dome is None:
-                    self._dome = self._materials.dome(Values(prim["values"], name), matrix)
+                    values = Values(prim["values"], name)
+                    pole = values.word("poleAxis")
+                    if (self._content["up"] if pole == "scene" else pole) == "Z":
+                        matrix = product(matrix, _Y_FROM_Z.T)
+                    self._dome = self._materials.dome(values, matrix)
                 else:
                     warn(f"{name}: there is more than one dome of light; left out")
 

@@ -14,7 +14,8 @@ from wrt.scene.materials.material import Material
 from wrt.scene.materials.metals import RoughConductor
 from wrt.scene.materials.plastics import RoughPlastic
 from wrt.scene.materials.presets import ALIASES, METAL_F0, METAL_IOR, SEMICONDUCTOR_F0
-from wrt.scene.materials.simple import OrenNayar
+from wrt.scene.materials.simple import Diffuse, OrenNayar
+from wrt.values import color_names, color_of_text, is_color
 
 LOOKS: dict[str, tuple[type[Material], dict[str, Any]]] = {
     "plaster": (OrenNayar, {"reflectance": 0.75}),
@@ -38,9 +39,9 @@ _COLORS = ("reflectance", "base_color", "radiance", "specular_transmittance")
 def named_material(text: str) -> Material:
     """Return the material that a text describes.
 
-    The text is NAME, or NAME:VALUE, or NAME:KEY=VALUE;KEY=VALUE. NAME is one of LOOKS, the chemical symbol of a metal,
-    or a type of `wrt materials`. A VALUE is a number, a colour "R,G,B", true, false or a word; without a key it is the
-    material's colour.
+    The text is NAME, or NAME:VALUE, or NAME:KEY=VALUE;KEY=VALUE, or a colour as in CSS, which is matt. NAME is one of
+    LOOKS, the chemical symbol of a metal, or a type of `wrt materials`. A VALUE is a number, a colour "R,G,B", true,
+    false or a word; without a key it is the material's colour.
 
     Raises:
         InputError: if the name is unknown, or a parameter cannot be used.
@@ -53,9 +54,12 @@ def named_material(text: str) -> Material:
         cls, values = LOOKS[key]
     elif key in MATERIALS:
         cls, values = MATERIALS[key], {}
+    elif not assignments and is_color(key):
+        return Diffuse(color_of_text(key, "material"))
     else:
         names = [*LOOKS, *MATERIALS]
-        raise InputError(f"there is no material {word!r}{did_you_mean(key, names)}; known are {', '.join(names)}")
+        hint = did_you_mean(key, names) or did_you_mean(key, color_names())
+        raise InputError(f"there is no material {word!r}{hint}; known are colours and {', '.join(names)}")
     parameters = _parameters(cls, assignments, text)
     if parameters.keys() & {"eta", "k", "f0", "metal"}:  # a metal is given in one way only
         values = {name: value for name, value in values.items() if name != "metal"}
@@ -72,7 +76,11 @@ def _parameters(cls: type[Material], assignments: str, text: str) -> dict[str, A
     """Return the parameters that the part of a text after the colon assigns."""
     types = typing.get_type_hints(cls)
     fields = [field.name for field in dataclasses.fields(cls)]
-    plain = [name for name in fields if types[name] is not Material and name not in ("interior", "normal_map")]
+    plain = [
+        name
+        for name in fields
+        if types[name] is not Material and name not in ("interior", "normal_map", "coat_normal_map")
+    ]
     parameters: dict[str, Any] = {}
     for part in filter(None, (part.strip() for part in assignments.split(";"))):
         name, equals, value = (piece.strip() for piece in part.partition("="))

@@ -1,0 +1,262 @@
+"""Cameras of files transforms.json (instant-ngp, nerfstudio) and of COLMAP's text files.
+
+Formats: the documentation of nerfstudio ("Data conventions") and of COLMAP ("Output format", "Camera models"). Both
+count pixels from the corner of the picture, so the middle of the first one is (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from wrt.errors import InputError, did_you_mean
+from wrt.io.cameras import unique
+from wrt.io.safe_read import PathLike, as_text, naming_file, read_file
+from wrt.scene.camera import Camera, FisheyeCamera, PerspectiveCamera
+from wrt.scene.camera_matrices import pose_of_extrinsics, pose_of_matrix
+from wrt.values import array, integer, number
+
+_MOST_PIXELS = 65536
+
+
+@dataclass(frozen=True)
+class FileCamera:
+    """A camera of a file, and the size of its picture.
+
+    Attributes:
+        camera: the camera.
+        width: of the picture, pixels.
+        height: of the picture, pixels.
+    """
+
+    camera: Camera
+    width: int
+    height: int
+
+
+def load_cameras(path: PathLike) -> dict[str, FileCamera]:
+    """Load the cameras of a dataset of pictures, by the names of the pictures without folder and suffix.
+
+    Args:
+        path: a file transforms.json of instant-ngp or nerfstudio, or a folder with COLMAP's cameras.txt and images.txt,
+            or one of these two files. Places are those of the file: `applied_transform` of nerfstudio, which its
+            points have as well, is not undone.
+
+    Raises:
+        InputError: if it cannot be used; the message names the file and the picture.
+    """
+    file = Path(path)
+    if file.is_dir() or file.name in ("cameras.txt", "images.txt"):
+        folder = file if file.is_dir() else file.parent
+        found = list(_of_colmap(folder))
+        file = folder / "images.txt"
+    elif file.suffix.lower() == ".json":
+        with naming_file(file):
+            found = list(_of_transforms(file))
+    else:
+        raise InputError(f"{path}: cameras are read from transforms.json, or from COLMAP's cameras.txt and images.txt")
+    if not found:
+        raise InputError(f"{file}: has no cameras")
+    names = [PurePosixPath(name.replace("\\", "/")) for name, _ in found]
+    short = [name.stem for name in names]
+    if len(set(short)) < len(short):
+        short = ["_".join(part for part in name.with_suffix("").parts if part not in ("/", "..")) for name in names]
+    return dict(zip(unique(short), (camera for _, camera in found), strict=True))
+
+
+def _camera(
+    kind: type[Camera], f: tuple[float, float], c: tuple[float, float], size: tuple[int, int], distortion: Any
+) -> FileCamera:
+    """Return a camera with intrinsics, at the origin."""
+    k = np.array([[f[0], 0.0, c[0]], [0.0, f[1], c[1]], [0.0, 0.0, 1.0]])
+    camera = kind.from_opencv(k, width=size[0], height=size[1], pixel_center=0.5, distortion=distortion)
+    return FileCamera(camera, *size)
+
+
+@contextmanager
+def _naming(what: str) -> Iterator[None]:
+    """Within the context, make every InputError begin with a name."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from None
+
+
+def _placed(found: FileCamera, pose: dict[str, Any]) -> FileCamera:
+    return dataclasses.replace(found, camera=dataclasses.replace(found.camera, **pose))
+
+
+# --- transforms.json -------------------------------------------------------------------------------
+
+_KINDS: dict[str, tuple[type[Camera], tuple[str, ...]]] = {
+    "OPENCV": (PerspectiveCamera, ("k1", "k2", "p1", "p2", "k3")),
+    "FULL_OPENCV": (PerspectiveCamera, ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
+    "PINHOLE": (PerspectiveCamera, ()),
+    "SIMPLE_PINHOLE": (PerspectiveCamera, ()),
+    "OPENCV_FISHEYE": (FisheyeCamera, ("k1", "k2", "k3", "k4")),
+}
+"""Classes and coefficients of distortion by `camera_model`."""
+
+_COEFFICIENTS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+
+
+def _of_transforms(file: Path) -> Iterator[tuple[str, FileCamera]]:
+    try:
+        tree = json.loads(as_text(read_file(file)))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not valid JSON: {error}") from None
+    frames = tree.get("frames") if isinstance(tree, dict) else None
+    if not isinstance(frames, list):
+        raise InputError("has no list of frames")
+    for index, frame in enumerate(frames):
+        if not isinstance(frame, dict):
+            raise InputError(f"frame {index} is no table")
+        name = str(frame.get("file_path") or f"frame_{index:05d}")
+        with _naming(f"frame {index} ({name})"):
+            if "transform_matrix" not in frame:
+                raise InputError("has no transform_matrix")
+            pose = pose_of_matrix(frame["transform_matrix"], "opengl")
+            yield name, _placed(_intrinsics({**tree, **frame}, file.parent / name), pose)
+
+
+def _intrinsics(values: dict[str, Any], picture: Path) -> FileCamera:
+    """Return the camera of a frame, given its keys and those of the file, and the path of its picture."""
+    default = "OPENCV_FISHEYE" if values.get("is_fisheye") is True else "OPENCV"
+    model = str(values.get("camera_model") or default)
+    if model not in _KINDS:
+        raise InputError(
+            f"camera_model {model!r} is unknown{did_you_mean(model, _KINDS)}; known are {', '.join(_KINDS)}"
+        )
+    kind, names = _KINDS[model]
+    if other := [name for name in _COEFFICIENTS if name not in names and _number(values, name, 0.0) != 0.0]:
+        raise InputError(f"camera_model {model} has no {other[0]}, which is not 0")
+    size = _size(values, picture)
+    f = []
+    for axis, side in zip("xy", size, strict=True):
+        if (length := _number(values, f"fl_{axis}")) is None and (angle := _number(values, f"camera_angle_{axis}")):
+            if not 0.0 < angle < math.pi:
+                raise InputError(f"camera_angle_{axis} must be between 0 and pi radians, not {angle:g}")
+            length = 0.5 * side / math.tan(0.5 * angle)
+        f.append(length)
+    fx, fy = (f[1] if f[0] is None else f[0], f[0] if f[1] is None else f[1])
+    if fx is None or fy is None:
+        raise InputError("has neither fl_x nor camera_angle_x")
+    c = tuple(_number(values, f"c{axis}", 0.5 * side) for axis, side in zip("xy", size, strict=True))
+    return _camera(kind, (fx, fy), c, size, [_number(values, name, 0.0) for name in names])
+
+
+def _number(values: dict[str, Any], name: str, default: Any = None) -> Any:
+    return default if values.get(name) is None else number(values[name], name)
+
+
+def _size(values: dict[str, Any], picture: Path) -> tuple[int, int]:
+    """Return the size of a frame's picture: as the file has it, or else that of the picture's own file."""
+    if "w" in values and "h" in values:
+        # instant-ngp writes whole numbers with a decimal point.
+        w, h = (number(values[key], key) for key in "wh")
+        return _pixels(w, "w"), _pixels(h, "h")
+    for path in (picture, picture.with_name(f"{picture.name}.png")):
+        if path.is_file():
+            from wrt.io.images import load_image
+
+            height, width = load_image(path).shape[:2]
+            return width, height
+    raise InputError(f"has no w and h, and its picture {picture} is missing")
+
+
+def _pixels(value: float, name: str) -> int:
+    whole: Any = int(value) if value == int(value) else value
+    return integer(whole, name, minimum=1, maximum=_MOST_PIXELS)
+
+
+# --- COLMAP ----------------------------------------------------------------------------------------
+
+_COLMAP: dict[str, tuple[type[Camera], str]] = {
+    "SIMPLE_PINHOLE": (PerspectiveCamera, "f cx cy"),
+    "PINHOLE": (PerspectiveCamera, "fx fy cx cy"),
+    "SIMPLE_RADIAL": (PerspectiveCamera, "f cx cy k1"),
+    "RADIAL": (PerspectiveCamera, "f cx cy k1 k2"),
+    "OPENCV": (PerspectiveCamera, "fx fy cx cy k1 k2 p1 p2"),
+    "FULL_OPENCV": (PerspectiveCamera, "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
+    "OPENCV_FISHEYE": (FisheyeCamera, "fx fy cx cy k1 k2 k3 k4"),
+    "SIMPLE_RADIAL_FISHEYE": (FisheyeCamera, "f cx cy k1"),
+    "RADIAL_FISHEYE": (FisheyeCamera, "f cx cy k1 k2"),
+}
+"""Classes and parameters by COLMAP's names of models. Coefficients are in the order of `distortion`."""
+
+
+def _of_colmap(folder: Path) -> Iterator[tuple[str, FileCamera]]:
+    cameras = dict(_lines(folder / "cameras.txt", _lens_of, every=1))
+    for name, (camera, pose) in _lines(folder / "images.txt", _image_of, every=2):
+        if camera not in cameras:
+            raise InputError(f"{folder / 'images.txt'}: {name}: camera {camera} is not in cameras.txt")
+        yield name, _placed(cameras[camera], pose)
+
+
+def _lines(file: Path, read: Callable[[list[str]], tuple[str, Any]], every: int) -> Iterator[tuple[str, Any]]:
+    """Yield what `read` returns for each first of `every` lines that are no comments; points may be an empty line."""
+    if not file.is_file() and file.with_suffix(".bin").is_file():
+        raise InputError(
+            f"{file}: no such file; 'colmap model_converter --output_type TXT' makes it of {file.stem}.bin"
+        )
+    lines = as_text(read_file(file)).splitlines()
+    skip = 0
+    for count, line in enumerate(lines, 1):
+        if line.startswith("#"):
+            continue
+        if skip:
+            skip -= 1
+            continue
+        if words := line.split():
+            with _naming(f"{file}: line {count}"):
+                yield read(words)
+            skip = every - 1
+
+
+def _lens_of(words: list[str]) -> tuple[str, FileCamera]:
+    if len(words) < 2:
+        raise InputError("a camera needs CAMERA_ID, MODEL, WIDTH, HEIGHT and parameters")
+    name, model, *values = words
+    if model not in _COLMAP:
+        raise InputError(f"camera model {model!r} is unknown; known are {', '.join(_COLMAP)}")
+    kind, text = _COLMAP[model]
+    names = text.split()
+    if len(values) != 2 + len(names):
+        raise InputError(f"{model} needs width, height and {', '.join(names)}, not {len(values)} numbers")
+    w, h, *found = (_float(value) for value in values)
+    size = _pixels(w, "width"), _pixels(h, "height")
+    focal = names.index("cx")
+    fx, fy = found[0], found[focal - 1]
+    return name, _camera(kind, (fx, fy), (found[focal], found[focal + 1]), size, found[focal + 2 :])
+
+
+def _image_of(words: list[str]) -> tuple[str, tuple[str, dict[str, Any]]]:
+    if len(words) < 10:
+        raise InputError("an image needs IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID and NAME")
+    w, x, y, z = (_float(word) for word in words[1:5])
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0.9 < length < 1.1:
+        raise InputError(f"its quaternion must have the length 1, not {length:g}")
+    w, x, y, z = (value / length for value in (w, x, y, z))
+    rotation = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    pose = pose_of_extrinsics(array(rotation, "rotation"), [_float(word) for word in words[5:8]])
+    return " ".join(words[9:]), (words[8], pose)
+
+
+def _float(word: str) -> float:
+    try:
+        return number(float(word), word)
+    except ValueError:
+        raise InputError(f"{word!r} is no number") from None
