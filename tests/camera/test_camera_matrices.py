@@ -142,7 +142,7 @@ def test_the_motion_of_a_distorted_picture(kind, device):
 
 
 def test_z_is_the_distance_along_the_axis_of_a_camera_that_moves(device):
-    motion = wrt.Motion.rotation((0.2, 1.0, 0.0), 30.0, pivot=(1.0, 0.0, 0.0))
+    motion = wrt.Motion.rotation((0.2, 1.0, 0.0), 30.0, center=(1.0, 0.0, 0.0))
     camera = wrt.PerspectiveCamera((0.5, 0.2, 3.0), (0.0, 0.0, 0.0), shutter_open=0.6, shutter_close=0.6, motion=motion)
     scene = wrt.Scene(camera=camera)
     scene.add(wrt.quad((-1, -9, 0), (9, 0, -3), (0, 18, 0)))
