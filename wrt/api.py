@@ -70,8 +70,8 @@ def load(
             in doubt z for STL and OFF, and y for the others. A trimesh object follows the type of its file, and without
             one is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        camera: a camera; or the name of one of the source's cameras, or its number from 0; by default the first, with
-            a warning if there are several.
+        camera: a camera, for which the source keeps its place, too; or the name of one of the source's cameras, or its
+            number from 0; by default the first, with a warning if there are several.
         cameras: a file of cameras, see `wrt.load_cameras`, which replace the source's; `camera` chooses among them. The
             source keeps its place, and gets no backdrop from the studio.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
@@ -100,7 +100,7 @@ def load(
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
     smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
-    others: dict[str, Camera] = {}
+    others: dict[str, Camera] = {"camera": camera} if isinstance(camera, Camera) else {}
     if cameras is not None:
         from wrt.io.camera_files import load_cameras
         from wrt.io.cameras import number_of
@@ -120,8 +120,6 @@ def load(
         folder = confinement_folder() if file is not source else _folder_of(source)
         with confined_to(folder) if confined else contextlib.nullcontext():
             scene = _load(file, reading, stage)
-    if isinstance(camera, Camera):
-        scene = dataclasses.replace(scene, camera=camera)
     if double_sided and not all(shape.double_sided for shape in scene.shapes):
         scene = dataclasses.replace(scene, shapes=[_both_sides(shape) for shape in scene.shapes])
     if confined and scene is not source and names_file(scene.settings.tone):
@@ -143,7 +141,7 @@ def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any)
         options: as for `load`; a width and a height among the settings are the aspect.
 
     Raises:
-        InputError: see `load`; also if the picture is to be denoised and the extra wrt[denoise] is not installed.
+        InputError: see `load`; also if the picture is to be denoised and Open Image Denoise is not installed.
     """
     width, height = settings.get("width"), settings.get("height")
     if settings.get("background") is not None:
@@ -231,7 +229,7 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     from wrt.io.trimesh_objects import file_type
 
     source = as_trimesh(source)
-    scene = load_object(source, standalone=True, **surface)
+    scene = load_object(source, standalone=True, in_place=bool(stage.cameras), **surface)
 
     return _present(source, scene, reading["up"], file_type(source), stage)
 
@@ -283,9 +281,9 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
     up = reading["up"]
-    scene = load_file(path, time=stage.time, standalone=stage.time is None, **surface)
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=bool(stage.cameras), **surface)
     scene = with_camera(path, scene, camera)
-    if camera is None and stage.view is None:
+    if camera is None and stage.view is None and not stage.cameras:
         note_several(path, list(scene.cameras))
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up

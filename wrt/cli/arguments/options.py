@@ -89,7 +89,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--cameras": _value("FILE", str, "render the input through the cameras of transforms.json, or of a folder with "
         "COLMAP's cameras.txt and images.txt: all, or the one that --camera names"),
     "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
-    "--denoise": _flag("remove noise from the picture (needs the extra wrt[denoise])"),
+    "--denoise": _flag("remove noise from the picture"),
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
     "--double-sided": _flag("show the backs of all surfaces, also of single-sided ones"),
     "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
