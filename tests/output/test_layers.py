@@ -3,6 +3,7 @@
 The alpha of a transparent picture is the layer of what covers each pixel; lights are hidden from the camera alone.
 """
 
+import dataclasses
 import json
 from typing import Any
 
@@ -362,7 +363,7 @@ def test_layers_alone_make_files_without_light(tmp_path, capsys):
 
 def test_files_name_the_objects_of_their_numbers(tmp_path):
     scene = two_panes()
-    scene.shapes[1].name = "pane “é”"
+    scene.shapes[1] = dataclasses.replace(scene.shapes[1], name="pane “é”")
     expected = {str(number): shape.name for number, shape in enumerate(scene.shapes, 1)}
     renderer = render(scene, layers=("object",), integrator="aov")
     renderer.save(tmp_path / "a.exr")
