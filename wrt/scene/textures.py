@@ -55,7 +55,7 @@ class ImageTexture(Description):
     Attributes:
         pixels: (H, W, 3) float32, linear Rec. 709; row 0 is the top, at v = 1.
         name: source of the pixels, for messages.
-        channel: use this channel for all three.
+        channel: "r", "g" or "b" to use this channel for all three.
         factor: multiplies the pixels; for emission, the radiance of white, W·sr⁻¹·m⁻².
         scale: scale of the texture coordinates, one number or two for u and v.
         rotation_degrees: rotation of the texture coordinates.
