@@ -327,6 +327,7 @@ def meaning_of(value: dict[str, Any], kind: str) -> str:
     text = re.sub(r",? ?one of [A-Z_]+(, or two, for u and for v)?\.?$", ".", text).lstrip(".") or "one of these."
     text = re.sub(r"one of [A-Z_]+; ", "", text)
     text = re.sub(r"\bNone (is|for)\b", "by default", text)
+    text = text.replace(" (wrt materials --presets)", "")  # the page says it once
     text = re.sub(",? per channel", "", text) if kind.startswith("colour") else text
     if limits := re.search(r"(?:above )?(\S+) (?:up )?to ([\d.]+)", kind.replace(",", "")):  # "0 to 1" in the text, too
         low, high = re.escape(limits[1]), re.escape(limits[2])
@@ -373,7 +374,7 @@ def limits_in_words(value: dict[str, Any]) -> str:
     above, below = value.get("exclusiveMinimum"), value.get("exclusiveMaximum")
     if low is not None and high is not None:
         return f" {low:,} to {high:,}"
-    texts = [f"{low:,} or more"] if low is not None else []
+    texts = [f"≥ {low:,}"] if low is not None else []
     texts += [f"above {above:,}"] if above is not None else []
     texts += [f"up to {high:,}"] if high is not None else []
     texts += [f"below {below:,}"] if below is not None else []
