@@ -107,6 +107,8 @@ def load(
 
         if isinstance(camera, Camera):
             raise InputError("choose a camera or a file of cameras")
+        if up is not None:
+            raise InputError("an up axis would turn the source, but not the cameras of the other file")
         others = {name: found.camera for name, found in load_cameras(cameras).items()}
         first = list(others)[0 if camera is None else number_of(cameras, list(others), camera)]
         others = {first: others[first], **others}
