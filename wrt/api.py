@@ -15,7 +15,7 @@ import numpy as np
 
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
 from wrt.io.archives import first_of, unpacked
-from wrt.io.file_type import renderable
+from wrt.io.file_type import ARRAYS_SUFFIX, renderable
 from wrt.io.safe_read import PathLike, confined_to, confinement_folder
 from wrt.scene.camera import Camera
 from wrt.scene.developing import names_file
@@ -96,18 +96,57 @@ def load(
     """
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
-    smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
-    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None}
-    reading["camera"] = None if isinstance(camera, Camera) else camera
-    reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
+    chosen = None if isinstance(camera, Camera) else camera
+    reading = _reading(triangles, up, parameters, chosen, smooth_degrees, point_radius)
     frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
     stage = Stage(view, frame, material, environment, transparent, aspect, time)
+    scene = _loaded(source, reading, stage, strict, confined, double_sided, file_type)
+    return dataclasses.replace(scene, camera=camera) if isinstance(camera, Camera) else scene
+
+
+def load_contents(
+    source: Any,
+    *,
+    up: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    camera: int | str | None = None,
+    smooth_degrees: float | None = None,
+    point_radius: float | None = None,
+    strict: bool = False,
+    confined: bool = False,
+    double_sided: bool = False,
+) -> Scene:
+    """Load a scene as `load` does, or what a mesh file holds, without a studio and where it is in the file."""
+    reading = _reading(None, up, parameters, camera, smooth_degrees, point_radius)
+    return _loaded(source, reading, Stage(is_bare=True), strict, confined, double_sided, None)
+
+
+def _reading(
+    triangles: int | None,
+    up: str | None,
+    parameters: Mapping[str, Any] | None,
+    camera: int | str | None,
+    smooth_degrees: float | None,
+    point_radius: float | None,
+) -> dict[str, Any]:
+    smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
+    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    return reading | {"smooth_degrees": smooth, "point_radius": point_radius}
+
+
+def _loaded(
+    source: Any,
+    reading: _Reading,
+    stage: Stage,
+    strict: bool,
+    confined: bool,
+    double_sided: bool,
+    file_type: str | None,
+) -> Scene:
     with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
         folder = confinement_folder() if file is not source else _folder_of(source)
         with confined_to(folder) if confined else contextlib.nullcontext():
             scene = _load(file, reading, stage)
-    if isinstance(camera, Camera):
-        scene = dataclasses.replace(scene, camera=camera)
     if double_sided and not all(shape.double_sided for shape in scene.shapes):
         scene = dataclasses.replace(scene, shapes=[_both_sides(shape) for shape in scene.shapes])
     if confined and scene is not source and names_file(scene.settings.tone):
@@ -269,8 +308,12 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
     up = reading["up"]
-    scene = load_file(path, time=stage.time, standalone=stage.time is None, **surface)
+    # A bare file is not moved to the origin, but arrays get the material of files.
+    standalone = suffix == ARRAYS_SUFFIX if stage.is_bare else stage.time is None
+    scene = load_file(path, time=stage.time, standalone=standalone, **surface)
     scene = with_camera(path, scene, camera)
+    if stage.is_bare:
+        return _upright(source, scene, up or "y", stage)
     if camera is None and stage.view is None:
         note_several(path, list(scene.cameras))
     if up is None and suffix == ".dae":
@@ -316,10 +359,17 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         from wrt.studio.orientation import guess_up
 
         up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
-    if up not in (None, "y") and (scene.lights or scene.camera):
-        if scene.lights or stage.time is not None:
-            raise InputError(f"{name}: an up axis is for files without lights and animations: it would not turn these")
-        from wrt.studio.presentation import upright
-
-        scene, up = upright(scene, up), "y"
+    if up is not None and (scene.lights or scene.camera):
+        scene, up = _upright(name, scene, up, stage), "y"
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
+
+
+def _upright(name: object, scene: Scene, up: str, stage: Stage) -> Scene:
+    """Return the content of a file, turned to bring an axis to +y, or raise InputError if it cannot be turned."""
+    if up == "y":
+        return scene
+    if scene.lights or stage.time is not None:
+        raise InputError(f"{name}: an up axis is for files without lights and animations: it would not turn these")
+    from wrt.studio.presentation import upright
+
+    return upright(scene, up)

@@ -46,6 +46,7 @@ class Stage:
         aspect: width of the picture over its height; None to take it from the source's settings.
         time: the time of the source's animation, seconds; None for the source at rest.
         reach: what that animation shows at all times, if there is a time; the studio and its camera are made for it.
+        is_bare: whether a mesh file is left without a studio.
     """
 
     view: Any = None
@@ -56,6 +57,7 @@ class Stage:
     aspect: float | None = None
     time: float | None = None
     reach: Reach | None = None
+    is_bare: bool = False
 
     def __post_init__(self) -> None:
         """Check the options, as a person gives them, and keep the things that they stand for.
