@@ -134,6 +134,8 @@ def rows_of(name: str, meanings: dict[str, str], explained: dict[tuple[str, str]
     """Return a list of names and their meanings; longer ones that an earlier entry has word for word, by name alone."""
     likewise: dict[str, list[str]] = {}
     for row in meanings.items():
+        if row[1] in (f"the {row[0]}.".replace("`", ""), f"the {row[0]}".replace("`", "")):
+            continue  # nothing that its name does not say
         place = name if row[1].count(" ") < 3 else explained.setdefault(row, name)
         likewise.setdefault(place, []).append(row[0])
     own = {key: meanings[key] for key in likewise.pop(name, [])}

@@ -15,7 +15,7 @@ import numpy as np
 
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
 from wrt.io.archives import first_of, unpacked
-from wrt.io.file_type import ARRAYS_SUFFIX, renderable
+from wrt.io.file_type import renderable
 from wrt.io.safe_read import PathLike, confined_to, confinement_folder
 from wrt.scene.camera import Camera
 from wrt.scene.developing import names_file
@@ -41,6 +41,7 @@ def load(
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     camera: Camera | int | str | None = None,
+    cameras: PathLike | None = None,
     smooth_degrees: float | None = None,
     strict: bool = False,
     confined: bool = False,
@@ -69,8 +70,10 @@ def load(
             in doubt z for STL and OFF, and y for the others. A trimesh object follows the type of its file, and without
             one is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        camera: a camera; or the name of one of the source's cameras, or its number from 0; by default the first, with
-            a warning if there are several.
+        camera: a camera, for which the source keeps its place, too; or the name of one of the source's cameras, or its
+            number from 0; by default the first, with a warning if there are several.
+        cameras: a file of cameras, see `wrt.load_cameras`, which replace the source's; `camera` chooses among them. The
+            source keeps its place, and gets no backdrop from the studio.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
             The default is what the format says, or 60.
         strict: whether unsupported content raises an error instead of a warning.
@@ -96,12 +99,12 @@ def load(
     """
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
-    chosen = None if isinstance(camera, Camera) else camera
-    reading = _reading(triangles, up, parameters, chosen, smooth_degrees, point_radius)
-    frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
-    stage = Stage(view, frame, material, environment, transparent, aspect, time)
-    scene = _loaded(source, reading, stage, strict, confined, double_sided, file_type)
-    return dataclasses.replace(scene, camera=camera) if isinstance(camera, Camera) else scene
+    others = _other_cameras(camera, cameras)
+    reading = _reading(triangles, up, parameters, None if others else camera, smooth_degrees, point_radius)
+    if frame is None and view is None and (others or camera is not None):
+        frame = False  # a camera that was chosen is kept
+    stage = Stage(view, frame, material, environment, transparent, aspect, time, cameras=others)
+    return _loaded(source, reading, stage, strict, confined, double_sided, file_type)
 
 
 def load_contents(
@@ -121,11 +124,25 @@ def load_contents(
     return _loaded(source, reading, Stage(is_bare=True), strict, confined, double_sided, None)
 
 
+def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None) -> dict[str, Camera]:
+    """Return the cameras that replace those of a source by their names, the one in use first."""
+    if cameras is None:
+        return {"camera": camera} if isinstance(camera, Camera) else {}
+    from wrt.io.camera_files import load_cameras
+    from wrt.io.cameras import number_of
+
+    if isinstance(camera, Camera):
+        raise InputError("choose a camera or a file of cameras")
+    found = {name: each.camera for name, each in load_cameras(cameras).items()}
+    first = list(found)[0 if camera is None else number_of(cameras, list(found), camera)]
+    return {first: found[first], **found}
+
+
 def _reading(
     triangles: int | None,
     up: str | None,
     parameters: Mapping[str, Any] | None,
-    camera: int | str | None,
+    camera: Camera | int | str | None,
     smooth_degrees: float | None,
     point_radius: float | None,
 ) -> dict[str, Any]:
@@ -168,7 +185,7 @@ def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any)
         options: as for `load`; a width and a height among the settings are the aspect.
 
     Raises:
-        InputError: see `load`; also if the picture is to be denoised and the extra wrt[denoise] is not installed.
+        InputError: see `load`; also if the picture is to be denoised and Open Image Denoise is not installed.
     """
     width, height = settings.get("width"), settings.get("height")
     if settings.get("background") is not None:
@@ -256,7 +273,7 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     from wrt.io.trimesh_objects import file_type
 
     source = as_trimesh(source)
-    scene = load_object(source, standalone=True, **surface)
+    scene = load_object(source, standalone=True, in_place=bool(stage.cameras), **surface)
 
     return _present(source, scene, reading["up"], file_type(source), stage)
 
@@ -308,13 +325,13 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
     up = reading["up"]
-    # A bare file is not moved to the origin, but arrays get the material of files.
-    standalone = suffix == ARRAYS_SUFFIX if stage.is_bare else stage.time is None
-    scene = load_file(path, time=stage.time, standalone=standalone, **surface)
+    # A bare file is not moved to the origin.
+    in_place = stage.is_bare or bool(stage.cameras)
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=in_place, **surface)
     scene = with_camera(path, scene, camera)
     if stage.is_bare:
         return _upright(source, scene, up or "y", stage)
-    if camera is None and stage.view is None:
+    if camera is None and stage.view is None and not stage.cameras:
         note_several(path, list(scene.cameras))
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up
@@ -354,7 +371,7 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
-    name = name_of(source)
+    name, scene = name_of(source), stage.with_cameras(scene)
     if up is None and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 

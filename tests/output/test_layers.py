@@ -92,6 +92,7 @@ def test_layers_of_panes_agree_with_geometry(integrator, device):
         ("material", np.array([0, 1, 2, 1])[number]),
         ("alpha", is_hit),
         ("depth", depth),
+        ("z", np.where(is_hit, 4.0 - position[..., 2], np.inf)),
         ("position", position),
         ("normal", np.where(number[..., None] == 2, SMOOTH, normal)),
         ("geometric_normal", normal),

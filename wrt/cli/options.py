@@ -67,6 +67,11 @@ class RenderOptions:
         inputs = tuple(values.pop("inputs"))
         return cls(inputs, loading, settings, limits, **values)
 
+    @property
+    def can_go_on(self) -> bool:
+        """Whether another picture of the command may succeed where one failed."""
+        return True
+
     def load(self, source: str, *, time: float | None = None) -> Scene:
         """Load an input with these settings, at a time of its animation or else at rest."""
         from wrt.api import load_with_settings

@@ -310,7 +310,7 @@ class Renderer(Picture):
         Guided by albedo and normals of what is seen, in mirrors and through glass too, for which more rays are traced.
 
         Raises:
-            InputError: when the extra wrt[denoise] is not installed, or there is no picture of radiance.
+            InputError: when Open Image Denoise is not installed, or there is no picture of radiance.
         """
         require_denoiser()
         threads = self.threads if self.device.is_cpu else None

@@ -86,8 +86,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "checkpoint; for the picture 2 s at first, then longer and longer)"),
     "--camera": _value("NAME", str, "name or number, from 0, of one of the input's cameras (default: the first)",
         dest="camera"),
+    "--cameras": _value("FILE", str, "render the input through the cameras of transforms.json, or of a folder with "
+        "COLMAP's cameras.txt and images.txt: all, or the one that --camera names"),
     "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
-    "--denoise": _flag("remove noise from the picture (needs the extra wrt[denoise])"),
+    "--denoise": _flag("remove noise from the picture"),
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
     "--double-sided": _flag("show the backs of all surfaces, also of single-sided ones"),
     "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
@@ -263,7 +265,7 @@ def make_parser() -> argparse.ArgumentParser:
         "render",
         f"INPUT --output --spp --time --noise --adaptive --denoise {STUDIO} --device --threads "
         f"--dask --seed --max-depth {INTEGRATION} --tone --exposure --turntable --frames --fps --part --checkpoint "
-        f"--resume --save-every --force --quiet --json {READING}",
+        f"--resume --save-every --force --quiet --json --cameras {READING}",
         "render scenes and meshes to pictures",
         device={"help": "device to render on: cpu, cuda, cuda:N, or several GPUs: cuda:0,1 or cuda:all (default: cpu)"},
     )

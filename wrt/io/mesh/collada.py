@@ -329,8 +329,8 @@ def _replace_missing_images(root: Any) -> int:
 
 
 def _remove_missing_materials(root: Any) -> int:
-    """Remove uses of materials that are missing or have no effect, and return their number."""
-    effects = {f"#{each.get('id')}" for each in root.iter("{*}effect")}
+    """Remove uses of materials that are missing or have no effect of the common profile, and return their number."""
+    effects = {f"#{each.get('id')}" for each in root.iter("{*}effect") if each.find("{*}profile_COMMON") is not None}
     materials = set()
     for material in root.iter("{*}material"):
         effect = material.find("{*}instance_effect")

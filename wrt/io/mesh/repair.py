@@ -156,7 +156,7 @@ def _reads_tangents(material: Material | None) -> bool:
     """Return whether a material has a use for the tangents of a mesh."""
     if material is None:
         return False
-    return material.needs_tangents or material.normal_map is not None or any(map(_reads_tangents, material.parts))
+    return material.needs_tangents or bool(material.normal_maps) or any(map(_reads_tangents, material.parts))
 
 
 def _finite(path: str, part: Part, points: NDArray[Any]) -> NDArray[Any]:
