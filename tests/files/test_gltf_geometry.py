@@ -92,6 +92,15 @@ def test_attributes_of_a_wrong_shape_are_left_out(name, shape, tmp_path):
         assert len(load_mesh(saved(tmp_path, tree)).faces) == 2
 
 
+def test_triangles_of_one_side_that_wind_against_their_normals_are_warned_of(tmp_path):
+    tree = square()
+    attributes(tree)["NORMAL"] = add(tree, np.tile([0.0, 0.0, -1.0], (4, 1)))
+    with pytest.warns(InputWarning, match="its triangles wind against their normals, so it is seen from inside"):
+        load_mesh(saved(tmp_path, tree))
+    tree["materials"], tree["meshes"][0]["primitives"][0]["material"] = [{"doubleSided": True}], 0
+    load_mesh(saved(tmp_path, tree))
+
+
 def test_primitives_that_are_no_triangles_are_told(tmp_path):
     tree = square()
     primitive = tree["meshes"][0]["primitives"][0]

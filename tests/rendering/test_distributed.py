@@ -109,7 +109,7 @@ def test_a_target_of_noise(client, tmp_path):
     """The samples at which it ends, and the tiles that stop before, follow from the film."""
     limits = {"noise": 0.08, "adaptive": True}
     single = finish(wrt.Renderer(block_scene(), **SIZE), **limits)
-    picture = wrt.render(block_scene(), client=client, **SIZE, **limits)
+    picture = wrt.render(block_scene(), client=client, **SIZE, **limits)["image"]
     np.testing.assert_array_equal(picture, single.image())
     # Also after a render that was ended on a cluster goes on there.
     renderer = spread(client)

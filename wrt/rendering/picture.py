@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,10 @@ class Picture(ABC):
     def _materials(self) -> list[int]:
         """Return the number of each shape's material."""
 
+    def _object_names(self) -> list[str]:
+        """Return the name of each object number from 1; none if they are unknown."""
+        return []
+
     def save(
         self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
     ) -> Developed | None:
@@ -128,6 +133,8 @@ class Picture(ABC):
             "Seed": self.seed,
             "Render seconds": f"{self.seconds_render:.1f}",
         }
+        if "object" in layers and path.suffix.lower() in (".exr", ".png") and (names := self._object_names()):
+            metadata["Objects"] = json.dumps(dict(enumerate(names, 1)))
         save = functools.partial(save_image, path, metadata=metadata, force=force)
         suffix = path.suffix.lower()
         if not self.renders_light:

@@ -463,6 +463,9 @@ class Renderer(Picture):
     def _materials(self) -> list[int]:
         return material_numbers([shape.material for shape in self.scene.shapes])
 
+    def _object_names(self) -> list[str]:
+        return [shape.name for shape in self.scene.shapes]
+
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""
         return _above.viewer().view_renderer(self, spp=spp)
