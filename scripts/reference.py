@@ -349,7 +349,8 @@ def values_in_words(value: dict[str, Any], *, plural: bool = False) -> str:
             literal = [o for o in options if "const" not in o and "$ref" not in o]
             return ", ".join([*([values_in_words({"anyOf": literal})] if literal else []), "varies"])
         if [option.get("type") for option in options[:2]] == ["number", "array"] and options[1].get("minItems") == 3:
-            return " or ".join(["colour" + limits_in_words(options[0]), *map(values_in_words, options[2:])])
+            rest = [option for option in options[2:] if option.get("type") != "string"]  # names of colours are colours
+            return " or ".join(["colour" + limits_in_words(options[0]), *map(values_in_words, rest)])
         if "enum" in options[0].get("items", {}):
             return values_in_words(options[0])  # also one of them, or a text of several
         return " or ".join(dict.fromkeys(values_in_words(option, plural=plural) for option in options))
