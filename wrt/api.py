@@ -99,25 +99,69 @@ def load(
     """
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
-    smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
-    others: dict[str, Camera] = {"camera": camera} if isinstance(camera, Camera) else {}
-    if cameras is not None:
-        from wrt.io.camera_files import load_cameras
-        from wrt.io.cameras import number_of
-
-        if isinstance(camera, Camera):
-            raise InputError("choose a camera or a file of cameras")
-        if up is not None:
-            raise InputError("an up axis would turn the source, but not the cameras of the other file")
-        others = {name: found.camera for name, found in load_cameras(cameras).items()}
-        first = list(others)[0 if camera is None else number_of(cameras, list(others), camera)]
-        others = {first: others[first], **others}
-        camera, frame = None, False if frame is None and view is None else frame
-    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None}
-    reading["camera"] = None if isinstance(camera, Camera) else camera
-    reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
-    frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
+    if cameras is not None and up is not None:
+        raise InputError("an up axis would turn the source, but not the cameras of the other file")
+    others = _other_cameras(camera, cameras)
+    reading = _reading(triangles, up, parameters, None if others else camera, smooth_degrees, point_radius)
+    if frame is None and view is None and (others or camera is not None):
+        frame = False  # a camera that was chosen is kept
     stage = Stage(view, frame, material, environment, transparent, aspect, time, cameras=others)
+    return _loaded(source, reading, stage, strict, confined, double_sided, file_type)
+
+
+def load_contents(
+    source: Any,
+    *,
+    up: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    camera: int | str | None = None,
+    smooth_degrees: float | None = None,
+    point_radius: float | None = None,
+    strict: bool = False,
+    confined: bool = False,
+    double_sided: bool = False,
+) -> Scene:
+    """Load a scene as `load` does, or what a mesh file holds, without a studio and where it is in the file."""
+    reading = _reading(None, up, parameters, camera, smooth_degrees, point_radius)
+    return _loaded(source, reading, Stage(is_bare=True), strict, confined, double_sided, None)
+
+
+def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None) -> dict[str, Camera]:
+    """Return the cameras that replace those of a source by their names, the one in use first."""
+    if cameras is None:
+        return {"camera": camera} if isinstance(camera, Camera) else {}
+    from wrt.io.camera_files import load_cameras
+    from wrt.io.cameras import number_of
+
+    if isinstance(camera, Camera):
+        raise InputError("choose a camera or a file of cameras")
+    found = {name: each.camera for name, each in load_cameras(cameras).items()}
+    first = list(found)[0 if camera is None else number_of(cameras, list(found), camera)]
+    return {first: found[first], **found}
+
+
+def _reading(
+    triangles: int | None,
+    up: str | None,
+    parameters: Mapping[str, Any] | None,
+    camera: Camera | int | str | None,
+    smooth_degrees: float | None,
+    point_radius: float | None,
+) -> dict[str, Any]:
+    smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
+    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    return reading | {"smooth_degrees": smooth, "point_radius": point_radius}
+
+
+def _loaded(
+    source: Any,
+    reading: _Reading,
+    stage: Stage,
+    strict: bool,
+    confined: bool,
+    double_sided: bool,
+    file_type: str | None,
+) -> Scene:
     with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
         folder = confinement_folder() if file is not source else _folder_of(source)
         with confined_to(folder) if confined else contextlib.nullcontext():
@@ -283,8 +327,12 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
     up = reading["up"]
-    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=bool(stage.cameras), **surface)
+    # A bare file is not moved to the origin.
+    in_place = stage.is_bare or bool(stage.cameras)
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=in_place, **surface)
     scene = with_camera(path, scene, camera)
+    if stage.is_bare:
+        return _upright(source, scene, up or "y", stage)
     if camera is None and stage.view is None and not stage.cameras:
         note_several(path, list(scene.cameras))
     if up is None and suffix == ".dae":
@@ -330,10 +378,17 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         from wrt.studio.orientation import guess_up
 
         up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
-    if up not in (None, "y") and (scene.lights or scene.camera):
-        if scene.lights or stage.time is not None:
-            raise InputError(f"{name}: an up axis is for files without lights and animations: it would not turn these")
-        from wrt.studio.presentation import upright
-
-        scene, up = upright(scene, up), "y"
+    if up is not None and (scene.lights or scene.camera):
+        scene, up = _upright(name, scene, up, stage), "y"
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
+
+
+def _upright(name: object, scene: Scene, up: str, stage: Stage) -> Scene:
+    """Return the content of a file, turned to bring an axis to +y, or raise InputError if it cannot be turned."""
+    if up == "y":
+        return scene
+    if scene.lights or stage.time is not None:
+        raise InputError(f"{name}: an up axis is for files without lights and animations: it would not turn these")
+    from wrt.studio.presentation import upright
+
+    return upright(scene, up)

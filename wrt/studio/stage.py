@@ -48,6 +48,7 @@ class Stage:
         time: the time of the source's animation, seconds; None for the source at rest.
         cameras: cameras that replace the source's, the first one in use; empty to keep those.
         reach: what that animation shows at all times, if there is a time; the studio and its camera are made for it.
+        is_bare: whether a mesh file is left without a studio.
     """
 
     view: Any = None
@@ -59,6 +60,7 @@ class Stage:
     time: float | None = None
     reach: Reach | None = None
     cameras: Mapping[str, Camera] = dataclasses.field(default_factory=dict)
+    is_bare: bool = False
 
     def __post_init__(self) -> None:
         """Check the options, as a person gives them, and keep the things that they stand for.

@@ -217,13 +217,13 @@ def make_parser() -> argparse.ArgumentParser:
     command("materials", "NAME --presets", "list the materials and their parameters, or describe one")
     command(
         "info",
-        "SCENES --system --memory --size --confined",
+        f"SCENES --system --memory --size {READING}",
         "show what scenes or mesh files contain|: shapes, materials, textures, lights and camera",
         size={"help": "with --memory: the size of the picture"},
     )
     command(
         "convert",
-        "SCENE OUT.toml --camera --up --force --confined",
+        f"SCENE OUT.toml --force {READING}",
         "convert any scene or mesh to a scene file or GLB|, with its arrays in a folder beside it. Both render to "
         "bit-identical pictures",
         force={"help": "overwrite existing files"},
@@ -257,7 +257,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "view",
-        "SCENE --watch --no-browser --port --spp --size --device --threads --seed --camera --up --confined",
+        f"SCENE --watch --no-browser --port --spp --size --device --threads --seed {READING}",
         "show a scene in the browser while it converges",
         spp={"help": "samples per pixel at which rendering pauses (default: at least 1024)"},
     )
