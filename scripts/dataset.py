@@ -83,8 +83,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         np.savez_compressed(options.output / f"{name}.npz", **view.layers)
         matrix = to_world(camera)
         frames.append({"file_path": f"./{name}", "layers_path": f"./{name}.npz", "transform_matrix": matrix})
-    fov = math.radians(cameras[0].fov_degrees)  # of square pictures: horizontal as vertical
-    text = json.dumps({"camera_angle_x": fov, "w": options.size, "h": options.size, "frames": frames}, indent=1)
+    fov, side = math.radians(cameras[0].fov_degrees), options.size  # of square pictures: horizontal as vertical
+    focal = 0.5 * side / math.tan(0.5 * fov)
+    lens = {"camera_model": "OPENCV", "fl_x": focal, "fl_y": focal, "cx": 0.5 * side, "cy": 0.5 * side}  # nerfstudio's
+    text = json.dumps({"camera_angle_x": fov, "w": side, "h": side, **lens, "frames": frames}, indent=1)
     (options.output / "transforms.json").write_text(text + "\n", encoding="utf-8")
     print(f"{options.output}: {len(frames)} views")
     return 0

@@ -18,6 +18,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -31,8 +32,8 @@ else:
 ROOT = Path(__file__).resolve().parent.parent
 OUTCOMES = ROOT / "docs" / "measured" / "mutants.json"
 PAGE = ROOT / "docs" / "proofs.md"
-HEAD = "By system; all are noticed, unless another outcome is in brackets:\n\n"
-"""The line above the page's last list."""
+HEAD = "Their numbers by system: "
+"""The text of the page before the numbers."""
 
 NOTICED, SURVIVED, NO_TESTS = "noticed", "survived", "no such tests"
 BROKEN, TIMED_OUT = "tests fail without it", "ran out of time"
@@ -128,13 +129,12 @@ def plant(mutant: Mutant, tree: Path) -> None:
 
 
 def page(text: str, results: dict[str, str]) -> str:
-    """Return the text of docs/proofs.md with a list of the faults and these outcomes at its end."""
-    by_subject: dict[str, list[str]] = {}
-    for mutant in MUTANTS:
-        result = results.get(mutant.name, "not tried yet")
-        by_subject.setdefault(mutant.subject, []).append(mutant.name + (f" ({result})" if result != NOTICED else ""))
-    items = [f"- {subject}: {', '.join(names)}\n" for subject, names in by_subject.items()]
-    return text.partition(HEAD)[0] + HEAD + "".join(items)
+    """Return the text of docs/proofs.md with the number of faults of each system, and other outcomes, at its end."""
+    subjects = Counter(mutant.subject for mutant in MUTANTS)
+    counts = ", ".join(f"{subject} {count}" for subject, count in subjects.items())
+    outcomes = {mutant.name: results.get(mutant.name, "not tried yet") for mutant in MUTANTS}
+    others = ", ".join(f"{name} ({outcome})" for name, outcome in outcomes.items() if outcome != NOTICED) or "none"
+    return f"{text.partition(HEAD)[0]}{HEAD}{counts}.\n\nAll are noticed, except: {others}.\n"
 
 
 def record(mutant: Mutant, result: str) -> None:

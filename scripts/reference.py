@@ -134,6 +134,8 @@ def rows_of(name: str, meanings: dict[str, str], explained: dict[tuple[str, str]
     """Return a list of names and their meanings; longer ones that an earlier entry has word for word, by name alone."""
     likewise: dict[str, list[str]] = {}
     for row in meanings.items():
+        if row[1] in (f"the {row[0]}.".replace("`", ""), f"the {row[0]}".replace("`", "")):
+            continue  # nothing that its name does not say
         place = name if row[1].count(" ") < 3 else explained.setdefault(row, name)
         likewise.setdefault(place, []).append(row[0])
     own = {key: meanings[key] for key in likewise.pop(name, [])}
@@ -325,6 +327,7 @@ def meaning_of(value: dict[str, Any], kind: str) -> str:
     text = re.sub(r",? ?one of [A-Z_]+(, or two, for u and for v)?\.?$", ".", text).lstrip(".") or "one of these."
     text = re.sub(r"one of [A-Z_]+; ", "", text)
     text = re.sub(r"\bNone (is|for)\b", "by default", text)
+    text = text.replace(" (wrt materials --presets)", "")  # the page says it once
     text = re.sub(",? per channel", "", text) if kind.startswith("colour") else text
     if limits := re.search(r"(?:above )?(\S+) (?:up )?to ([\d.]+)", kind.replace(",", "")):  # "0 to 1" in the text, too
         low, high = re.escape(limits[1]), re.escape(limits[2])
@@ -346,7 +349,8 @@ def values_in_words(value: dict[str, Any], *, plural: bool = False) -> str:
             literal = [o for o in options if "const" not in o and "$ref" not in o]
             return ", ".join([*([values_in_words({"anyOf": literal})] if literal else []), "varies"])
         if [option.get("type") for option in options[:2]] == ["number", "array"] and options[1].get("minItems") == 3:
-            return " or ".join(["colour" + limits_in_words(options[0]), *map(values_in_words, options[2:])])
+            rest = [option for option in options[2:] if option.get("type") != "string"]  # names of colours are colours
+            return " or ".join(["colour" + limits_in_words(options[0]), *map(values_in_words, rest)])
         if "enum" in options[0].get("items", {}):
             return values_in_words(options[0])  # also one of them, or a text of several
         return " or ".join(dict.fromkeys(values_in_words(option, plural=plural) for option in options))
@@ -371,7 +375,7 @@ def limits_in_words(value: dict[str, Any]) -> str:
     above, below = value.get("exclusiveMinimum"), value.get("exclusiveMaximum")
     if low is not None and high is not None:
         return f" {low:,} to {high:,}"
-    texts = [f"{low:,} or more"] if low is not None else []
+    texts = [f"≥ {low:,}"] if low is not None else []
     texts += [f"above {above:,}"] if above is not None else []
     texts += [f"up to {high:,}"] if high is not None else []
     texts += [f"below {below:,}"] if below is not None else []

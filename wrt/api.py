@@ -41,6 +41,7 @@ def load(
     up: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     camera: Camera | int | str | None = None,
+    cameras: PathLike | None = None,
     smooth_degrees: float | None = None,
     strict: bool = False,
     confined: bool = False,
@@ -69,8 +70,10 @@ def load(
             in doubt z for STL and OFF, and y for the others. A trimesh object follows the type of its file, and without
             one is treated like an OBJ file.
         parameters: values of the parameters `$name` of a Mitsuba scene.
-        camera: a camera; or the name of one of the source's cameras, or its number from 0; by default the first, with
-            a warning if there are several.
+        camera: a camera, for which the source keeps its place, too; or the name of one of the source's cameras, or its
+            number from 0; by default the first, with a warning if there are several.
+        cameras: a file of cameras, see `wrt.load_cameras`, which replace the source's; `camera` chooses among them. The
+            source keeps its place, and gets no backdrop from the studio.
         smooth_degrees: for meshes without normals, edges folded by up to this angle are smoothed; 0 leaves them flat.
             The default is what the format says, or 60.
         strict: whether unsupported content raises an error instead of a warning.
@@ -96,18 +99,73 @@ def load(
     """
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
+    if cameras is not None and up is not None:
+        raise InputError("an up axis would turn the source, but not the cameras of the other file")
+    others = _other_cameras(camera, cameras)
+    reading = _reading(triangles, up, parameters, None if others else camera, smooth_degrees, point_radius)
+    if frame is None and view is None and (others or camera is not None):
+        frame = False  # a camera that was chosen is kept
+    stage = Stage(view, frame, material, environment, transparent, aspect, time, cameras=others)
+    return _loaded(source, reading, stage, strict, confined, double_sided, file_type)
+
+
+def load_contents(
+    source: Any,
+    *,
+    up: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    camera: int | str | None = None,
+    smooth_degrees: float | None = None,
+    point_radius: float | None = None,
+    strict: bool = False,
+    confined: bool = False,
+    double_sided: bool = False,
+) -> Scene:
+    """Load a scene as `load` does, or what a mesh file holds, without a studio and where it is in the file."""
+    reading = _reading(None, up, parameters, camera, smooth_degrees, point_radius)
+    return _loaded(source, reading, Stage(is_bare=True), strict, confined, double_sided, None)
+
+
+def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None) -> dict[str, Camera]:
+    """Return the cameras that replace those of a source by their names, the one in use first."""
+    if cameras is None:
+        return {"camera": camera} if isinstance(camera, Camera) else {}
+    from wrt.io.camera_files import load_cameras
+    from wrt.io.cameras import number_of
+
+    if isinstance(camera, Camera):
+        raise InputError("choose a camera or a file of cameras")
+    found = {name: each.camera for name, each in load_cameras(cameras).items()}
+    first = list(found)[0 if camera is None else number_of(cameras, list(found), camera)]
+    return {first: found[first], **found}
+
+
+def _reading(
+    triangles: int | None,
+    up: str | None,
+    parameters: Mapping[str, Any] | None,
+    camera: Camera | int | str | None,
+    smooth_degrees: float | None,
+    point_radius: float | None,
+) -> dict[str, Any]:
     smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
-    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None}
-    reading["camera"] = None if isinstance(camera, Camera) else camera
-    reading |= {"smooth_degrees": smooth, "point_radius": point_radius}
-    frame = False if frame is None and camera is not None else frame  # a camera that was chosen is kept
-    stage = Stage(view, frame, material, environment, transparent, aspect, time)
+    reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
+    return reading | {"smooth_degrees": smooth, "point_radius": point_radius}
+
+
+def _loaded(
+    source: Any,
+    reading: _Reading,
+    stage: Stage,
+    strict: bool,
+    confined: bool,
+    double_sided: bool,
+    file_type: str | None,
+) -> Scene:
     with _strictly() if strict else contextlib.nullcontext(), unpacked(source, file_type) as file:
         folder = confinement_folder() if file is not source else _folder_of(source)
         with confined_to(folder) if confined else contextlib.nullcontext():
             scene = _load(file, reading, stage)
-    if isinstance(camera, Camera):
-        scene = dataclasses.replace(scene, camera=camera)
     if double_sided and not all(shape.double_sided for shape in scene.shapes):
         scene = dataclasses.replace(scene, shapes=[_both_sides(shape) for shape in scene.shapes])
     if confined and scene is not source and names_file(scene.settings.tone):
@@ -129,7 +187,7 @@ def load_with_settings(source: Any, settings: Mapping[str, Any], **options: Any)
         options: as for `load`; a width and a height among the settings are the aspect.
 
     Raises:
-        InputError: see `load`; also if the picture is to be denoised and the extra wrt[denoise] is not installed.
+        InputError: see `load`; also if the picture is to be denoised and Open Image Denoise is not installed.
     """
     width, height = settings.get("width"), settings.get("height")
     if settings.get("background") is not None:
@@ -217,7 +275,7 @@ def _load(source: Any, reading: _Reading, stage: Stage) -> Scene:
     from wrt.io.trimesh_objects import file_type
 
     source = as_trimesh(source)
-    scene = load_object(source, standalone=True, **surface)
+    scene = load_object(source, standalone=True, in_place=bool(stage.cameras), **surface)
 
     return _present(source, scene, reading["up"], file_type(source), stage)
 
@@ -269,9 +327,13 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
 
         stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
     up = reading["up"]
-    scene = load_file(path, time=stage.time, standalone=stage.time is None, **surface)
+    # A bare file is not moved to the origin.
+    in_place = stage.is_bare or bool(stage.cameras)
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=in_place, **surface)
     scene = with_camera(path, scene, camera)
-    if camera is None and stage.view is None:
+    if stage.is_bare:
+        return _upright(source, scene, up or "y", stage)
+    if camera is None and stage.view is None and not stage.cameras:
         note_several(path, list(scene.cameras))
     if up is None and suffix == ".dae":
         from wrt.io.mesh.collada import declared_up
@@ -311,11 +373,22 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
-    name = name_of(source)
+    name, scene = name_of(source), stage.with_cameras(scene)
     if up is None and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
         up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
-    if up not in (None, "y") and (scene.lights or scene.camera):
-        raise InputError(f"{name}: an up axis is for files without lights and cameras, since it would not turn these")
+    if up is not None and (scene.lights or scene.camera):
+        scene, up = _upright(name, scene, up, stage), "y"
     return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
+
+
+def _upright(name: object, scene: Scene, up: str, stage: Stage) -> Scene:
+    """Return the content of a file, turned to bring an axis to +y, or raise InputError if it cannot be turned."""
+    if up == "y":
+        return scene
+    if scene.lights or stage.time is not None:
+        raise InputError(f"{name}: an up axis is for files without lights and animations: it would not turn these")
+    from wrt.studio.presentation import upright
+
+    return upright(scene, up)

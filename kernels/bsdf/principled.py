@@ -320,16 +320,18 @@ def make_principled(*features: str) -> Model:
     """
     contradicts = {"transmission", "thin"} <= set(features) or {"film", "bounces"} <= set(features)
     contradicts = contradicts or ("dispersion" in features and "transmission" not in features)
+    own_normals = "coat_normal" in features
+    contradicts = contradicts or (own_normals and ("coat" not in features or "bumpy" in features))
     if [f for f in FEATURE_ROWS if f in features] != list(features) or contradicts:
         raise ValueError(f"no principled model of {', '.join(features)}: features are {', '.join(FEATURE_ROWS)}")
     rows = rows_of(features)
     body = "transmission" in features
     transmits = body or "thin" in features
-    layer = make_base_layer(tuple(f for f in features if f not in ("coat", "sheen")))
+    layer = make_base_layer(tuple(f for f in features if f not in ("coat", "coat_normal", "sheen")))
     if "sheen" in features:
         layer = add_sheen(layer, rows["sheen_color"], rows["sheen_roughness"], body)
     if "coat" in features:
-        layer = add_coat(layer, rows["coat"], rows["coat_roughness"], body, "bumpy" in features)
+        layer = add_coat(layer, rows["coat"], rows["coat_roughness"], body, "bumpy" in features, own_normals)
 
     @wp.func
     def respond_to(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
@@ -364,4 +366,6 @@ def make_principled(*features: str) -> Model:
 
     index_slot = int(IOR) if body else -1
     model = Model(evaluate, pdf, sample, len(rows), transmits=transmits, widens=True, index_slot=index_slot)
+    if own_normals:
+        model = model._replace(coat_slot=rows["coat"])
     return dispersive(model, rows["channels"])._replace(slots=len(rows)) if "dispersion" in features else model

@@ -43,10 +43,12 @@ class CameraFunctions(NamedTuple):
         film_position: (camera, point, distant: bool, time) -> vec2: the point of the picture, in pixels, where the lens
             centre sees a point at a time. A `distant` point is a direction. Undefined for points that the camera
             cannot see, such as those behind it.
+        along_axis: (camera, point, time) -> float: how far a point is from the lens along the viewing axis, metres.
     """
 
     ray: wp.Function
     film_position: wp.Function
+    along_axis: wp.Function
 
 
 @specialised()
@@ -87,7 +89,15 @@ def make_camera(outside: tuple[str, ...] = ()) -> CameraFunctions:
             0.5 * float(camera.height) - (p[1] - camera.shift[1]) / camera.pixel[1],
         )
 
-    return CameraFunctions(camera_ray, film_position)
+    @wp.func
+    def along_axis(camera: Camera, point: wp.vec3, time: float) -> float:
+        vector = point
+        if camera.motion.keys > 0:
+            placement = transform_at(camera.motion_keys, camera.motion, time)
+            vector = wp.inverse(placement.linear) * (point - placement.offset)
+        return wp.dot(vector - camera.origin, camera.forward)
+
+    return CameraFunctions(camera_ray, film_position, along_axis)
 
 
 @specialised()

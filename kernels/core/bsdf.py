@@ -75,6 +75,7 @@ class Model(NamedTuple):
         index_slot: the row of the refractive index inside over outside, for nested bodies; −1 for none.
         channels_slot: the row of the probabilities of the channels, if that index is one for each channel
             (`kernels/bsdf/lobes/dispersion.py`); −1 without dispersion.
+        coat_slot: the row of a coat that has normals of its own (`kernels/bsdf/lobes/coats.py`); −1 for none.
     """
 
     evaluate: wp.Function
@@ -90,6 +91,7 @@ class Model(NamedTuple):
     straight: wp.Function | None = None
     index_slot: int = -1
     channels_slot: int = -1
+    coat_slot: int = -1
 
 
 @wp.func

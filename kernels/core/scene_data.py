@@ -51,6 +51,7 @@ class MaterialRecord:
     normal_map: int  # -1 for the mesh's own normal
     normal_filter: int
     matt: int
+    coat_normal_map: int  # -1 where a coat has the normals of its base
 
 
 @wp.struct
@@ -107,6 +108,7 @@ class NormalMapRecord:
     levels: int  # 0 if it is never filtered
     heights: int  # whether the image holds heights instead
     convention: int  # a number of kernels/textures/normal_maps.py
+    second: int  # whether it uses the second texture coordinates
 
 
 @wp.struct

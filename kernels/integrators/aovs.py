@@ -43,6 +43,7 @@ class AovData:
     alpha: int
     # In `nearest`
     depth: int
+    z: int
     position: int
     uv: int
     motion: int
@@ -132,7 +133,9 @@ def make_motion_on_film(features: Features) -> wp.Function:
     return motion_on_film
 
 
-@specialised("guides", *make_follow_specular.fields, *make_directional_albedo.fields, *make_motion_on_film.fields)
+@specialised(
+    "guides", "cameras", *make_follow_specular.fields, *make_directional_albedo.fields, *make_motion_on_film.fields
+)
 def make_add_aovs(features: Features) -> wp.Function:
     """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset) -> rays traced.
 
@@ -141,6 +144,7 @@ def make_add_aovs(features: Features) -> wp.Function:
     first_surface = make_first_surface(features)
     follow_specular, directional_albedo = make_follow_specular(features), make_directional_albedo(features)
     motion_on_film, sample_4d = make_motion_on_film(features), make_sample_4d(features.sampler)
+    along_axis = make_camera(features.cameras).along_axis
     has_coordinates = features.textured or features.tangents
     add_texture_coordinates = make_add_texture_coordinates(False, features.has_exact)
 
@@ -179,6 +183,11 @@ def make_add_aovs(features: Features) -> wp.Function:
                 depth = first.distance
             aovs.object_number[pixel] = number
             set_numbers(aovs.nearest, pixel, aovs.depth, 1, wp.vec3(depth))
+            if aovs.z >= 0:
+                z = wp.inf
+                if is_hit:
+                    z = along_axis(camera, surface.position, seen.ray.time)
+                set_numbers(aovs.nearest, pixel, aovs.z, 1, wp.vec3(z))
             set_numbers(aovs.nearest, pixel, aovs.position, 3, surface.position)
             if aovs.uv >= 0:
                 if is_hit and wp.static(not has_coordinates):

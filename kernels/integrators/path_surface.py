@@ -26,11 +26,18 @@ from wrt.kernels.integrators.sides import shines_for
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import make_hit_pdf
 from wrt.kernels.materials.choice import MOST_PASSED, PASSED_THROUGH, make_choose_material, material_of_side
-from wrt.kernels.materials.values import disperses, make_bsdf_at, make_with_indices, make_with_throughput
+from wrt.kernels.materials.values import (
+    disperses,
+    have_coat_normals,
+    make_bsdf_at,
+    make_with_indices,
+    make_with_normals,
+    make_with_throughput,
+)
 from wrt.kernels.media.bodies import innermost, is_there, make_meet, relative_indices
 from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.textures.footprint import sample_footprint
-from wrt.kernels.textures.normal_maps import apply_normal_map, bump_shadow
+from wrt.kernels.textures.normal_maps import apply_normal_map, bump_shadow, normals_of_layers
 
 
 @wp.func
@@ -186,6 +193,7 @@ def make_prepare_bsdf(features: Features) -> wp.Function:
     bsdf_at = make_bsdf_at(features)
     with_body_indices = make_with_body_indices(features, by_channel=dispersive)
     with_throughput = make_with_throughput(features.models)
+    with_normals, has_layers = make_with_normals(features.models), have_coat_normals(features.models)
     receives_light, is_pane = make_receives_light(features.models), make_is_any(panes)
 
     @wp.func
@@ -195,8 +203,15 @@ def make_prepare_bsdf(features: Features) -> wp.Function:
         if wp.static(features.tangents):
             surface = align_tangents(scene, vertex.hit, surface)
             width = cone_width(path.footprint, path.passed_distance + vertex.hit.t)
+            if wp.static(has_layers):
+                aligned = surface
             surface = apply_normal_map(scene, vertex.material, vertex.hit, surface, path.ray.direction, width)
         bsdf = bsdf_at(scene, vertex.material, surface)
+        if wp.static(has_layers):
+            if scene.materials[vertex.material].coat_normal_map >= 0:
+                surface = aligned
+                normals = normals_of_layers(scene, vertex.material, vertex.hit, surface, path.ray.direction)
+                bsdf = with_normals(bsdf, normals)
         if wp.static(features.regularized):
             if path.was_blurred:
                 bsdf.normal_variance = bsdf.normal_variance + wp.vec2(widening)

@@ -45,12 +45,12 @@ from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import make_sides_of
 from wrt.kernels.lights.shapes import make_hit_seen, make_middle_of
 from wrt.kernels.materials.choice import MOST_PASSED, leaves_of, make_next_leaf
-from wrt.kernels.materials.values import make_bsdf_at
+from wrt.kernels.materials.values import have_coat_normals, make_bsdf_at, make_with_normals
 from wrt.kernels.media.medium import emitted, make_extinction, medium_of, transmittance
 from wrt.kernels.media.skin import no_skin
 from wrt.kernels.sampling.sampler import Sampler
 from wrt.kernels.sampling.warps import lattice_point
-from wrt.kernels.textures.normal_maps import apply_normal_map
+from wrt.kernels.textures.normal_maps import apply_normal_map, normals_of_layers
 
 AMBIENT_POINTS = wp.constant(16)
 """Directions used to estimate ambient albedo; one would do for matt surfaces."""
@@ -175,6 +175,7 @@ def make_trace_tree(features: Features) -> wp.Function:
     specular, children = make_by_viewer(features.models, "specular", no_lobes), make_children(features)
     next_leaf = make_next_leaf(features.uv2_alpha, features.mipmapped)
     vertex_at, bsdf_at = make_vertex_at(features), make_bsdf_at(features)
+    with_normals, has_layers = make_with_normals(features.models), have_coat_normals(features.models)
     with_body_indices = make_with_body_indices(features)
     extinction_of = make_extinction(features.media)
     emission_at = make_lights(features).emission_at
@@ -257,6 +258,11 @@ def make_trace_tree(features: Features) -> wp.Function:
                     mapped = align_tangents(scene, vertex.hit, surface)
                     mapped = apply_normal_map(scene, leaves.leaf, vertex.hit, mapped, ray.direction, width)
                 bsdf = bsdf_at(scene, leaves.leaf, mapped)
+                if wp.static(has_layers):
+                    if scene.materials[leaves.leaf].coat_normal_map >= 0:
+                        mapped = align_tangents(scene, vertex.hit, surface)
+                        normals = normals_of_layers(scene, leaves.leaf, vertex.hit, mapped, ray.direction)
+                        bsdf = with_normals(bsdf, normals)
                 if wp.static(features.nested):
                     bsdf = with_body_indices(scene, bsdf, mapped, r.medium_stack, vertex.medium_stack_behind)
                 wo = to_local(mapped.frame, -ray.direction)

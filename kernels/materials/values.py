@@ -64,6 +64,26 @@ def make_with_throughput(names: tuple[str, ...]) -> wp.Function:
     return chain
 
 
+@specialised()
+def make_with_normals(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf, normals) -> Bsdf with what `normals_of_layers` returns, if it uses that."""
+    if not names:
+        return _same_bsdf_of_normals
+    number, slot, next_with_normals = model_number(names[0]), model_of(names[0]).coat_slot, make_with_normals(names[1:])
+    if slot < 0:
+        return next_with_normals
+
+    @wp.func
+    def chain(bsdf: Bsdf, normals: wp.vec4) -> Bsdf:
+        if bsdf.model == wp.static(number):
+            bsdf.slots[wp.static(slot)] = wp.vec3(bsdf.slots[wp.static(slot)][0], normals[0], normals[1])
+            bsdf.slots[wp.static(slot + 1)] = wp.vec3(bsdf.slots[wp.static(slot + 1)][0], normals[2], normals[3])
+            return bsdf
+        return next_with_normals(bsdf, normals)
+
+    return chain
+
+
 @wp.func
 def _nothing_straight(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
     return wp.vec3(0.0)
@@ -77,6 +97,16 @@ def _same_bsdf_of_channels(bsdf: Bsdf, index: float, indices: wp.vec3) -> Bsdf:
 @wp.func
 def _same_bsdf_of_path(bsdf: Bsdf, throughput: wp.vec3) -> Bsdf:
     return bsdf
+
+
+@wp.func
+def _same_bsdf_of_normals(bsdf: Bsdf, normals: wp.vec4) -> Bsdf:
+    return bsdf
+
+
+def have_coat_normals(names: tuple[str, ...]) -> bool:
+    """Return whether any of these models has a coat with normals of its own."""
+    return any(model_of(name).coat_slot >= 0 for name in names)
 
 
 def disperses(names: tuple[str, ...]) -> bool:

@@ -4,7 +4,14 @@ import warp as wp
 
 from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import Frame, to_local, to_world
-from wrt.kernels.core.scene_data import NORMALS_AT_POINT, NORMALS_FILTERED, ImageRecord, NormalMapRecord, SceneData
+from wrt.kernels.core.scene_data import (
+    NORMALS_AT_POINT,
+    NORMALS_FILTERED,
+    ImageRecord,
+    MaterialRecord,
+    NormalMapRecord,
+    SceneData,
+)
 from wrt.kernels.geometry.surface import Surface, uv_edges
 from wrt.kernels.textures.footprint import texels_across, texture_footprint
 from wrt.kernels.textures.textures import image_color, image_gradient
@@ -178,7 +185,14 @@ def apply_normal_map(
 
     Its frame must follow the texture coordinates. A width of 0 stands for a single ray.
     """
-    record = scene.materials[material]
+    return normal_mapped(scene, scene.materials[material], hit, surface, direction, width)
+
+
+@wp.func
+def normal_mapped(
+    scene: SceneData, record: MaterialRecord, hit: Hit, surface: Surface, direction: wp.vec3, width: float
+) -> Surface:
+    """Return what `apply_normal_map` does for the record of a material."""
     if record.normal_map < 0:
         return surface
     normals = scene.normal_maps[record.normal_map]
@@ -241,3 +255,20 @@ def apply_normal_map(
     turned.n = n
     surface.frame = turned
     return surface
+
+
+@wp.func
+def normals_of_layers(scene: SceneData, material: int, hit: Hit, surface: Surface, direction: wp.vec3) -> wp.vec4:
+    """Return x and y, in the surface's frame, of the normal of a coat and of that of its base.
+
+    Both are bent until they face the viewer and mirror to above the frame's plane, the horizon of both layers.
+    """
+    at = surface
+    at.normal = surface.frame.n
+    record = scene.materials[material]
+    base = to_local(surface.frame, normal_mapped(scene, record, hit, at, direction, 0.0).frame.n)
+    record.normal_map = record.coat_normal_map
+    if scene.normal_maps[record.coat_normal_map].second != 0:
+        at.uv = surface.second_uv
+    coat = to_local(surface.frame, normal_mapped(scene, record, hit, at, direction, 0.0).frame.n)
+    return wp.vec4(coat[0], coat[1], base[0], base[1])

@@ -141,6 +141,21 @@ def test_the_motion_of_a_distorted_picture(kind, device):
     np.testing.assert_allclose(layers["motion"][seen], (after - before)[seen], atol=1e-3)
 
 
+def test_z_is_the_distance_along_the_axis_of_a_camera_that_moves(device):
+    motion = wrt.Motion.rotation((0.2, 1.0, 0.0), 30.0, center=(1.0, 0.0, 0.0))
+    camera = wrt.PerspectiveCamera((0.5, 0.2, 3.0), (0.0, 0.0, 0.0), shutter_open=0.6, shutter_close=0.6, motion=motion)
+    scene = wrt.Scene(camera=camera)
+    scene.add(wrt.quad((-1, -9, 0), (9, 0, -3), (0, 18, 0)))
+    renderer = wrt.Renderer(scene, width=40, height=30, integrator="aov", layers=("z", "position"), device=device)
+    for _ in renderer.passes(spp=1):
+        pass
+    layers, place = renderer.layers(), motion.at(0.6)
+    origin, forward = place[:3, :3] @ camera.origin + place[:3, 3], place[:3, :3] @ camera.frame()[2]
+    seen = np.isfinite(layers["z"])
+    assert 0.2 < seen.mean() < 0.9
+    np.testing.assert_allclose(layers["z"][seen], (layers["position"][seen] - origin) @ forward, rtol=1e-5)
+
+
 def test_lenses_of_scene_files(tmp_path):
     for camera in (
         wrt.PerspectiveCamera(distortion=(-0.1, 0.02, 0.0, 0.0, 0.3), pixel_aspect=1.01),

@@ -59,17 +59,3 @@ def test_a_part_goes_on_from_its_checkpoint(tmp_path):
     scene.settings = wrt.RenderSettings()
     resumed = wrt.Renderer.resume(tmp_path / "part", scene)
     np.testing.assert_array_equal(image_of(resumed, 5), image_of(renderer, 5))
-
-
-@pytest.mark.parametrize(
-    ("crop", "message"),
-    [
-        ((0, 0, 49, 30), r"crop must lie inside the picture: \(49, 30\) is beyond its 48x30 pixels"),
-        ((5, 5, 3, 6), "crop must not be empty"),
-        ((0, 0, 0.5, 0.5), r"crop\[2\] must be a whole number, not 0.5"),
-        ("0123", "crop must be four whole numbers"),
-    ],
-)
-def test_impossible_parts_are_refused(crop, message):
-    with pytest.raises(wrt.InputError, match=message):
-        wrt.Renderer(stage("fisheye"), **SIZE, crop=crop)

@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -103,3 +104,26 @@ def test_info_prints_it(tmp_path, capsys):
     np.savez(tmp_path / "mesh.npz", vertices=mesh.vertices, faces=mesh.faces, colors=np.full((4, 3), 0.5))
     assert main(["info", str(tmp_path / "mesh.npz")]) == 0
     assert "diffuse  reflectance vertex-colors" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("default")
+def test_info_convert_and_view_load_like_render(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("points.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0 2\n")
+    Path("lost.obj").write_text("mtllib no.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert main(["info", "points.obj", "--point-radius", "0.5", "--up", "z"]) == 0
+    assert "size 2 x 3 x 1" in capsys.readouterr().out
+    assert main(["convert", "points.obj", "a.toml", "--point-radius", "0.5"]) == 0
+    assert wrt.load("a.toml").shapes[0].mesh.radii.tolist() == [0.5] * 3
+    chosen = ["--define", "a=1", "--camera", "b", "--confined", "--up", "z", "--crease", "3", "--double-sided"]
+    for words in (["info", "lost.obj"], ["convert", "lost.obj", "b.toml"]):
+        assert main([*words, "--strict"]) == 2
+        assert "no.mtl" in capsys.readouterr().err
+        assert main([*words, *chosen]) == 2
+        assert "parameters are only for Mitsuba scenes" in capsys.readouterr().err
+    loaded = []
+    monkeypatch.setattr("wrt.api.load_with_settings", lambda source, _, **loading: loaded.append(loading))
+    monkeypatch.setattr("wrt.view.session.Session", lambda open_scene, **_: open_scene())
+    assert main(["view", "lost.obj", "--strict", *chosen]) != 0  # there is no scene to render
+    expected = {"parameters": {"a": "1"}, "camera": "b", "confined": True, "strict": True, "up": "z"}
+    assert loaded == [expected | {"smooth_degrees": 3, "double_sided": True, "point_radius": None}]

@@ -132,14 +132,7 @@ def test_never_writes_it_only_at_the_end_and_the_same(monkeypatch, often):
         ("image", RuntimeError("CUDA error"), "RuntimeError: CUDA error (test_renewal.py, line "),
     ],
 )
-def test_what_fails_in_a_renewal_is_one_warning_and_the_picture_comes_at_the_end(
-    monkeypatch,
-    often,
-    capsys,
-    method,
-    error,
-    message,
-):
+def test_what_fails_in_a_renewal_is_one_warning(monkeypatch, often, capsys, method, error, message):
     original, calls = getattr(wrt.Renderer, method), []
 
     def failing(self, *arguments, **options):

@@ -99,6 +99,17 @@ def test_threads_that_are_active_together(divides):
         assert words[thread, 2] == sum(1 << t for t in active)
 
 
+def test_conversions_that_saturate():
+    """To 0 to 1, and of NaN to 0."""
+    numbers = np.array([-2.0, 0.25, 3.0, np.nan], np.float32)
+    lines = [
+        f"mov.b32 %f0, 0f{bits:08x}; \n cvt.sat.f32.f32 %f1, %f0; \n st.global.f32 [%rd1+{4 * k}], %f1;"
+        for k, bits in enumerate(numbers.view(np.uint32))
+    ]
+    words = run(".reg .f32 %f<2>; \n" + "\n".join(lines), 1)
+    np.testing.assert_array_equal(words[0, :4].view(np.float32), [0.0, 0.25, 1.0, 0.0])
+
+
 def test_threads_that_wait_for_ever_are_noticed():
     for body in (
         # Thread 0 names other threads than they do.

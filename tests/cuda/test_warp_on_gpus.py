@@ -70,37 +70,32 @@ def second_gpu(monkeypatch):
     return gpu
 
 
-@pytest.mark.parametrize(
-    ("name", "call", "expected"),
-    [
+def test_functions_of_warp_run_on_the_gpu_of_their_arrays(second_gpu, monkeypatch):
+    """Warp runs them on the current GPU of the thread."""
+    for name, call, expected in (
         ("array_scan", lambda backend: backend.sums_before(upload([3, 4, 5], int, "cpu")).numpy().tolist(), [0, 3, 7]),
         ("array_sum", lambda backend: backend.total(upload([3.0, 4.0], float, "cpu")), 7.0),
         ("radix_sort_pairs", sorted_pairs, [6, 5]),
-    ],
-)
-def test_functions_of_warp_run_on_the_gpu_of_their_arrays(name, call, expected, second_gpu, monkeypatch):
-    """Warp runs them on the current GPU of the thread."""
-    real, calls = getattr(wp.utils, name), []
+    ):
+        calls, real = [], getattr(wp.utils, name)
 
-    def recorded(*arguments, **options):
-        calls.append((second_gpu.inside, second_gpu.writes))
-        return real(*arguments, **options)
+        def recorded(*arguments, calls=calls, real=real, **options):
+            calls.append((second_gpu.inside, second_gpu.writes))
+            return real(*arguments, **options)
 
-    monkeypatch.setattr(wp.utils, name, recorded)
-    assert call(current_backend()) == expected
-    assert calls == [(1, 0)]
-    assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, 0)
+        monkeypatch.setattr(wp.utils, name, recorded)
+        assert call(current_backend()) == expected
+        assert calls == [(1, 0)]
+        assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, 0)
 
 
-@pytest.mark.parametrize(
-    ("message", "figure"),
-    [("Failed to allocate 2147483648 bytes on device 'cuda:1'", ": 2.15 GB more were needed"), (CUDA_SAYS, "")],
-)
-def test_memory_that_runs_out_is_reported_once(message, figure, second_gpu):
-    with pytest.raises(NotEnoughMemory) as caught, on_device("cuda:1"):
-        raise RuntimeError(message)
-    assert str(caught.value).startswith(f"memory ran out on cuda:1{figure}; ")
-    assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, 1)
+def test_memory_that_runs_out_is_reported_once(second_gpu):
+    allocation = "Failed to allocate 2147483648 bytes on device 'cuda:1'"
+    for number, (message, figure) in enumerate(((allocation, ": 2.15 GB more were needed"), (CUDA_SAYS, "")), start=1):
+        with pytest.raises(NotEnoughMemory) as caught, on_device("cuda:1"):
+            raise RuntimeError(message)
+        assert str(caught.value).startswith(f"memory ran out on cuda:1{figure}; ")
+        assert (second_gpu.inside, second_gpu.writes, second_gpu.forgotten) == (0, 1, number)
 
 
 def test_other_errors_stay_what_they_are_and_a_launch_may_lack_memory_for_its_stack(second_gpu, monkeypatch):

@@ -2,11 +2,13 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import wrt
+from wrt.cli import main
 
 ANGLE = 0.7
 TURN = np.array([[np.cos(ANGLE), 0, np.sin(ANGLE)], [0, 1, 0], [-np.sin(ANGLE), 0, np.cos(ANGLE)]])
@@ -111,6 +113,45 @@ def test_pictures_name_cameras_and_give_their_size(tmp_path):
         **dict.fromkeys(("images_a", "images_a_1"), (5, 3)),
         "more_b": (4, 2),
     }
+
+
+def test_pictures_of_all_cameras_of_a_file(tmp_path, monkeypatch, capsys):
+    """A triangle stays where its file has it, and each picture is that of a render with its camera."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.obj").write_text("v -0.5 -0.5 0.2\nv 0.5 -0.5 0\nv 0 0.5 0\nf 1 2 3\n")
+    frames = [{"file_path": f"./images/{name}.png"} for name in ("left", "right")]
+    frames[1] |= {"w": 32, "h": 16, "fl_x": 30.0, "k1": -0.1, "cx": 16, "cy": 8}
+    lens = {"fl_x": 40.0, "w": 40, "h": 24}
+    transforms(tmp_path / "transforms.json", frames, **lens)
+    assert (
+        main(["render", "a.obj", "--cameras", "transforms.json", "--spp", "2", "--quiet", "--layers", "position"]) == 0
+    )
+    assert sorted(path.name for path in tmp_path.glob("*.exr")) == ["a-left.exr", "a-right.exr"]
+    cameras = wrt.load_cameras("transforms.json")
+    scene = wrt.load("a.obj", cameras="transforms.json", camera="right")
+    assert (scene.camera, list(scene.cameras)) == (cameras["right"].camera, ["right", "left"])
+    np.testing.assert_allclose(scene.shapes[0].mesh.vertices[2], (0, 0.5, 0))
+    for name, found in cameras.items():
+        size = {"width": found.width, "height": found.height}
+        scene = wrt.load("a.obj", cameras="transforms.json", camera=name)
+        np.testing.assert_array_equal(wrt.load_image(f"a-{name}.exr"), wrt.render(scene, spp=2, **size))
+    command = ["render", "a.obj", "--cameras", "transforms.json", "--spp", "1", "--size", "8x4", "--quiet"]
+    assert main([*command, "--camera", "1", "-o", "one.png"]) == 0
+    assert wrt.load_image("one.png").shape == (4, 8, 3)
+    assert main([*command, "-o", "all/"]) == 0
+    assert sorted(path.name for path in (tmp_path / "all").iterdir()) == ["left.png", "right.png"]
+    capsys.readouterr()
+    for arguments, message in (
+        (["--camera", "top"], "transforms.json: there is no camera 'top'; it has 0 'left', 1 'right'"),
+        (["--turntable", "9"], "--cameras and --turntable cannot be combined"),
+        (["--checkpoint", "c"], "--checkpoint is for a single picture; choose a view by --camera"),
+        (["b.obj"], "--cameras is for a single input"),
+        (["--up", "z"], "an up axis would turn the source, but not the cameras of the other file"),
+    ):
+        assert main([*command, *arguments]) == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
 
 
 @pytest.mark.parametrize(

@@ -222,6 +222,7 @@ POSE = "skins and morph targets are shown in their bind pose"
         (GEOMETRY.replace('<scene><instance_visual_scene url="#w"/></scene>', ""), NO_IMAGE, (0, 0, 7)),
         (GEOMETRY.replace("<init_from>none.png</init_from>", ""), GREY, (0, 0, 7)),
         (GEOMETRY.replace('url="#e"', 'url="#f"'), LEFT_OUT, (0, 0, 7)),
+        (GEOMETRY.replace("profile_COMMON", "profile_CG"), LEFT_OUT, (0, 0, 7)),
         (GEOMETRY.replace("</newparam>\n<technique", MORE), NO_IMAGE, (0, 0, 7)),
         (GEOMETRY.replace("mesh>", "convex_mesh>"), NO_IMAGE, (0, 0, 7)),
         (GEOMETRY.replace("geometry url='#g'", "controller url='#c'"), POSE, (5, 0, 0)),

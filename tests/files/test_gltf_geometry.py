@@ -92,6 +92,15 @@ def test_attributes_of_a_wrong_shape_are_left_out(name, shape, tmp_path):
         assert len(load_mesh(saved(tmp_path, tree)).faces) == 2
 
 
+def test_triangles_of_one_side_that_wind_against_their_normals_are_warned_of(tmp_path):
+    tree = square()
+    attributes(tree)["NORMAL"] = add(tree, np.tile([0.0, 0.0, -1.0], (4, 1)))
+    with pytest.warns(InputWarning, match="its triangles wind against their normals, so it is seen from inside"):
+        load_mesh(saved(tmp_path, tree))
+    tree["materials"], tree["meshes"][0]["primitives"][0]["material"] = [{"doubleSided": True}], 0
+    load_mesh(saved(tmp_path, tree))
+
+
 def test_primitives_that_are_no_triangles_are_told(tmp_path):
     tree = square()
     primitive = tree["meshes"][0]["primitives"][0]
@@ -283,7 +292,11 @@ def test_lights_of_a_file_take_the_place_of_the_studio_unless_they_are_dark(tmp_
     scene = wrt.load(path)
     assert len(scene.shapes) > 1
     assert scene.camera.origin == (0.5, 0.5, 2.0)
-    check_refused("an up axis is for files without lights and cameras", lambda path: wrt.load(path, up="z"), path)
+    turned = wrt.load(path, up="z", frame=False)  # (x, y, z) becomes (x, z, -y)
+    assert turned.camera.origin == pytest.approx((0.5, 2.0, -0.5))
+    np.testing.assert_allclose(turned.shapes[0].bounds, [[0, 0, -1], [1, 0, 0]], atol=1e-6)
+    lit = saved(tmp_path, tree_with([light(0)]))
+    check_refused("an up axis is for files without lights", lambda path: wrt.load(path, up="z"), lit)
     # Alone they count as missing, so the studio lights the mesh; beside meshes that emit they mean darkness
     off = [{"type": "point", "intensity": 0.0}, {"type": "directional", "color": [0, 0, 0]}]
     tree = tree_with([light(0), light(1)], off)

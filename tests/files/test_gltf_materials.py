@@ -192,13 +192,72 @@ def test_transforms_move_the_coordinates_of_the_mesh(tmp_path):
         assert shape.material.normal_map is not None
 
 
-def test_a_clear_coat_has_the_normals_of_its_base(tmp_path):
-    bumps, coat = {"index": 0, "scale": 0.5}, {**COAT, "clearcoatNormalTexture": {"index": 0, "scale": 0.5}}
-    assert made(tmp_path, {"normalTexture": bumps, **extensions(clearcoat=coat)}).normal_map is not None
-    made(tmp_path, extensions(clearcoat={**coat, "clearcoatFactor": 0.0}))
-    for described in ({"normalTexture": bumps, **extensions(clearcoat=COAT)}, extensions(clearcoat=coat)):
-        with pytest.warns(InputWarning, match="the clear coat of material 0 has the normals of its base"):
-            made(tmp_path, described)
+def test_a_clear_coat_has_normals_of_its_own(tmp_path):
+    """It is flat without a map, also over bumps (KHR_materials_clearcoat)."""
+    bumps = {"index": 0, "scale": 0.5}
+    coat = {**COAT, "clearcoatNormalTexture": {"index": 0, "scale": 0.25}}
+    material = made(tmp_path, {"normalTexture": bumps, **extensions(clearcoat=coat)})
+    assert (material.normal_map.scale, material.coat_normal_map.scale) == (0.5, 0.25)
+    np.testing.assert_allclose(material.coat_normal_map.pixels, NUMBERS, atol=1e-6)
+    material = made(tmp_path, {"normalTexture": bumps, **extensions(clearcoat=COAT)})
+    assert material.normal_map is not None
+    np.testing.assert_array_equal(material.coat_normal_map.pixels, [[[0.5, 0.5, 1.0]]])
+    material = made(tmp_path, extensions(clearcoat=coat))
+    assert (material.normal_map, material.coat_normal_map.scale) == (None, 0.25)
+    # The same map for both, no bumps at all, and no coat
+    same = {**COAT, "clearcoatNormalTexture": bumps}
+    for described in (
+        {"normalTexture": bumps, **extensions(clearcoat=same)},
+        extensions(clearcoat=COAT),
+        {"normalTexture": bumps, **extensions(clearcoat={**coat, "clearcoatFactor": 0.0})},
+    ):
+        assert made(tmp_path, described).coat_normal_map is None
+
+
+def moved(number: int, **transform: Any) -> dict[str, Any]:
+    return {"index": 0, "texCoord": number, "extensions": {"KHR_texture_transform": transform}}
+
+
+@pytest.mark.parametrize("tangents", [False, True])
+def test_the_normals_of_a_coat_lie_by_their_own_transform(tangents, tmp_path):
+    """Its x and y turn with the image, where the mesh has no tangents; those of the base's map stay the axes."""
+    turn = {"rotation": 0.5, "scale": [4.0, 4.0]}
+    coat = extensions(clearcoat={**COAT, "clearcoatNormalTexture": moved(0, **turn)})
+    tree = file_with({"normalTexture": {"index": 0}, **coat})
+    if tangents:
+        attributes(tree)["NORMAL"] = add(tree, np.tile([0.0, 0.0, 1.0], (3, 1)))
+        attributes(tree)["TANGENT"] = add(tree, np.tile([1.0, 0.0, 0.0, 1.0], (3, 1)))
+    shape = shape_of(tmp_path, tree)
+    assert shape.material.normal_map.uv_scale == (1.0, 1.0)
+    normals = shape.material.coat_normal_map
+    in_file = moved_by(shape.mesh.uvs[:, 2 * normals.uv_set :][:, :2], normals.placement) * [1, -1] + [0, 1]
+    c, s = np.cos(0.5), np.sin(0.5)
+    np.testing.assert_allclose(in_file, 4.0 * UVS @ np.array([[c, s], [-s, c]]).T, atol=1e-5)
+    # The image's u grows along (c, −s), v upwards.
+    slopes = NUMBERS[..., :2] - 0.5
+    turned = slopes if tangents else slopes @ [[c, -s], [s, c]]
+    np.testing.assert_allclose(normals.pixels[..., :2], np.clip(0.5 + turned, 0.0, 1.0), atol=1e-6)
+
+
+def moved_by(uvs: np.ndarray, placement: np.ndarray) -> np.ndarray:
+    return uvs @ placement[:, :2].T + placement[:, 2]
+
+
+def test_a_coat_that_alone_has_normals_gives_the_axes(tmp_path):
+    """With other coordinates than those of the base's map, it cannot, and a warning says so."""
+    coat = extensions(clearcoat={**COAT, "clearcoatNormalTexture": moved(1, offset=[0.25, 0.5])})
+    for base, names in (({}, "alone"), ({"normalTexture": {"index": 0}}, "both")):
+        tree = file_with({**base, **coat})
+        attributes(tree)["TEXCOORD_1"] = add(tree, UVS[::-1])
+        if names == "both":
+            with pytest.warns(InputWarning, match="the clear coat of material 0 has other coordinates"):
+                shape = shape_of(tmp_path, tree)
+        else:
+            shape = shape_of(tmp_path, tree)
+        normals = shape.material.coat_normal_map
+        found = moved_by(shape.mesh.uvs[:, 2 * normals.uv_set :][:, :2], normals.placement)
+        np.testing.assert_allclose(found * [1, -1] + [0, 1], UVS[::-1] + [0.25, 0.5], atol=1e-6)
+        assert normals.uv_set == (names == "both")
 
 
 def test_what_cannot_be_read_is_told_and_left_out(tmp_path):

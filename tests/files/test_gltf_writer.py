@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.bsdfs import FLAT
 from support.mesh_files import check_values, values_of
 from support.meshes import area_vector
 from support.outputs import run
@@ -31,6 +32,7 @@ COLORS = wrt.ImageTexture(
 LAID = {"scale": COLORS.scale, "rotation_degrees": 30.0, "offset": COLORS.offset, "wrap": COLORS.wrap}
 NUMBERS = wrt.ImageTexture(picture(linear=True), channel="g", **LAID)
 QUAD = wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
+BUMPS = wrt.NormalMap(np.maximum(picture(linear=True), np.float32([0, 0, 0.5])), 0.5)
 
 MATERIALS = {
     "textured": wrt.Principled(dataclasses.replace(COLORS, factor=(0.5, 1.0, 0.25)), roughness=NUMBERS),
@@ -47,9 +49,12 @@ MATERIALS = {
     "screen": wrt.Principled(0.0, emission=wrt.ImageTexture(picture(linear=False) / picture(linear=False).max())),
     "veil": wrt.Principled(opacity=0.5),
     "leaf": wrt.Principled(COLORS, opacity=wrt.ImageTexture(picture(linear=True), channel="r", cutoff=0.5, **LAID)),
-    "bumpy": wrt.Principled(normal_map=wrt.NormalMap(np.maximum(picture(linear=True), np.float32([0, 0, 0.5])), 0.5)),
+    "lacquer": wrt.Principled(coat=0.5, normal_map=BUMPS, coat_normal_map=wrt.NormalMap(BUMPS.pixels, 0.25, uv_set=1)),
+    "flat lacquer": wrt.Principled(coat=0.5, normal_map=BUMPS, coat_normal_map=FLAT),
+    "bumpy lacquer": wrt.Principled(coat=0.5, normal_map=BUMPS),
+    "bumpy": wrt.Principled(normal_map=BUMPS),
 }
-EXACT = [name for name in MATERIALS if name not in ("screen", "bumpy")]
+EXACT = [name for name in MATERIALS if name not in ("screen", "bumpy") and "lacquer" not in name]
 
 
 def again(scene: wrt.Scene, path: Path) -> tuple[wrt.Scene, list[str]]:
@@ -81,6 +86,22 @@ def test_materials_come_back(name, tmp_path):
         np.testing.assert_allclose(read.material.interior.absorption, interior.absorption, rtol=1e-5)
     check_values(read.material, **{key: values_of(value) for key, value in values.items()})
     np.testing.assert_allclose(read.emission, scene.shapes[0].emission, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", [name for name in MATERIALS if "lacquer" in name])
+def test_normals_of_coats_come_back(name, tmp_path):
+    scene = wrt.Scene()
+    material = MATERIALS[name]
+    scene.add(dataclasses.replace(QUAD, uvs=np.hstack([QUAD.uvs, 0.5 * QUAD.uvs])), material=material)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of coordinates that the tangents do not follow
+        read = again(scene, tmp_path / "a.glb")[0].shapes[0].material
+    for given, found in ((material.normal_map, read.normal_map), (material.coat_normal_map, read.coat_normal_map)):
+        assert (given is None) == (found is None)
+        if given is not None:
+            np.testing.assert_allclose(found.pixels, given.pixels, atol=1.0 / 510 + 1e-6)
+            assert (found.scale, found.uv_set) == (given.scale, given.uv_set)
+            np.testing.assert_allclose(found.placement, given.placement, atol=1e-9)
 
 
 def test_normals_screens_and_films_come_back_to_a_step_of_their_images(tmp_path):

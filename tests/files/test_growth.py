@@ -64,7 +64,7 @@ def write_copies(folder: Path) -> str:
 
 
 def write_part(folder: Path) -> str:
-    (folder / "part.xml").write_text(scene('<shape type="cube"/>' * 100))
+    (folder / "part.xml").write_text(scene('<shape type="rectangle"/>' * 100))
     return scene('<include filename="part.xml"/>' * 999)
 
 

@@ -293,8 +293,8 @@ def test_ply_coordinates_of_faces_and_an_image_by_the_word_of_meshlab(tmp_path):
     points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 2, 0)]
     for order in ORDERS:
         faces = [(0, 1, 2, 3), (3, 2, 4)]
-        rows = [(face, [x / 2 for k in face for x in points[k][:2]]) for face in faces]
-        kinds = "list uchar int vertex_indices", "list ushort float texcoord"
+        rows = [(face, [x / 2 for k in face for x in points[k][:2]], 0) for face in faces]
+        kinds = "list uchar int vertex_indices", "list ushort float texcoord", "int texnumber"
         elements = ("camera", ["int view"], [[3]]), ("vertex", XYZ, points), ("face", kinds, rows)
         path = write(tmp_path, "red.ply", ply(order, *elements, head="comment TextureFile <this>_A.png\n"))
         shapes = load_shapes(path)

@@ -192,7 +192,7 @@ def test_messages_name_file_and_key_in_one_line(folder, text):
     assert message.count("scene.toml") == 1
 
 
-def test_syntax_errors_name_line_and_column(folder):
+def test_messages_about_syntax_motions_and_instances(folder):
     with pytest.raises(wrt.InputError, match=r"scene\.toml: not TOML: .*line 3, column 10"):
         scene_of(folder, "[settings]\nwidth = 5\nheight = = 5\n")
     for number in (f"0x{'f' * 5000}", "9" * 5000, str(2**63)):  # Python does not print 5,000 digits
@@ -201,6 +201,11 @@ def test_syntax_errors_name_line_and_column(folder):
     (folder / "scene.toml").write_bytes(b"a = '\xff'")
     with pytest.raises(wrt.InputError, match=r"scene\.toml: not UTF-8 text: byte 5 is 0xff"):
         load_scene(folder / "scene.toml")
+    (folder / "bad.npy").write_text("no array")
+    np.save(folder / "flat.npy", np.zeros(3))
+    for text, message in WRONG_PLACES.items():
+        with pytest.raises(wrt.InputError, match=re.escape(message)):
+            scene_of(folder, text)
 
 
 WRONG_PLACES = {
@@ -214,11 +219,3 @@ WRONG_PLACES = {
     f"{BOX}motion = {{ times = [0, 1] }}\ninstances = [{{}}]\n": "both motion and instances",
     f'{BOX}deformation = {{ files = ["bad.npy"], times = [0.0, 1.0] }}\n': "two arrays of one length",
 }
-
-
-def test_invalid_motions_and_instances_are_refused(folder):
-    (folder / "bad.npy").write_text("no array")
-    np.save(folder / "flat.npy", np.zeros(3))
-    for text, message in WRONG_PLACES.items():
-        with pytest.raises(wrt.InputError, match=re.escape(message)):
-            scene_of(folder, text)

@@ -57,6 +57,8 @@ def materials() -> list[wrt.Material]:
         wrt.RoughDielectric("diamond", interior=milk),
         wrt.Principled(WOOD, ior=1.7, transmission=0.4, interior=water, emission=(1.0, 2.0, 3.0), anisotropy=0.3),
     ]
+    coat = wrt.NormalMap(PIXELS, uv_scale=(2.0, 0.5), uv_rotation_degrees=30.0, uv_offset=(0.1, 0.2), uv_set=1)
+    made.append(wrt.Principled(coat=0.5, coat_normal_map=coat))
     mix = wrt.Mix(made[0], wrt.Dielectric(1.33), WOOD)
     return [*made, mix, wrt.TwoSided(made[1], mix), wrt.Emissive(WOOD), wrt.Unlit(WOOD)]
 

@@ -8,7 +8,7 @@ from support.small_scenes import image_of
 from support.statistics import image_z_test, sidak
 
 import wrt
-from wrt.scene.scene import SAMPLERS, RenderSettings
+from wrt.scene.scene import SAMPLERS
 
 SIZE = {"width": 24, "height": 18}
 SEEDS = 16
@@ -93,10 +93,3 @@ def test_errors_fall_faster_for_stratified_samples(sampler, device, report):
     report(f"{sampler}: the squared error falls by", float(np.exp(np.mean(falls))), "16 or 64")
     side = -1.0 if sampler == "independent" else 1.0
     assert side * (np.mean(falls) - np.log(24.0)) > margin
-
-
-def test_an_unknown_sampler_is_refused():
-    message = "sampler must be one of independent, stratified, sobol, blue-noise, no"
-    for make in (RenderSettings, functools.partial(wrt.Renderer, scene())):
-        with pytest.raises(wrt.InputError, match=message):
-            make(sampler="halton")

@@ -6,10 +6,8 @@ from scipy import stats
 from support.statistics import (
     chi_square_test,
     image_z_test,
-    integrate_pdf_over_bins,
     sidak,
     sidak_combined,
-    sphere_histogram,
     t_test_mean,
     two_sample_z,
 )
@@ -59,23 +57,6 @@ def test_chi_square_decides(observed, expected, options, passes, message):
     result = chi_square_test(observed, np.broadcast_to(expected, np.shape(observed)), **options)
     assert result.passed is passes
     assert message in result.message
-
-
-def test_a_right_sampler_passes_and_a_slightly_wrong_one_fails(report):
-    n, resolution = 1_000_000, (25, 51)
-    expected = n * integrate_pdf_over_bins(lambda d: np.maximum(d[:, 2], 0.0) / np.pi, resolution)
-    rng = np.random.default_rng(3)
-    r, phi = np.sqrt(rng.random(n)), 2.0 * np.pi * rng.random(n)  # Malley's method
-    right = np.stack([r * np.cos(phi), r * np.sin(phi), np.sqrt(1.0 - r * r)], axis=1)
-    result = chi_square_test(sphere_histogram(right, resolution), expected)
-    report("cosine sampler against its density", result.statistic, result.dof, p=result.p)
-    assert result.passed, result.message
-    wrong = right * [1.02, 1.0, 1.0]
-    wrong /= np.linalg.norm(wrong, axis=1, keepdims=True)
-    for directions in (wrong, right[:, [0, 2, 1]]):
-        assert not chi_square_test(sphere_histogram(directions, resolution), expected).passed
-    with pytest.raises(ValueError, match="unit length"):
-        sphere_histogram([[0.0, 0.0, 1.1]])
 
 
 def test_means_are_told_apart():

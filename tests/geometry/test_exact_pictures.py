@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import ArrayLike, NDArray
+from support.covering_kernels import rendering_with
 from support.irradiance import check, disk_irradiance, floor_scene, irradiance, pixel_mean
 from support.ray_trees import unit
 from support.small_scenes import rendered
@@ -17,9 +18,12 @@ from support.statistics import image_z_test, t_test_mean
 from support.wide_scenes import differences, needs_lanes
 
 import wrt
+from wrt.kernels.core.features import Features
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
 from wrt.upload.accel import instancing
+
+two_kernels = rendering_with(*(Features(("diffuse",), True, "none", exact=kind) for kind in ("spheres", "quadrics")))
 
 SPP = {"mis": 1024, "light": 512, "bsdf": 4096}
 HEIGHT = 1.2

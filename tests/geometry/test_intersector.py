@@ -162,9 +162,6 @@ def trace(origins: Any, directions: Any, **limits: float) -> Any:
     return wrt.Intersector(wrt.box()).closest_hit(origins, directions, **limits)
 
 
-mesh_named_blob = functools.partial(wrt.Mesh, name="blob")
-
-
 @pytest.mark.parametrize(
     ("function", "arguments", "message"),
     [
@@ -172,15 +169,6 @@ mesh_named_blob = functools.partial(wrt.Mesh, name="blob")
         (trace, (TWO, np.zeros((3, 3))), "2 origins but 3 directions"),
         (functools.partial(trace, t_min=-1.0), (TWO, TWO), "t_min must be at least 0"),
         (functools.partial(trace, t_max=np.nan), (TWO, TWO), "t_max must be"),
-        (
-            mesh_named_blob,
-            ([*TRIANGLE, [0, np.nan, 0]], FACE),
-            r"vertices must be finite; number 3 is \[0.0, nan, 0.0\]",
-        ),
-        (mesh_named_blob, (TRIANGLE, [[0, -1, 2]]), "blob: a face names vertex -1, but there are 3 vertices"),
-        (mesh_named_blob, (TRIANGLE, np.uint64([[0, 1, 2**63]])), f"blob: a face names vertex {2**63}, but"),
-        (mesh_named_blob, (TRIANGLE, np.zeros((0, 3), int)), "blob: the mesh has no triangles"),
-        (mesh_named_blob, (TRIANGLE, [[0.0, 1.0, 2.0]]), "blob: faces must be integers, not float64"),
         (wrt.Intersector, (wrt.Scene(),), "no shapes"),
         (wrt.Intersector, (TRIANGLE,), r"not list; wrt\.Mesh takes arrays"),
         (wrt.Intersector, ("bunny.obj",), r"an intersector needs .*, not a path; wrt\.load_mesh reads files"),

@@ -135,21 +135,6 @@ def test_the_device_agrees(device: str, report: Report) -> None:
     assert np.abs(found[1:] - late).max() > 1e-4
 
 
-@pytest.mark.parametrize(
-    ("times", "transforms", "message"),
-    [
-        ([], np.zeros((0, 4, 4)), "one or more"),
-        ([0.0, 0.0], [np.eye(4), np.eye(4)], "ascend"),
-        ([0.0], [np.eye(3)], r"\(1, 4, 4\)"),
-        ([0.0], [np.diag([1.0, 1.0, 0.0, 1.0])], "not invertible"),
-        ([0.0, 1.0], [np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])], "mirrors"),
-    ],
-)
-def test_what_is_no_motion(times: list[float], transforms: object, message: str) -> None:
-    with pytest.raises(wrt.InputError, match=message):
-        wrt.Motion(times, transforms)  # type: ignore[arg-type]
-
-
 # --- Boxes of what moves -----------------------------------------------------------------------------
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from conftest import Report
@@ -114,21 +112,6 @@ def test_what_stands_in_one_place_lies_in_the_world() -> None:
     scene = wrt.Scene()
     scene.add_instances(wrt.box(), [np.eye(4), aside])  # too few triangles to share
     assert instancing.lay_out(scene).kind == "none"
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"transform": np.eye(3)}, r"a \(4, 4\) matrix or a wrt.Motion, not an array of"),
-        ({"transform": np.diag([1.0, 0.0, 1.0, 1.0])}, "not invertible"),
-        ({"transform": "turn"}, "not str"),
-        ({"transform": np.full((4, 4), np.nan)}, "finite"),
-        ({"deformation": wrt.Deformation((0.0, 1.0), np.zeros((2, 9, 3)))}, "9 vertices, but the mesh"),
-    ],
-)
-def test_what_is_no_transform_or_deformation(options: Any, message: str) -> None:
-    with pytest.raises(wrt.InputError, match=message):
-        wrt.Shape(wrt.box(), **options)
 
 
 def test_normals_follow_a_deformation(report: Report) -> None:

@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 import warp as wp
 from conftest import ROOT
+from support.covering_kernels import MATT_AND_METAL, rendering_with
 from support.kernels import upload
 from support.small_scenes import image_of
 
 import wrt
 from wrt.scene.normals import vertex_normals, with_normals
+
+one_kernel = rendering_with(MATT_AND_METAL)
 
 
 def hilly(height: float, *, smooth: bool = False) -> wrt.Mesh:

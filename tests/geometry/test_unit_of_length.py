@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from conftest import Report
+from support.covering_kernels import MATT_AND_METAL, rendering_with
 from support.ray_trees import affine, rotation
 from support.small_scenes import rendered
 
 import wrt
 from wrt.upload.accel import instancing
+
+one_kernel = rendering_with(MATT_AND_METAL)
 
 
 @pytest.fixture

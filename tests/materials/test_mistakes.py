@@ -1,4 +1,4 @@
-"""What cannot be described is refused in one line, which names the value: materials, textures, media and cameras."""
+"""What cannot be described is refused in one line, which names the value: materials, shapes, cameras, settings."""
 
 from __future__ import annotations
 
@@ -15,8 +15,12 @@ import wrt
 
 ONE = np.ones((1, 1, 1))
 PIXELS = np.ones((1, 1, 3))
-MIRRORED = wrt.Motion([0.0], [np.diag([-1.0, 1.0, 1.0, 1.0])])
+EYE, MIRROR, FLAT = np.eye(4), np.diag([-1.0, 1.0, 1.0, 1.0]), np.diag([1.0, 1.0, 0.0, 1.0])
+MIRRORED = wrt.Motion([0.0], [MIRROR])
 STRETCHED = wrt.Motion([0.0, 1.0], [np.eye(4), np.diag([1.0, 1.1, 1.0, 1.0])])
+BOX = {"mesh": wrt.box()}
+CORNERS, FACE = np.eye(3), [[0, 1, 2]]
+BLOB = {"vertices": CORNERS, "faces": FACE, "name": "blob"}
 BUMPS = wrt.NormalMap(np.full((1, 1, 3), 0.5))
 
 MISTAKES: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
@@ -74,6 +78,13 @@ MISTAKES: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
     # Materials of materials
     (wrt.Mix, {"first": 0.5}, "first must be a wrt.Material, not float"),
     (wrt.Mix, {"first": A, "second": wrt.Emissive(3.0)}, "second must not emit light; give the shape an emission"),
+    (wrt.Diffuse, {"normal_map": wrt.NormalMap(PIXELS, uv_set=1)}, "normal_map follows the first texture coordinates"),
+    (wrt.Principled, {"coat_normal_map": wrt.NormalMap(PIXELS, filter=True)}, "coat_normal_map cannot have a filter"),
+    (
+        wrt.Principled,
+        {"normal_map": wrt.NormalMap(PIXELS, convention="mitsuba"), "coat_normal_map": BUMPS},
+        "normal_map cannot have Mitsuba's convention where there is a coat_normal_map",
+    ),
     (wrt.Mix, {"first": A, "second": B, "normal_map": BUMPS}, "a mix has no normals of its own"),
     (wrt.TwoSided, {"front": chain(7)}, "materials are nested more than 7 deep"),
     # Textures
@@ -99,6 +110,68 @@ MISTAKES: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
     (wrt.DensityGrid, {"values": ONE * np.nan}, "density density: values must be finite and not negative"),
     (wrt.DensityGrid, {"values": ONE, "upper": (1.0, 0.0, 1.0)}, "density density: lower must be less than upper"),
     (wrt.DensityGrid, {"values": ONE, "albedo": 1.5 * PIXELS[None]}, "density density: albedo must be at most 1"),
+    # Meshes and exact shapes
+    (wrt.Mesh, {**BLOB, "vertices": CORNERS * [1.0, 1.0, np.nan]}, "blob: vertices must be finite; number 0 is [1.0, "),
+    (wrt.Mesh, {**BLOB, "faces": [[0, -1, 2]]}, "blob: a face names vertex -1, but there are 3 vertices"),
+    (wrt.Mesh, {**BLOB, "faces": np.uint64([[0, 1, 2**63]])}, f"blob: a face names vertex {2**63}, but"),
+    (wrt.Mesh, {**BLOB, "faces": np.zeros((0, 3), int)}, "blob: the mesh has no triangles"),
+    (wrt.Mesh, {**BLOB, "faces": [[0.0, 1.0, 2.0]]}, "blob: faces must be integers, not float64"),
+    (wrt.disk, {"radius": 0.0}, "radius must be greater than 0"),
+    (wrt.disk, {"normal": (0, 0, 0)}, "a disk's normal must have a length above 0"),
+    (wrt.cylinder, {"start": (1, 1, 1), "end": (1, 1, 1)}, "a cylinder's start and end must differ"),
+    (
+        wrt.cylinder,
+        {"start": (0, -500, 0), "end": (0, 500, 0), "radius": 1e-4},
+        "cylinder: the cylinder at [0.0, ",
+    ),
+    (wrt.spheres, {"centers": [(0, 0, 0)], "radii": [1.0, 2.0]}, "spheres: radii must be one number or 1, as many"),
+    (wrt.spheres, {"centers": CORNERS[:1], "radii": [0.0]}, "spheres: centers must be finite, and radii finite and"),
+    (
+        wrt.spheres,
+        {"centers": CORNERS[:1], "radii": 1.0, "colors": np.uint8([(255, 0, 0)])},
+        "spheres: colors must be linear numbers, not codes up to 255",
+    ),
+    (wrt.spheres, {"centers": [(1e38, 0, 0)], "radii": 3e38}, "spheres: vertices must be finite; number 1"),
+    # Where shapes are
+    (wrt.Motion, {"times": [], "transforms": np.zeros((0, 4, 4))}, "motion times must be one or more finite"),
+    (wrt.Motion, {"times": [0.0, 0.0], "transforms": [EYE, EYE]}, "motion times must ascend"),
+    (wrt.Motion, {"times": [0.0], "transforms": [np.eye(3)]}, "motion transforms must be (1, 4, 4), one per key"),
+    (wrt.Motion, {"times": [0.0], "transforms": [FLAT]}, "motion transform 0 is not invertible"),
+    (wrt.Motion, {"times": [0.0, 1.0], "transforms": [EYE, MIRROR]}, "motion transform 1 mirrors the one before"),
+    (
+        wrt.Shape,
+        {**BOX, "transform": np.eye(3)},
+        "shape: transform must be a (4, 4) matrix or a wrt.Motion",
+    ),
+    (wrt.Shape, {**BOX, "transform": FLAT}, "shape: transform is not invertible"),
+    (
+        wrt.Shape,
+        {**BOX, "transform": "turn"},
+        "shape: transform must be a (4, 4) matrix or a wrt.Motion, not str",
+    ),
+    (wrt.Shape, {**BOX, "transform": EYE * np.nan}, "shape: transform must be finite"),
+    (
+        wrt.Shape,
+        {**BOX, "deformation": wrt.Deformation((0.0, 1.0), np.zeros((2, 9, 3)))},
+        "shape: the deformation has 9 vertices, but the mesh has 8",
+    ),
+    # Settings
+    (
+        wrt.RenderSettings,
+        {"sampler": "halton"},
+        "sampler must be one of independent, stratified, sobol, blue-noise",
+    ),
+    (wrt.RenderSettings, {"clamp_indirect": 0.0}, "clamp_indirect must be greater than 0"),
+    (wrt.RenderSettings, {"regularization": 1.5}, "regularization must be at most 1"),
+    (wrt.RenderSettings, {"jittered_rays": 17}, "jittered_rays must be between 0 and 16"),
+    (
+        wrt.RenderSettings,
+        {"width": 48, "height": 30, "crop": (0, 0, 49, 30)},
+        "crop must lie inside the picture: (49, 30",
+    ),
+    (wrt.RenderSettings, {"crop": (5, 5, 3, 6)}, "crop must not be empty"),
+    (wrt.RenderSettings, {"crop": (0, 0, 0.5, 0.5)}, "crop[2] must be a whole number, not 0.5"),
+    (wrt.RenderSettings, {"crop": "0123"}, "crop must be four whole numbers"),
     # Cameras
     (wrt.PerspectiveCamera, {"shutter_open": 1.0, "shutter_close": 0.5}, "camera shutter_close must not be before"),
     (wrt.PerspectiveCamera, {"shift_y": math.inf}, "camera shift_y must be finite"),

@@ -13,7 +13,7 @@ import pytest
 from conftest import Report
 from numpy.typing import NDArray
 from support import principled_reference as reference
-from support.bsdfs import Case, hemisphere
+from support.bsdfs import FLAT, Case, Tilted, hemisphere
 
 import wrt
 
@@ -97,6 +97,40 @@ def test_an_image_gives_direction_and_strength_of_the_grain(device: str) -> None
     wo, wi = pairs()
     found = Case(SimpleNamespace(slots=slots, model=textured.model, table_key=None)).evaluate(wo, wi, device)[0]
     np.testing.assert_allclose(found, turned.evaluate(wo, wi, device)[0], rtol=2e-5)
+
+
+def about(normal: tuple[float, float, float], w: NDArray) -> NDArray:
+    """Return directions in a frame about a normal; isotropic lobes are the same in all such frames."""
+    z = np.array(normal) / np.linalg.norm(normal)
+    x = np.cross(z, [0.3, 1.0, 0.2])
+    x /= np.linalg.norm(x)
+    return w @ np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def test_a_coat_with_normals_of_its_own_is_turned_and_its_base_is_not(device: str, report: Report) -> None:
+    """KHR_materials_clearcoat: the coat reflects as a flat one in its own frame, and leaves as much to the base."""
+    coat, base = (0.4, -0.2, 1.0), (-0.3, 0.1, 1.0)
+    coated = P(WOOD, roughness=0.6, coat=0.8, coat_roughness=0.4)
+    coat_alone = dataclasses.replace(coated, base_color=0.0, specular=0.0)
+    base_alone = dataclasses.replace(coated, coat=0.0)
+    wo, wi = pairs(4000)
+    keep = np.all([about(n, w)[:, 2] > 0.05 for n in (coat, base) for w in (wo, wi)], axis=0)
+    wo, wi = wo[keep], wi[keep]
+
+    def tilted(p: wrt.Principled) -> NDArray:
+        return Tilted(dataclasses.replace(p, coat_normal_map=FLAT), True, coat, base).evaluate(wo, wi, device)[0]
+
+    def flat(p: wrt.Principled, normal: tuple[float, float, float]) -> NDArray:
+        return Case(p).evaluate(about(normal, wo), about(normal, wi), device)[0]
+
+    left = (flat(coated, coat) - flat(coat_alone, coat)) / flat(base_alone, coat)
+    for what, found, expected in (
+        ("the coat", tilted(coat_alone), flat(coat_alone, coat)),
+        ("its base", tilted(coated) - tilted(coat_alone), flat(base_alone, base) * left),
+    ):
+        error = relative_error(found, expected)
+        report(f"{what}: largest relative error", error, "< 1e-4")
+        assert error < 1e-4
 
 
 # --- Description --------------------------------------------------------------------------------------------

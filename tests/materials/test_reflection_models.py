@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from conftest import Report
 from support.bsdfs import (
+    FLAT,
     Bumpy,
     Case,
+    Tilted,
     albedo,
     assert_finite,
     assert_nothing_goes_through,
@@ -68,6 +70,12 @@ class Row(NamedTuple):
 def row(material: wrt.Material, *angles: float, back: bool = False, bumpy: bool = False, **properties: bool) -> Row:
     case = Bumpy(material, not back, VARIANCE) if bumpy else Case(material, not back)
     return Row(case, angles, **properties)
+
+
+def tilted(material: wrt.Principled, *angles: float, back: bool = False) -> Row:
+    """Return the row of a coat with normals of its own. Each layer is reciprocal with the cosine about its normal."""
+    material = dataclasses.replace(material, coat_normal_map=FLAT)
+    return Row(Tilted(material, not back, (0.3, -0.2, 1.0), (-0.25, 0.3, 1.0)), angles, reciprocal=False)
 
 
 def metal(alpha: Any, distribution: str = "ggx", masking: str = "smith", **options: Any) -> wrt.RoughConductor:
@@ -152,6 +160,10 @@ TABLE = {
     "everything, inside": row(EVERYTHING, 45, back=True),
     "everything, bumpy": row(LAYERED, 0, 85, bumpy=True),
     "everything, bumpy, inside": row(LAYERED, 60, back=True, bumpy=True),
+    "coat tilted": tilted(P((0.9, 0.4, 0.2), roughness=0.4, coat=1.0, coat_roughness=0.5), 0, 60, 85),
+    "everything, coat tilted": tilted(EVERYTHING, 45, 80),
+    "everything, coat tilted, inside": tilted(EVERYTHING, 60, back=True),
+    "sheet, coat tilted": tilted(P(0.9, transmission=0.8, thin_walled=True, coat=0.7, coat_roughness=0.3), 60),
     "sheet, bumpy": row(P(0.9, transmission=0.8, thin_walled=True), 60, bumpy=True),
     # Mitsuba's material: sheen, coat and diffuse base are added as they are.
     "burley": row(LACQUER, 30, 80, quick=True, conserving=False),

@@ -3,6 +3,7 @@
 The alpha of a transparent picture is the layer of what covers each pixel; lights are hidden from the camera alone.
 """
 
+import dataclasses
 import json
 from typing import Any
 
@@ -92,6 +93,7 @@ def test_layers_of_panes_agree_with_geometry(integrator, device):
         ("material", np.array([0, 1, 2, 1])[number]),
         ("alpha", is_hit),
         ("depth", depth),
+        ("z", np.where(is_hit, 4.0 - position[..., 2], np.inf)),
         ("position", position),
         ("normal", np.where(number[..., None] == 2, SMOOTH, normal)),
         ("geometric_normal", normal),
@@ -357,3 +359,15 @@ def test_layers_alone_make_files_without_light(tmp_path, capsys):
     for name in LAYERS:
         assert main([*render_it, "-o", str(tmp_path / "a.png"), "--layers", name]) == 0
         assert wrt.load_image(tmp_path / "a.png").any()
+
+
+def test_files_name_the_objects_of_their_numbers(tmp_path):
+    scene = two_panes()
+    scene.shapes[1] = dataclasses.replace(scene.shapes[1], name="pane “é”")
+    expected = {str(number): shape.name for number, shape in enumerate(scene.shapes, 1)}
+    renderer = render(scene, layers=("object",), integrator="aov")
+    renderer.save(tmp_path / "a.exr")
+    renderer.save(tmp_path / "a.png")
+    assert json.loads(OpenEXR.File(str(tmp_path / "a.exr")).header()["Objects"]) == expected
+    with Image.open(tmp_path / "a.png") as picture:
+        assert json.loads(picture.text["Objects"]) == expected

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 import wrt
@@ -39,6 +40,17 @@ def test_layers_come_with_the_picture_and_a_camera_replaces_the_sources():
     assert sorted(found) == ["depth", "image", "object"]
     assert found["depth"][found["object"] == 1].min() == pytest.approx(5.0, rel=0.05)
     assert sorted(wrt.render("cornell-box", integrator="aov", layers=("normal",), **SMALL)) == ["normal"]
+
+
+def test_what_a_camera_of_ones_own_sees_stays_in_place(tmp_path):
+    """By default a mesh is stood up, scaled and moved to the origin."""
+    vertices = np.array([[0, 0, 0], [800, 0, 0], [0, 0, 800], [800, 0, 800]]) + (1e6, 0, 0)
+    mesh = trimesh.Trimesh(vertices, [[0, 1, 2], [1, 3, 2]], process=False)
+    mesh.export(tmp_path / "a.stl")
+    camera = wrt.PerspectiveCamera((1e6 + 400, 900, 400), (1e6 + 400, 0, 400), up=(0, 0, 1), fov_degrees=20)
+    for source in (mesh, tmp_path / "a.stl", wrt.Mesh(mesh.vertices, mesh.faces)):
+        depth = wrt.render(source, camera=camera, layers=("depth",), **SMALL)["depth"]
+        assert depth.min() == pytest.approx(900.0, rel=1e-4)
 
 
 def test_progress_is_called_and_a_renderer_without_samples_says_so(tmp_path):

@@ -98,6 +98,9 @@ def test_a_dataset_maps_points_to_the_pixels_that_show_them(tmp_path):
     assert dataset.main(["teapot", "-o", str(folder), "--views", "2", "--size", "32", "--spp", "2"]) == 0
     written = json.loads((folder / "transforms.json").read_text())
     assert len(written["frames"]) == 2
+    assert [each.camera.fov_degrees for each in wrt.load_cameras(folder / "transforms.json").values()] == [
+        pytest.approx(40.0)
+    ] * 2
     for frame in written["frames"]:
         to_world = np.array(frame["transform_matrix"])
         np.testing.assert_allclose(np.linalg.inv(to_world[:3, :3]), to_world[:3, :3].T, atol=1e-6)

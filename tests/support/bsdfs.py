@@ -79,13 +79,17 @@ class Case:
     def name(self) -> str:
         return current_name(self.material.model)
 
-    def record(self, device: str) -> Any:
-        bsdf = Bsdf()
-        bsdf.model, bsdf.front = model_number(self.name), self.front
+    @property
+    def values(self) -> NDArray[np.float32]:
         values = np.zeros(slot_values._shape_, np.float32)
         for k, value in enumerate(self.material.slots):
             values[k] = value
-        bsdf.slots = slot_values(*values.ravel().tolist())
+        return values
+
+    def record(self, device: str) -> Any:
+        bsdf = Bsdf()
+        bsdf.model, bsdf.front = model_number(self.name), self.front
+        bsdf.slots = slot_values(*self.values.ravel().tolist())
         # Where a table begins is not 0, lest a model forget to ask.
         values, places = pack_tables([self.material.table_key], Device(device))
         bsdf.tables = wp.array(np.concatenate([np.full(3, np.nan, np.float32), values]), dtype=float, device=device)
@@ -124,6 +128,24 @@ class Bumpy(Case):
         bsdf = super().record(device)
         bsdf.normal_variance = wp.vec2(*self.variance)
         return bsdf
+
+
+FLAT = wrt.NormalMap(np.array([[[0.5, 0.5, 1.0]]], np.float32))
+
+
+@dataclasses.dataclass(frozen=True)
+class Tilted(Case):
+    """A material with a `coat_normal_map`; `coat` and `base` are the normals of the coat and of what lies below."""
+
+    coat: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    base: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    @property
+    def values(self) -> NDArray[np.float32]:
+        values, slot = super().values, self.model.coat_slot
+        for row, normal in ((slot, self.coat), (slot + 1, self.base)):
+            values[row, 1:] = np.array(normal[:2]) / np.linalg.norm(normal)
+        return values
 
 
 def viewer(degrees: float, azimuth: float = 0.7) -> NDArray[np.float64]:

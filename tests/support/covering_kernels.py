@@ -15,6 +15,9 @@ from wrt.kernels.core.features import Features
 from wrt.kernels.lights.shapes import BUILT_IN
 from wrt.rendering.render_kernel import RenderKernel
 
+MATT_AND_METAL = Features(("conductor", "diffuse"), False, "image")
+"""Features of a kernel for plain scenes, by the sampler "independent"."""
+
 
 def covering(*models: str, **fields: Any) -> Features:
     """Return the features of a kernel that has everything a scene of some reflection models may do without."""

@@ -54,7 +54,7 @@ def test_bsdf_sampling_alone_is_exact_but_for_roulette(device: str) -> None:
     np.testing.assert_allclose(image, 1.875, rtol=1e-6)
 
 
-@pytest.mark.parametrize("dispersion", [0.0, 0.5])
+@pytest.mark.parametrize("dispersion", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_glass_block_in_a_furnace_cannot_be_seen(dispersion: float, device: str, report: Report) -> None:
     """Reflection and refraction together lose nothing, and η² cancels between entry and exit.
 

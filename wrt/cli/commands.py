@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,11 +60,13 @@ def info(
     system: bool,
     memory: bool,
     size: tuple[int, int] | None,
-    confined: bool,
+    **arguments: Any,
 ) -> int:
     """Show what scenes or mesh files contain, or what wrt finds on this machine; return the highest exit status."""
+    from wrt.cli.options import loading_options
     from wrt.errors import InputError
 
+    loading = loading_options(arguments)
     if system:
         from wrt.cli.system import system_text
 
@@ -81,7 +82,7 @@ def info(
         for number, source in enumerate(sources):
             name = source if len(sources) > 1 else ""
             try:
-                text = _memory_text(source, size, confined) if memory else _contents_text(source, confined)
+                text = _memory_text(source, size, loading) if memory else _contents_text(source, loading)
             except EXPECTED as error:
                 highest = max(highest, failure(error, name=name))
                 continue
@@ -89,31 +90,20 @@ def info(
     return highest
 
 
-def _memory_text(source: str, size: tuple[int, int] | None, confined: bool) -> str:
+def _memory_text(source: str, size: tuple[int, int] | None, loading: dict[str, Any]) -> str:
     from wrt.api import load
     from wrt.memory_needed import device_memory, memory_text
 
-    scene = load(source, confined=confined)
+    scene = load(source, **loading)
     width, height = size or (scene.settings.width, scene.settings.height)
     return memory_text(device_memory(scene, width=width, height=height), width, height)
 
 
-def _contents_text(source: str, confined: bool) -> str:
-    from wrt.api import load
+def _contents_text(source: str, loading: dict[str, Any]) -> str:
+    from wrt.api import load_contents
     from wrt.describe.scene import scene_text
-    from wrt.io.archives import unpacked
-    from wrt.io.file_type import ARRAYS_SUFFIX, MESH_SUFFIXES
-    from wrt.io.load_mesh import load_file
-    from wrt.io.safe_read import confined_to
 
-    with unpacked(source) as file:
-        path = Path(file)
-        if path.suffix.lower() not in MESH_SUFFIXES or not os.path.isfile(path):
-            return scene_text(load(file, confined=confined))
-        # A mesh file is described without the studio that `load` adds. `standalone` moves a mesh to the origin, which
-        # would hide its place in the file, but not one from arrays.
-        with confined_to(path.parent if confined else None):
-            return scene_text(load_file(path, standalone=path.suffix.lower() == ARRAYS_SUFFIX))
+    return scene_text(load_contents(source, **loading))
 
 
 def develop(
@@ -149,17 +139,16 @@ def develop(
     return 0
 
 
-def convert(
-    interrupts: Interrupts, *, source: str, output: str, force: bool, camera: str | None, up: str | None, confined: bool
-) -> int:
+def convert(interrupts: Interrupts, *, source: str, output: str, force: bool, **arguments: Any) -> int:
     """Convert a scene or mesh to a scene file."""
     interrupts.unfinished = f"{output} was not written"
     from wrt.api import load
+    from wrt.cli.options import loading_options
     from wrt.io.toml.writer import save_scene
     from wrt.progress.bar import short_warnings
 
     with short_warnings(warn):
-        save_scene(output, load(source, camera=camera, up=up, confined=confined), force=force)
+        save_scene(output, load(source, **loading_options(arguments)), force=force)
     return 0
 
 

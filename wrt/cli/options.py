@@ -56,17 +56,21 @@ class RenderOptions:
     @classmethod
     def from_arguments(cls, arguments: Mapping[str, Any]) -> RenderOptions:
         """Sort the arguments of a command line, by name, into options."""
-        from wrt.api import load, split_settings
+        from wrt.api import split_settings
 
         values = dict(arguments)
         limits = {name: values.pop(name, None) for name in LIMITS}
         width, height = values.pop("size") or (None, None)
         values |= {"width": width, "height": height, "denoise": values["denoise"] or None}
         settings, values = split_settings(values)
-        loading = {name: values.pop(name) for name in inspect.signature(load).parameters if name in values}
-        loading["parameters"] = dict(loading["parameters"] or ())
+        loading = loading_options(values)
         inputs = tuple(values.pop("inputs"))
         return cls(inputs, loading, settings, limits, **values)
+
+    @property
+    def can_go_on(self) -> bool:
+        """Whether another picture of the command may succeed where one failed."""
+        return True
 
     def load(self, source: str, *, time: float | None = None) -> Scene:
         """Load an input with these settings, at a time of its animation or else at rest."""
@@ -93,6 +97,14 @@ class RenderOptions:
         from wrt.distributed.head import DistributedRenderer
 
         return DistributedRenderer(scene, client=cluster, device=self.device, seed=self.seed, threads=self.threads)
+
+
+def loading_options(values: dict[str, Any]) -> dict[str, Any]:
+    """Remove the options of `wrt.load` from arguments by name, and return them."""
+    from wrt.api import load
+
+    loading = {name: values.pop(name) for name in inspect.signature(load).parameters if name in values}
+    return loading | {"parameters": dict(loading["parameters"] or ())}
 
 
 @functools.cache

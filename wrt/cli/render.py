@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,13 @@ if TYPE_CHECKING:
 def render(interrupts: Interrupts, **arguments: Any) -> int:
     """Render every input, even after an error in one; return the highest exit status."""
     options = RenderOptions.from_arguments(arguments)
+    if options.loading["cameras"] is not None:
+        from wrt.cli.views import views_of
+
+        source = options.inputs[0]
+        return _render_all(
+            interrupts, [(name, PictureRender(source, view, out, interrupts)) for name, out, view in views_of(options)]
+        )
     if options.turntable is not None or options.frames is not None:
         from wrt.cli.frames import AnimationRender
 
@@ -35,19 +43,27 @@ def render(interrupts: Interrupts, **arguments: Any) -> int:
         from wrt.cli.parts import render_part
 
         return render_part(interrupts, options, *options.part)
-    outputs, inputs = outputs_of(options), options.inputs
-    highest = 0
-    for number, (source, output) in enumerate(zip(inputs, outputs, strict=True), 1):
-        name = source if len(inputs) > 1 else ""
+    outputs = zip(options.inputs, outputs_of(options), strict=True)
+    return _render_all(
+        interrupts, [(source, PictureRender(source, options, output, interrupts)) for source, output in outputs]
+    )
+
+
+def _render_all(interrupts: Interrupts, pictures: Sequence[tuple[str, PictureRender]]) -> int:
+    """Render pictures with their names, even after an error in one; return the highest exit status."""
+    highest, inputs = 0, [name for name, _ in pictures]
+    for number, (name, picture) in enumerate(pictures, 1):
+        name = name if len(inputs) > 1 else ""
         label = f" ({number} of {len(inputs)})" if name else ""
         unfinished = "nothing was rendered yet"
         interrupts.rearm(f"{name}: {unfinished}" if name else unfinished)
-        picture = PictureRender(source, options, output, interrupts)
         with short_warnings(once(warn)):  # when there is no progress bar
             try:
                 status = picture.run(label)
             except EXPECTED as error:
                 status = failure(error, name=name)
+                if not picture.options.can_go_on:
+                    return status
             except KeyboardInterrupt:
                 status = interrupts.stopped()
         highest = max(highest, status)

@@ -9,7 +9,7 @@ import secrets
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from wrt.cli.exit_status import complain, warn
 
@@ -33,16 +33,16 @@ def view(
     device: str,
     threads: int | None,
     seed: int,
-    camera: str | None,
-    up: str | None,
-    confined: bool,
+    **arguments: Any,
 ) -> int:
     """Serve the page of a scene until Ctrl-C."""
     from wrt.api import is_builtin, load, load_with_settings
+    from wrt.cli.options import loading_options
     from wrt.progress.bar import once, short_warnings
     from wrt.view.server import bound_socket, run_server
     from wrt.view.session import Session
 
+    loading = loading_options(arguments)
     if not watch and not is_builtin(source) and not os.path.lexists(source):
         load(source)  # raises InputError at once: without --watch a missing file stays missing
     bound = bound_socket(port)
@@ -52,7 +52,7 @@ def view(
 
         width, height = size or (None, None)
         settings = {"width": width, "height": height}
-        scene = load_with_settings(source, settings, camera=camera, up=up, confined=confined)
+        scene = load_with_settings(source, settings, **loading)
         return Renderer(scene, device=device, seed=seed, threads=threads)
 
     def ready(address: str) -> None:

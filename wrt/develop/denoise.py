@@ -1,4 +1,4 @@
-"""Remove noise by Open Image Denoise (Áfra 2019 to 2025), the extra wrt[denoise].
+"""Remove noise by Open Image Denoise (Áfra 2019 to 2025).
 
 wrt works around two of its defaults. It scales pictures by their mean brightness, whose last bits depend on the number
 of threads, so the scale is computed here. And it mistakes noise in albedo and normals for edges, so these are denoised
@@ -26,7 +26,7 @@ _LUMINANCE = (0.212671, 0.715160, 0.072169)
 def require_denoiser() -> None:
     """Raise InputError unless Open Image Denoise is installed."""
     if importlib.util.find_spec(PACKAGE) is None:
-        raise InputError("denoising needs Open Image Denoise: pip install 'wrt[denoise]'")
+        raise InputError("denoising needs Open Image Denoise: pip install mitsuba-oidn")
 
 
 def denoise(
@@ -45,7 +45,7 @@ def denoise(
         threads: CPU threads; by default all cores.
 
     Raises:
-        InputError: if the shapes of arrays differ, or the extra wrt[denoise] is not installed.
+        InputError: if the shapes of arrays differ, or Open Image Denoise is not installed.
     """
     require_denoiser()
     color = _clean(image, "image", 0.0, np.inf)

@@ -68,6 +68,7 @@ def load_file(
     smooth_degrees: float | None = None,
     time: float | None = None,
     standalone: bool = False,
+    in_place: bool = False,
     point_radius: float | None = None,
 ) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
@@ -85,6 +86,7 @@ def load_file(
             then moved there unless it has lights or cameras: positions are exact to a part of its size, not of the
             distance.
             Arrays have the material of mesh files instead of a shape's default.
+        in_place: whether it stays where it is all the same.
         point_radius: the radius of points, in the file's units; by default it follows from their distances.
     """
     file = Path(path)
@@ -111,7 +113,9 @@ def load_file(
         raise InputError(f"{file}: {advice_on(file) or unknown}")
     with naming_file(file), hinting(file):
         contents = _contents(file, read_file(file), time)
-        return _scene(str(file), contents, smooth_degrees, standalone=standalone, point_radius=point_radius)
+        return _scene(
+            str(file), contents, smooth_degrees, movable=standalone and not in_place, point_radius=point_radius
+        )
 
 
 def _contents(file: Path, data: bytes, time: float | None) -> Contents:
@@ -173,6 +177,7 @@ def load_object(
     *,
     smooth_degrees: float | None = None,
     standalone: bool = False,
+    in_place: bool = False,
     point_radius: float | None = None,
 ) -> Scene:
     """Read a `trimesh.Trimesh` or `trimesh.Scene` as `load_file` would read its file; see `wrt.io.trimesh_objects`.
@@ -188,7 +193,7 @@ def load_object(
     from wrt.io.trimesh_objects import read_object
 
     contents = read_object(as_trimesh(source))
-    return _scene(OF_TRIMESH, contents, smooth_degrees, standalone=standalone, point_radius=point_radius)
+    return _scene(OF_TRIMESH, contents, smooth_degrees, movable=standalone and not in_place, point_radius=point_radius)
 
 
 def from_trimesh(source: Any, *, smooth_degrees: float | None = None) -> list[Shape]:
@@ -201,10 +206,10 @@ def _scene(
     contents: Contents,
     smooth_degrees: float | None,
     *,
-    standalone: bool = False,
+    movable: bool = False,
     point_radius: float | None = None,
 ) -> Scene:
-    movable = standalone and not (contents.lights or contents.cameras)
+    movable = movable and not (contents.lights or contents.cameras)
     shapes = to_shapes(path, near_origin(contents.parts) if movable else contents.parts, smooth_degrees, point_radius)
     names = unique(name for name, _ in contents.cameras)
     cameras = dict(zip(names, (camera for _, camera in contents.cameras), strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,10 @@ class Picture(ABC):
     def _materials(self) -> list[int]:
         """Return the number of each shape's material."""
 
+    def _object_names(self) -> list[str]:
+        """Return the name of each object number from 1; none if they are unknown."""
+        return []
+
     def save(
         self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
     ) -> Developed | None:
@@ -128,6 +133,8 @@ class Picture(ABC):
             "Seed": self.seed,
             "Render seconds": f"{self.seconds_render:.1f}",
         }
+        if "object" in layers and path.suffix.lower() in (".exr", ".png") and (names := self._object_names()):
+            metadata["Objects"] = json.dumps(dict(enumerate(names, 1)))
         save = functools.partial(save_image, path, metadata=metadata, force=force)
         suffix = path.suffix.lower()
         if not self.renders_light:
@@ -176,10 +183,10 @@ def check_contents(path: Path, picture: Picture) -> None:
 def layer_colors(name: str, values: NDArray[Any]) -> NDArray[np.float32]:
     """Return a layer as (H, W, 3) float32 linear colours, for an 8-bit picture.
 
-    Albedo and coverage are unchanged. Normals map -1 to 1 to 0 to 255. Depth is white at the nearest point and black at
-    the farthest. Each coordinate of positions runs from black at its lowest to full at its highest value. Texture
-    coordinates repeat every 1, in red and green. Zero motion is grey, and the longest reaches the limits. Each object
-    and material has its own colour.
+    Albedo and coverage are unchanged. Normals map -1 to 1 to 0 to 255. Depth and z are white at the nearest point and
+    black at the farthest. Each coordinate of positions runs from black at its lowest to full at its highest value.
+    Texture coordinates repeat every 1, in red and green. Zero motion is grey, and the longest reaches the limits. Each
+    object and material has its own colour.
     """
     if name == "albedo":
         shown = np.asarray(values, np.float64)
@@ -196,7 +203,7 @@ def _codes(name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return sRGB values 0 to 1, so that equal differences of a layer are equal differences of 8-bit codes."""
     if name in ("normal", "geometric_normal"):
         return 0.5 + 0.5 * values
-    if name == "depth":
+    if name in ("depth", "z"):
         finite = np.isfinite(values)
         low, high = (values[finite].min(), values[finite].max()) if finite.any() else (0.0, 0.0)
         near = np.where(finite, (high - np.where(finite, values, high)) / max(high - low, 1e-30), 0.0)

@@ -310,7 +310,7 @@ class Renderer(Picture):
         Guided by albedo and normals of what is seen, in mirrors and through glass too, for which more rays are traced.
 
         Raises:
-            InputError: when the extra wrt[denoise] is not installed, or there is no picture of radiance.
+            InputError: when Open Image Denoise is not installed, or there is no picture of radiance.
         """
         require_denoiser()
         threads = self.threads if self.device.is_cpu else None
@@ -462,6 +462,9 @@ class Renderer(Picture):
 
     def _materials(self) -> list[int]:
         return material_numbers([shape.material for shape in self.scene.shapes])
+
+    def _object_names(self) -> list[str]:
+        return [shape.name for shape in self.scene.shapes]
 
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""

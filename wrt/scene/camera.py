@@ -304,7 +304,7 @@ class FisheyeCamera(Camera):
         shift_x: lens shift to the right, in picture heights.
         shift_y: lens shift upwards, in picture heights.
         distortion: coefficients k1, k2, k3 and k4 of OpenCV's fisheye; those left out are 0.
-        circular: whether the picture is black beyond `fov_degrees`, or shows what is there up to its corners.
+        circular: whether the picture is black beyond `fov_degrees`; otherwise it is filled up to its corners.
     """
 
     type_name: ClassVar[str] = "fisheye"

@@ -26,6 +26,7 @@ LAYERS: dict[str, Layer] = {
     "geometric_normal": Layer("XYZ", averaged=True),
     "alpha": Layer("A", averaged=True),
     "depth": Layer("Z"),
+    "z": Layer("Z"),
     "position": Layer("XYZ"),
     "uv": Layer("UV"),
     "motion": Layer("XY"),

@@ -179,7 +179,7 @@ class RenderSettings(Description):
         tone: tone curve of pictures written as PNG or JPEG, see `wrt.develop_image`.
         exposure: stops (factors of two) by which these are brightened, or "auto"; None for 0, unless the picture would
             be mostly white or dark.
-        denoise: whether saved pictures are denoised, by the extra wrt[denoise].
+        denoise: whether saved pictures are denoised.
         crop: part of the picture to render: first column and row, and the column and row after the last.
         max_scatterings: maximum number of scattering events along a path.
         integrator: one of INTEGRATORS; None for "volpath" if media scatter, else "path".

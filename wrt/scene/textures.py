@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ class ImageTexture(Description):
     Attributes:
         pixels: (H, W, 3) float32, linear Rec. 709; row 0 is the top, at v = 1.
         name: source of the pixels, for messages.
-        channel: use this channel for all three.
+        channel: "r", "g" or "b" to use this channel for all three.
         factor: multiplies the pixels; for emission, the radiance of white, W·sr⁻¹·m⁻².
         scale: scale of the texture coordinates, one number or two for u and v.
         rotation_degrees: rotation of the texture coordinates.
@@ -98,11 +98,14 @@ class ImageTexture(Description):
     @property
     def placement(self) -> NDArray[np.float64]:
         """The (2, 3) matrix from texture coordinates (u, v, 1) to image coordinates."""
-        turn = math.radians(self.rotation_degrees)
-        c, s = math.cos(turn), math.sin(turn)
-        su, sv = self.scale  # type: ignore[misc]
-        ou, ov = self.offset
-        return np.array([[c * su, -s * sv, ou], [s * su, c * sv, ov]])
+        return _placement(self.scale, self.rotation_degrees, self.offset)
+
+
+def _placement(scale: Any, rotation_degrees: float, offset: Sequence[float]) -> NDArray[np.float64]:
+    turn = math.radians(rotation_degrees)
+    c, s = math.cos(turn), math.sin(turn)
+    (su, sv), (ou, ov) = scale, offset
+    return np.array([[c * su, -s * sv, ou], [s * su, c * sv, ov]])
 
 
 @dataclass(frozen=True)
@@ -157,6 +160,8 @@ class NormalMap(Description):
         convention: "gltf"; "mitsuba": y points along normal × u, normals that face away from the viewer are mirrored,
             and light from near the horizon is reduced (Estevez, Lecocq and Stellpflug 2019); or "right-handed", with
             the first of these only.
+        uv_scale, uv_rotation_degrees, uv_offset: as of an ImageTexture, without the `uv_`; x and y of the normals stay.
+        uv_set: which texture coordinates a `coat_normal_map` uses, 0 or 1; x and y follow the first ones.
     """
 
     pixels: Annotated[NDArray[np.float32] | ImageTexture, _encoded_normals] = field(repr=False)
@@ -166,14 +171,25 @@ class NormalMap(Description):
     wrap: _Wrap = "repeat"
     heights: Flag = False
     convention: Annotated[str, word_of(NORMAL_CONVENTIONS)] = "gltf"
+    uv_scale: Annotated[float | Sequence[float], _one_or_two] = 1.0
+    uv_rotation_degrees: Number = 0.0
+    uv_offset: Annotated[Sequence[float], pair] = (0.0, 0.0)
+    uv_set: Annotated[int, partial(integer, minimum=0, maximum=1)] = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.filter and (self.heights or self.convention != "gltf"):
             raise InputError("normal map: filter is for normals by the convention of glTF")
+        if self.heights and self.uv_set != 0:
+            raise InputError("normal map: heights follow the first texture coordinates")
 
     def _label(self, name: str) -> str:
         return f"normal map {self.name}: {name}"
+
+    @property
+    def placement(self) -> NDArray[np.float64]:
+        """The (2, 3) matrix from texture coordinates (u, v, 1) to image coordinates."""
+        return _placement(self.uv_scale, self.uv_rotation_degrees, self.uv_offset)
 
 
 ColorSource: TypeAlias = ColorLike | ImageTexture | VertexColor

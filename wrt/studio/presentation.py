@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from wrt.studio.framing import frame_camera
 from wrt.studio.ground import ground_height
 from wrt.studio.subjects import Reach
 from wrt.studio.views import VIEWS, azimuth_of, view_angles, view_direction
+from wrt.values import vec3
 
 SETTINGS = RenderSettings(width=960, height=720, spp=128)
 KEY_RADIANCE = 12.5
@@ -82,15 +84,13 @@ def present(
     Raises:
         InputError: if the axis or the view is unknown, or there are no shapes.
     """
-    if up not in _UP_ROTATIONS:
-        raise InputError(f"up must be one of {', '.join(_UP_ROTATIONS)}, not {up!r}")
+    to_y = _turn_to_y(up)
     if not shapes:
         raise InputError("there is nothing to show: no shapes")
     azimuth, elevation = view_angles(view)
-    axis, degrees = _UP_ROTATIONS[up]
-    if degrees:
-        shapes = [shape.moved(_turn(axis, degrees)) for shape in shapes]
-        reach = reach and reach.moved(_turn(axis, degrees))
+    if up != "y":
+        shapes = [shape.moved(to_y) for shape in shapes]
+        reach = reach and reach.moved(to_y)
     scene = Scene(shapes=list(shapes), settings=dataclasses.replace(SETTINGS), studio_shapes=len(shapes))
     low, high = scene.bounds if reach is None else reach.bounds
     size = norm(high - low)
@@ -127,6 +127,29 @@ def present(
     key = NEUTRAL_KEY if neutral else KEY_RADIANCE
     scene.shapes.append(_key_light(center, size, turn, key, below=elevation < 0.0))
     return scene
+
+
+def upright(scene: Scene, up: str) -> Scene:
+    """Return a scene of a file without lights, its shapes and cameras turned to bring the axis `up` to +y."""
+    matrix = _turn_to_y(up)
+
+    def turned(camera: Camera) -> Camera:
+        directions = {name: np.array(getattr(camera, name)) for name in ("origin", "target", "up")}
+        fields: dict[str, Any] = {name: vec3(product(matrix[:3, :3], row)) for name, row in directions.items()}
+        return dataclasses.replace(camera, **fields)
+
+    cameras = {name: turned(camera) for name, camera in scene.cameras.items()}
+    camera = next((cameras[name] for name, each in scene.cameras.items() if each is scene.camera), None)
+    return dataclasses.replace(
+        scene, shapes=[shape.moved(matrix) for shape in scene.shapes], camera=camera, cameras=cameras
+    )
+
+
+def _turn_to_y(up: str) -> NDArray[np.float64]:
+    """Return the (4, 4) rotation that brings an axis to +y, or raise InputError."""
+    if up not in _UP_ROTATIONS:
+        raise InputError(f"up must be one of {', '.join(_UP_ROTATIONS)}, not {up!r}")
+    return _turn(*_UP_ROTATIONS[up])
 
 
 def _turn(axis: tuple[float, float, float], degrees: float) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,9 @@ class Stage:
         transparent: whether the picture shows neither backdrop nor environment, but how much of each pixel is covered.
         aspect: width of the picture over its height; None to take it from the source's settings.
         time: the time of the source's animation, seconds; None for the source at rest.
+        cameras: cameras that replace the source's, the first one in use; empty to keep those.
         reach: what that animation shows at all times, if there is a time; the studio and its camera are made for it.
+        is_bare: whether a mesh file is left without a studio.
     """
 
     view: Any = None
@@ -56,6 +59,8 @@ class Stage:
     aspect: float | None = None
     time: float | None = None
     reach: Reach | None = None
+    cameras: Mapping[str, Camera] = dataclasses.field(default_factory=dict)
+    is_bare: bool = False
 
     def __post_init__(self) -> None:
         """Check the options, as a person gives them, and keep the things that they stand for.
@@ -79,6 +84,12 @@ class Stage:
         for name, value in (values | {"transparent": bool(self.transparent)}).items():
             object.__setattr__(self, name, value)
 
+    def with_cameras(self, scene: Scene) -> Scene:
+        """Return a scene with the cameras that replace its own, if there are any."""
+        if not self.cameras:
+            return scene
+        return dataclasses.replace(scene, camera=next(iter(self.cameras.values())), cameras=dict(self.cameras))
+
     def shown(self, scene: Scene) -> Scene:
         """Return a scene with these options.
 
@@ -89,6 +100,7 @@ class Stage:
             raise InputError(f"{FOR_ANIMATIONS}; --frames renders a scene's own keyframes")
         if self.material is not None:
             raise InputError("a material is for meshes; the shapes of a scene have their own")
+        scene = self.with_cameras(scene)
         settings, camera = scene.settings, scene.camera
         if self.transparent:
             settings = dataclasses.replace(settings, transparent=True)
@@ -129,6 +141,7 @@ class Stage:
             up: the axis that points up.
             neutral: whether the studio's light is that of glTF's viewers.
         """
+        scene = self.with_cameras(scene)
         shapes, camera = scene.shapes, scene.camera
         if self.material is not None:
             shapes = [dataclasses.replace(shape, material=self.material, emission=0.0) for shape in shapes]
@@ -150,7 +163,7 @@ class Stage:
             aspect=self.aspect,
             camera=camera,
             environment=self.environment,
-            backdrop=not self.transparent,
+            backdrop=not (self.transparent or self.cameras),
             reach=self.reach,
             neutral=neutral,
         )

@@ -60,6 +60,7 @@ class MaterialTable:
         varying = [value for value in (*values, *emissions) if _varies(value)]
         self.textured = bool(varying)
         self.uv2_alpha = any(_needs_uv2_alpha(value) for value in varying)
+        self.uv2_alpha |= any(normals.uv_set == 1 for material in simple for normals in material.normal_maps)
         self.mipmapped = any(isinstance(value, ImageTexture) and value.has_levels for value in varying)
         self.composite = "none"
         if any(material.opacity != 1.0 for material in self.materials):
@@ -67,7 +68,7 @@ class MaterialTable:
         elif len(simple) < len(self.materials):
             mixed = any(isinstance(material, Mix) for material in self.materials)
             self.composite = "mixed" if mixed else "sides"
-        self.tangents = any(material.needs_tangents or material.normal_map is not None for material in simple)
+        self.tangents = any(material.needs_tangents or material.normal_maps for material in simple)
         k = current_backend().kernels("wrt.kernels.core.scene_data")
         self._slots = _Slots()
         self._records = packed([self._record(material) for material in self.materials], k.MaterialRecord)
@@ -113,12 +114,15 @@ class MaterialTable:
             "model": model_number(model_name(material)),
             "matt": model.matt,
             "normal_map": -1,
+            "coat_normal_map": -1,
         }
         if material.normal_map is not None:
             filtered = material.normal_map.filter and model.widens
             record["normal_map"] = self._slots.add_normal_map(material.normal_map, filtered)
             along = k.NORMALS_FILTERED_ALONG_TEXTURE if material.needs_tangents else k.NORMALS_FILTERED
             record["normal_filter"] = along if filtered else k.NORMALS_AT_POINT
+        if model.coat_slot >= 0:
+            record["coat_normal_map"] = self._slots.add_normal_map(material.normal_maps[-1], filtered=False)
         return record
 
     @property
@@ -217,10 +221,9 @@ class _Slots:
     def add_image(self, pixels: NDArray[np.float32], mapping: ImageTexture | NormalMap) -> int:
         """Return the number of the image record for pixels and their mapping; equal records share one."""
         number = self._add_pixels(pixels)
-        placement = mapping.placement if isinstance(mapping, ImageTexture) else np.eye(2, 3)
         nearest = isinstance(mapping, ImageTexture) and mapping.filter == "nearest"
         wraps = (WRAPS.index(wrap) for wrap in mapping.wrap)
-        record = (number, *wraps, nearest, *(tuple(row) for row in placement.tolist()))
+        record = (number, *wraps, nearest, *(tuple(row) for row in mapping.placement.tolist()))
         levels: list[int] = []
         if isinstance(mapping, ImageTexture) and mapping.has_levels:
             if number not in self._levels:
@@ -250,7 +253,8 @@ class _Slots:
             levels = slope_pyramid(normals) if filtered else ()
             for image in (image for level in levels for image in level):
                 self.add_image(image, normal_map)
-            kind = int(normal_map.heights), NORMAL_CONVENTIONS.index(normal_map.convention)
+            convention = NORMAL_CONVENTIONS.index(normal_map.convention)
+            kind = int(normal_map.heights), convention, normal_map.uv_set
             self.normal_maps.append((first, first + 1, (len(self.images) - first) // 2, *kind))
         return self._normal_map_numbers[key]
 

@@ -3,6 +3,10 @@
 f = f_layer + f_base · min(1 − E(wo), 1 − E(wi)), where E is the layer's own albedo. The base's share of light from wo
 is at most 1 − E(wo), which conserves energy, and both directions count alike, which is reciprocal. The form is that of
 Estevez and Kulla (2017) for sheen, and of KHR_materials_sheen after them.
+
+A coat may have normals of its own, then given with those of its base in a frame in which neither is z. Each layer has
+its cosines and its E about its own normal, and is reciprocal only with that cosine. z decides which directions are
+above the surface; light that leaves a layer to another side than it does in that layer's frame is lost.
 """
 
 from typing import NamedTuple
@@ -76,8 +80,45 @@ def make_outside(body: bool) -> wp.Function:
     return outside
 
 
+@wp.func
+def _as_it_is(bsdf: Bsdf, w: wp.vec3, sign: float) -> wp.vec3:
+    return w
+
+
 @specialised()
-def add_coat(below: Layer, coat: int, roughness: int, body: bool, bumpy: bool = False) -> Layer:
+def make_about(row: int) -> wp.Function:
+    """Return the device function (bsdf, w, sign) -> vec3: w in a frame about the normal in a row, or with −1 back.
+
+    The row has x and y of the normal as its second and third numbers. The frame is that of a normal map: its x is the
+    projection of x. Without a row, which is −1, it is the frame of w.
+    """
+    if row < 0:
+        return _as_it_is
+
+    @wp.func
+    def about(bsdf: Bsdf, w: wp.vec3, sign: float) -> wp.vec3:
+        n_x = bsdf.slots[wp.static(row)][1]
+        n_y = bsdf.slots[wp.static(row)][2]
+        n = wp.vec3(n_x, n_y, wp.sqrt(wp.max(1.0 - n_x * n_x - n_y * n_y, 0.0)))
+        x = wp.normalize(wp.vec3(1.0 - n_x * n_x, -n_x * n_y, -n_x * n[2]))
+        y = wp.cross(n, x)
+        if sign > 0.0:
+            return wp.vec3(wp.dot(w, x), wp.dot(w, y), wp.dot(w, n))
+        return x * w[0] + y * w[1] + n * w[2]
+
+    return about
+
+
+@wp.func
+def same_side(a: wp.vec3, b: wp.vec3) -> bool:
+    """Return whether a direction is above the surface, or below it, in two frames."""
+    return (a[2] > 0.0) == (b[2] > 0.0)
+
+
+@specialised()
+def add_coat(
+    below: Layer, coat: int, roughness: int, body: bool, bumpy: bool = False, own_normals: bool = False
+) -> Layer:
     """Return a layer under a clear coat: KHR_materials_clearcoat, in a reciprocal form.
 
     Args:
@@ -86,8 +127,10 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool, bumpy: bool = 
         roughness: row of the coat's roughness.
         body: whether the surface bounds a transparent body, which is coated outside only.
         bumpy: whether bumps make its distribution a `BumpyShape`.
+        own_normals: whether the two rows have the normals of the coat and of the layer below, as in `make_about`.
     """
     outside = make_outside(body)
+    about_coat, about_base = make_about(coat if own_normals else -1), make_about(roughness if own_normals else -1)
     shapes, facet_response = make_round_shapes(bumpy), make_facet_response(bumpy)
     distribution = bumpy_ggx if bumpy else ggx
 
@@ -103,21 +146,48 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool, bumpy: bool = 
     def reflected_at(bsdf: Bsdf, w: wp.vec3, alpha: float) -> float:
         if not outside(bsdf, w):
             return 0.0
-        albedo = specular_albedo(wp.abs(w[2]), alpha)
+        albedo = specular_albedo(wp.abs(about_coat(bsdf, w, 1.0)[2]), alpha)
         return wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * (COAT_F0 * (albedo[0] - albedo[1]) + albedo[1])
+
+    @wp.func
+    def base_response(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
+        base_o = about_base(bsdf, wo, 1.0)
+        base_i = about_base(bsdf, wi, 1.0)
+        if wp.static(own_normals):
+            if base_o[2] <= 0.0:
+                return Response()
+        base = below.evaluate(bsdf, base_o, base_i)
+        if wp.static(own_normals):
+            if not same_side(wi, base_i):
+                base.value = wp.vec3(0.0)
+                base.density = 0.0
+        return base
+
+    @wp.func
+    def base_albedo(bsdf: Bsdf, wo: wp.vec3) -> float:
+        base_o = about_base(bsdf, wo, 1.0)
+        if wp.static(own_normals):
+            if base_o[2] <= 0.0:
+                return 0.0
+        return below.albedo(bsdf, base_o)
 
     @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Response:
         shape = shape_of(bsdf)
         reflected = reflected_at(bsdf, wo, shape[0])
-        base = below.evaluate(bsdf, wo, wi)
+        base = base_response(bsdf, wo, wi)
         share = layer_share(reflected, base.albedo)
         r = Response()
         r.albedo = reflected + (1.0 - reflected) * base.albedo
         r.value = base.value * (1.0 - wp.max(reflected, reflected_at(bsdf, wi, shape[0])))
         r.density = base.density * (1.0 - share)
-        if wi[2] > 0.0 and reflected > 0.0:
-            facets = facet_response(wo, wi, shapes.of_normals(alpha_at(bsdf), shape))
+        coat_o = about_coat(bsdf, wo, 1.0)
+        coat_i = about_coat(bsdf, wi, 1.0)
+        is_above = wi[2] > 0.0
+        if wp.static(own_normals):
+            is_above = is_above and coat_o[2] > 0.0 and coat_i[2] > 0.0
+        if is_above and reflected > 0.0:
+            facets = facet_response(coat_o, coat_i, shapes.of_normals(alpha_at(bsdf), shape))
             amount = wp.clamp(bsdf.slots[wp.static(coat)][0], 0.0, 1.0) * facets[0]
             r.value = r.value + fresnel_schlick(0.5 * wp.length(wo + wi), wp.vec3(COAT_F0)) * amount
             r.density += share * facets[1]
@@ -126,15 +196,28 @@ def add_coat(below: Layer, coat: int, roughness: int, body: bool, bumpy: bool = 
     @wp.func
     def direction(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> wp.vec3:
         shape = shape_of(bsdf)
-        share = layer_share(reflected_at(bsdf, wo, shape[0]), below.albedo(bsdf, wo))
+        share = layer_share(reflected_at(bsdf, wo, shape[0]), base_albedo(bsdf, wo))
         if u_lobe < share:
-            return mirrored(wo, distribution.sample_normal(wo, shapes.of_normals(alpha_at(bsdf), shape), u))
-        return below.direction(bsdf, wo, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
+            coat_o = about_coat(bsdf, wo, 1.0)
+            m = distribution.sample_normal(coat_o, shapes.of_normals(alpha_at(bsdf), shape), u)
+            coat_i = mirrored(coat_o, m)
+            reflected = about_coat(bsdf, coat_i, -1.0)
+            if wp.static(own_normals):
+                if not same_side(reflected, coat_i):
+                    return wp.vec3(0.0)
+            return reflected
+        base_o = about_base(bsdf, wo, 1.0)
+        base_i = below.direction(bsdf, base_o, u, wp.min((u_lobe - share) / (1.0 - share), BELOW_ONE))
+        wi = about_base(bsdf, base_i, -1.0)
+        if wp.static(own_normals):
+            if not same_side(wi, base_i):
+                return wp.vec3(0.0)
+        return wi
 
     @wp.func
     def albedo(bsdf: Bsdf, wo: wp.vec3) -> float:
         reflected = reflected_at(bsdf, wo, shape_of(bsdf)[0])
-        return reflected + (1.0 - reflected) * below.albedo(bsdf, wo)
+        return reflected + (1.0 - reflected) * base_albedo(bsdf, wo)
 
     return Layer(evaluate, direction, albedo)
 

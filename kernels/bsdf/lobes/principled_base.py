@@ -28,6 +28,8 @@ FEATURE_ROWS = {
     # Share of the surface, thickness in nm, index: `kernels/bsdf/lobes/thin_film.py`.
     "film": ("film", "film_thickness", "film_ior"),
     "coat": ("coat", "coat_roughness"),
+    # Normals of the coat and of what it lies on: y and z of these two rows (`kernels/bsdf/lobes/coats.py`).
+    "coat_normal": (),
     "sheen": ("sheen_color", "sheen_roughness"),
     "bounces": (),
     "bumpy": (),

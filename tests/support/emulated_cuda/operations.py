@@ -145,12 +145,16 @@ def _select(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str |
 
 def _convert(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | None:
     into, source, modifiers = opcode[-2], opcode[-1], opcode[1:-2]
-    if not {into, source} <= _NUMBERS or not _only(modifiers, "rn", "ftz", *_WHOLE):
+    if not {into, source} <= _NUMBERS or not _only(modifiers, "rn", "ftz", "sat", *_WHOLE):
         return None
     value = _flushed(o.value(ops[1], source), source, modifiers)
     rounding = next((_WHOLE[m] for m in modifiers if m in _WHOLE), None)
     if rounding is not None:
         value = f"{rounding}({value})"
+    if "sat" in modifiers:
+        if into != "f32":
+            return None
+        value = f"least(most(({into})({value}), 0.0f), 1.0f)"  # of NaN, 0
     if into[0] == "f":
         return o.assign(ops[0], _flushed(f"({into})({value})", into, modifiers), into)
     if source[0] == "f":

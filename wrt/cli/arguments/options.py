@@ -86,8 +86,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
         "checkpoint; for the picture 2 s at first, then longer and longer)"),
     "--camera": _value("NAME", str, "name or number, from 0, of one of the input's cameras (default: the first)",
         dest="camera"),
+    "--cameras": _value("FILE", str, "render the input through the cameras of transforms.json, or of a folder with "
+        "COLMAP's cameras.txt and images.txt: all, or the one that --camera names"),
     "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
-    "--denoise": _flag("remove noise from the picture (needs the extra wrt[denoise])"),
+    "--denoise": _flag("remove noise from the picture"),
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
     "--double-sided": _flag("show the backs of all surfaces, also of single-sided ones"),
     "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
@@ -215,13 +217,13 @@ def make_parser() -> argparse.ArgumentParser:
     command("materials", "NAME --presets", "list the materials and their parameters, or describe one")
     command(
         "info",
-        "SCENES --system --memory --size --confined",
+        f"SCENES --system --memory --size {READING}",
         "show what scenes or mesh files contain|: shapes, materials, textures, lights and camera",
         size={"help": "with --memory: the size of the picture"},
     )
     command(
         "convert",
-        "SCENE OUT.toml --camera --up --force --confined",
+        f"SCENE OUT.toml --force {READING}",
         "convert any scene or mesh to a scene file or GLB|, with its arrays in a folder beside it. Both render to "
         "bit-identical pictures",
         force={"help": "overwrite existing files"},
@@ -255,7 +257,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "view",
-        "SCENE --watch --no-browser --port --spp --size --device --threads --seed --camera --up --confined",
+        f"SCENE --watch --no-browser --port --spp --size --device --threads --seed {READING}",
         "show a scene in the browser while it converges",
         spp={"help": "samples per pixel at which rendering pauses (default: at least 1024)"},
     )
@@ -263,7 +265,7 @@ def make_parser() -> argparse.ArgumentParser:
         "render",
         f"INPUT --output --spp --time --noise --adaptive --denoise {STUDIO} --device --threads "
         f"--dask --seed --max-depth {INTEGRATION} --tone --exposure --turntable --frames --fps --part --checkpoint "
-        f"--resume --save-every --force --quiet --json {READING}",
+        f"--resume --save-every --force --quiet --json --cameras {READING}",
         "render scenes and meshes to pictures",
         device={"help": "device to render on: cpu, cuda, cuda:N, or several GPUs: cuda:0,1 or cuda:all (default: cpu)"},
     )

@@ -59,12 +59,14 @@ class Attributes(NamedTuple):
         second_uvs: a second set of these.
         colors: colours, which multiply the base colour.
         alpha: an alpha that multiplies the opacity.
+        tangents: tangents, which normal maps follow in place of the texture coordinates.
     """
 
     uvs: bool
     second_uvs: bool
     colors: bool
     alpha: bool
+    tangents: bool
 
 
 class _Description:
@@ -81,8 +83,11 @@ class _Description:
         self.base_texture: Tree | None = base.get(f"{name}Texture")
         self.has_alpha = tree.get("alphaMode", "OPAQUE") in ("MASK", "BLEND")  # section 3.9.4
         self.textures = _texture_references(tree)
+        coat: Tree = self.extensions.get("KHR_materials_clearcoat", {})
+        normals_of_coat: Tree | None = coat.get("clearcoatNormalTexture")
+        self.coat_normal = normals_of_coat if coat.get("clearcoatFactor") else None
         # The normal texture, whose tangents follow its coordinates, has the first set.
-        normal = tree.get("normalTexture")
+        normal = tree.get("normalTexture") or self.coat_normal
         first = normal or self.pbr.get("baseColorTexture")
         by_rank = sorted(self.textures, key=lambda info: info is not first)
         self.uv_sets = list(dict.fromkeys(_uv_set(info) for info in by_rank))
@@ -137,7 +142,8 @@ class GltfMaterials:
                 colors = np.column_stack([colors, alpha])
         if uvs is None or second is None or np.shape(second) != np.shape(uvs):
             second = None
-        key = number, Attributes(uvs is not None, second is not None, colors is not None, has_alpha)
+        has_tangents = part.tangents is not None
+        key = number, Attributes(uvs is not None, second is not None, colors is not None, has_alpha, has_tangents)
         if key not in self._made:
             self._made[key] = _Reader(self._path, self._images, number, description, key[1]).material()
         material = self._made[key]
@@ -188,22 +194,45 @@ class _Reader:
         if factor.any():
             values["emission"] = self._color(description.tree.get("emissiveTexture"), factor)
         if self._normal and attributes.uvs:
-            values["normal_map"] = self._normal_map(self._normal)
+            if self._placed and description.normal_placement != placement_of({}):
+                reason = "its textures lie by two sets of coordinates and unlike transforms"
+                warn(f"{self._path}: the transform of the normal texture of {self._name} is left out: {reason}")
+            values["normal_map"] = self._normal_map(self._normal, "normal texture")
+        if values.get("coat") and description.coat_normal != self._normal:
+            values["coat_normal_map"] = self._coat_normal_map()
         return Principled(**values)
 
-    def _normal_map(self, info: Tree) -> NormalMap | None:
+    def _normal_map(self, info: Tree, what: str, **mapping: Any) -> NormalMap | None:
         pixels = self._images.pixels(info, "data")
-        if self._placed and self._description.normal_placement != placement_of({}):
-            reason = "its textures lie by two sets of coordinates and unlike transforms"
-            warn(f"{self._path}: the transform of the normal texture of {self._name} is left out: {reason}")
         if pixels is None:
             return None
         if self._images.is_nearest(info):
-            warn(
-                f"{self._path}: the normal texture of {self._name} is smoothed, although its sampler takes the nearest"
-            )
+            warn(f"{self._path}: the {what} of {self._name} is smoothed, although its sampler takes the nearest")
         label, wrap = self._images.label(info), self._images.wrap(info)
-        return NormalMap(pixels, scale=info.get("scale", 1.0), name=label, wrap=wrap)
+        return NormalMap(pixels, scale=info.get("scale", 1.0), name=label, wrap=wrap, **mapping)
+
+    def _coat_normal_map(self) -> NormalMap | None:
+        """Return the normals of a coat that has other ones than its base; flat where the file gives none."""
+        description, info = self._description, self._description.coat_normal
+        normals = None
+        if info is not None and self._attributes.uvs:
+            set_number, placement = _uv_set(info), placement_of(info)
+            follows_tangents = set_number == description.uv_sets[0] and placement == description.normal_placement
+            if follows_tangents and not self._placed:
+                normals = self._normal_map(info, "coat's normal texture")
+            else:
+                if set_number != description.uv_sets[0]:
+                    reason = "which the tangents of its normal texture follow"
+                    warn(f"{self._path}: the clear coat of {self._name} has other coordinates than those {reason}")
+                second = [set_number] == description.uv_sets[1:2]
+                mapping = {f"uv_{name}": value for name, value in placement.items()} | {"uv_set": int(second)}
+                normals = self._normal_map(info, "coat's normal texture", **mapping)
+                if normals is not None and not self._attributes.tangents:
+                    laid_by = np.eye(2, 3) if description.shared_placement is None else description.shared_placement
+                    normals = _turned(normals, normals.placement[:, :2], laid_by[:, :2])
+        if normals is None and self._normal is not None and self._attributes.uvs:
+            return NormalMap(np.array([[[0.5, 0.5, 1.0]]], np.float32), name="no bumps")
+        return normals
 
     def _opacity(self) -> ColorSource:
         """Return the opacity by alpha mode (section 3.9.4)."""
@@ -256,9 +285,6 @@ class _Reader:
                     values[attribute] = self._color(info, np.minimum(factor, limit) / share)
                 else:
                     values[attribute] = self._number(info, channels, factor)
-        normals_of_coat = self._extension("clearcoat").get("clearcoatNormalTexture")
-        if self._attributes.uvs and values.get("coat") and normals_of_coat != self._normal:
-            warn(f"{self._path}: the clear coat of {self._name} has the normals of its base instead of its own")
         if film := values.pop("film", None):
             values |= {"film": film, **self._film(self._extension("iridescence"))}
         if "transmission" in values:
@@ -328,6 +354,28 @@ def _interior(volume: Tree) -> Medium | None:
 def _matrix(placement: Tree) -> NDArray[np.float64]:
     """Return the (2, 3) matrix of what `placement_of` returns."""
     return ImageTexture(np.zeros((1, 1, 3), np.float32), **placement).placement
+
+
+def _turned(normals: NormalMap, placement: NDArray[np.float64], laid_by: NDArray[np.float64]) -> NormalMap:
+    """Return a map whose x and y point along u and v of the mesh instead of those of the image.
+
+    Args:
+        normals: the map.
+        placement: (2, 2) from the coordinates of the file to those of the image.
+        laid_by: (2, 2) from the coordinates of the file to those of the mesh.
+    """
+    (a, b), (c, d) = placement.tolist()
+    side = np.sign(a * d - b * c)
+    x = product(laid_by, np.array([d, -c])) * side  # where u of the image grows
+    if not x.any():
+        return normals
+    x = x / math.hypot(*x)
+    y = np.array([-x[1], x[0]]) * side * np.sign(laid_by[0, 0] * laid_by[1, 1] - laid_by[0, 1] * laid_by[1, 0])
+    if np.allclose([x, y], np.eye(2), atol=1e-12):
+        return normals
+    pixels = np.array(normals.pixels, np.float32)
+    pixels[..., :2] = np.clip(0.5 + product(pixels[..., :2] - 0.5, np.array([x, y])), 0.0, 1.0)
+    return replace(normals, pixels=pixels)
 
 
 def _uv_set(info: Tree) -> int:

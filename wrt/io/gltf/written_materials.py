@@ -149,7 +149,16 @@ class WrittenMaterials:
     def _normals(self, normal_map: NormalMap) -> Tree:
         if normal_map.convention != "gltf":
             self._note("normal maps by other conventions")
-        mapping = ImageTexture(np.zeros((1, 1, 3), np.float32), wrap=normal_map.wrap)
+        if normal_map.uv_rotation_degrees != 0.0 or np.min(normal_map.uv_scale) < 0.0:
+            self._note("normal maps that are turned without their normals")
+        mapping = ImageTexture(
+            np.zeros((1, 1, 3), np.float32),
+            scale=normal_map.uv_scale,
+            rotation_degrees=normal_map.uv_rotation_degrees,
+            offset=normal_map.uv_offset,
+            wrap=normal_map.wrap,
+            uv_set=normal_map.uv_set,
+        )
         info = self._texture(mapping, np.asarray(normal_map.pixels, np.float32), linear=True)
         return {**info, "scale": float(normal_map.scale)}
 
@@ -173,6 +182,12 @@ class WrittenMaterials:
         if material.has_film:
             extensions["iridescence"] |= {"iridescenceIor": float(material.film_ior)}
             self._add_film_thickness(extensions["iridescence"], material.film_thickness)
+        if "clearcoat" in extensions:
+            normals = material.coat_normal_map or material.normal_map
+            if normals is not None and normals.heights:
+                self._note("bump maps of heights")
+            elif normals is not None and (np.asarray(normals.pixels)[..., :2] != 0.5).any():
+                extensions["clearcoat"]["clearcoatNormalTexture"] = self._normals(normals)
         if "transmission" in extensions:
             if not material.thin_walled:
                 extensions["volume"] = self._volume(material)

@@ -8,6 +8,7 @@ over geometry whose material refers to something that is missing.
 from __future__ import annotations
 
 import contextlib
+import copy
 import io
 import re
 from collections.abc import Iterator
@@ -16,7 +17,8 @@ from typing import Any
 
 from wrt.errors import InputError, warn
 from wrt.io.account import warn_of_unused
-from wrt.io.mesh.parts import Contents
+from wrt.io.mesh.collada_cameras import cameras_of, local_matrix
+from wrt.io.mesh.parts import Contents, as_specified
 from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.trimesh_loaders import reading_with_trimesh
 from wrt.io.safe_read import as_text, first_line, read_file
@@ -30,32 +32,62 @@ _MOST_CONTROLLERS = 8
 """Controllers that are followed to a geometry: a skin may move a morphed mesh."""
 
 _READ = {
-    *("COLLADA", "asset", "unit", "up_axis", "scene", "instance_visual_scene", "library_visual_scenes"),
-    *("visual_scene", "library_nodes", "node", "matrix", "translate", "rotate", "scale", "lookat"),
-    *("instance_node", "instance_geometry", "bind_material", "technique_common", "instance_material"),
-    *("library_materials", "material", "instance_effect", "library_effects", "effect", "profile_COMMON"),
-    *("technique", "constant", "lambert", "phong", "blinn", "diffuse", "emission", "shininess"),
-    *("transparent", "color", "float", "texture", "newparam", "surface", "sampler2D", "source"),
-    *("init_from", "library_images", "image", "library_geometries", "geometry", "mesh", "vertices"),
-    *("input", "polylist", "polygons", "triangles", "p", "ph", "h", "vcount", "float_array", "accessor"),
-    "param",
+    "COLLADA": "asset scene library_visual_scenes library_nodes library_materials library_effects library_images "
+    "library_geometries library_cameras",
+    "asset": "unit up_axis",
+    "scene": "instance_visual_scene",
+    "library_visual_scenes": "visual_scene",
+    "visual_scene": "node",
+    "library_nodes": "node",
+    "node": "node matrix translate rotate scale lookat instance_node instance_geometry instance_camera",
+    "instance_geometry": "bind_material",
+    "bind_material": "technique_common",
+    "technique_common": "instance_material accessor perspective orthographic",
+    "library_materials": "material",
+    "material": "instance_effect",
+    "library_effects": "effect",
+    "effect": "profile_COMMON",
+    "profile_COMMON": "newparam technique image",
+    "newparam": "surface sampler2D",
+    "surface": "init_from",
+    "sampler2D": "source",
+    "technique": "constant lambert phong blinn",
+    **dict.fromkeys(("constant", "lambert", "phong", "blinn"), "diffuse emission shininess"),
+    "diffuse": "color texture",
+    "emission": "color",
+    "shininess": "float",
+    "library_images": "image",
+    "image": "init_from",
+    "library_geometries": "geometry",
+    "geometry": "mesh",
+    "mesh": "source vertices polylist polygons triangles",
+    "source": "float_array technique_common",
+    "accessor": "param",
+    "vertices": "input",
+    "polylist": "input vcount p",
+    "polygons": "input p",
+    "triangles": "input p",
+    "library_cameras": "camera",
+    "camera": "optics",
+    "optics": "technique_common",
+    "perspective": "xfov yfov aspect_ratio",
+    "orthographic": "xmag ymag aspect_ratio",
 }
-"""Elements that trimesh and its library read."""
+"""Elements that trimesh, its library and the reader of cameras read, by the element that they are in."""
 
 _ATTRIBUTES = {
-    *("id", "name", "sid", "url", "target", "symbol", "semantic", "source", "offset", "set", "count"),
-    *("stride", "type", "material", "texture", "texcoord", "meter", "version", "digits", "magnitude"),
-    "layer",
+    *("url", "target", "symbol", "semantic", "source", "offset", "stride", "material", "texture", "meter"),
 }
-"""Attributes of these that are read, or that name something."""
+"""Attributes of these that are read."""
 
 _SEMANTICS = ("VERTEX", "POSITION", "NORMAL", "COLOR", "TEXCOORD")
 
-_NEUTRAL = {"specular": 0.0, "reflective": 0.0, "reflectivity": 0.0, "transparency": 1.0}
-"""Values at which an element has no effect."""
-
-_NEUTRAL_WORDS = {"magfilter": ("LINEAR", "NONE"), "wrap_s": ("WRAP",), "wrap_t": ("WRAP",)}
-"""The same of elements with a word."""
+_NEUTRAL = {
+    **dict.fromkeys(("specular", "reflective", "reflectivity", "skew"), 0.0),
+    **dict.fromkeys(("wrap_s", "wrap_t"), ("WRAP",)),
+    "magfilter": ("LINEAR", "NONE"),
+}
+"""The number, or the words, at which an element has no effect."""
 
 WITHOUT_EFFECT = {
     "accessor.*": "the library finds the values by their count and stride",
@@ -69,7 +101,6 @@ WITHOUT_EFFECT = {
     "format": "images tell their type",
     "keywords": "about the file",
     "library_animation*": "files are read at rest",
-    "library_cameras": "cameras, which are named where they stand",
     "library_controllers": "skins and morph targets, which are named where they stand",
     "library_lights": "lights, which are named where they stand",
     "library_physics*": "how bodies move",
@@ -79,8 +110,22 @@ WITHOUT_EFFECT = {
     "minfilter": "textures are filtered by what a pixel covers",
     "mipfilter": "textures are filtered by what a pixel covers",
     "evaluate_scene": "how other renderers make a picture",
+    "*.count": "what an element has is counted",
+    "float_array.*": "how the numbers were rounded",
+    "input.set": "which set of coordinates a texture has; a mesh with several is named",
+    "texture.texcoord": "the same",
+    "param.*": "the library takes the values in order",
+    "surface.type": "images of a sampler2D are flat",
+    "node.layer": "how programs sort nodes",
+    "node.type": "whether it is a joint",
+    "COLLADA.version": "1.4 and 1.5 are read alike",
+    "*.id": "a name for references",
+    "*.sid": "the same",
+    "*.name": "a name for people",
     "*.base": "where references start",
     "*.schemaLocation": "where the schema is",
+    "znear": "a bound of a depth buffer",
+    "zfar": "the same",
     "modified": "about the file",
     "revision": "about the file",
     "subject": "about the file",
@@ -109,14 +154,23 @@ def read_collada(path: Path, data: bytes) -> Contents:
     files = _NamedFiles(path)
     with reading_with_trimesh(path, "dae"):
         try:
-            document, notes = _rewritten(data)
-            scene = trimesh.load_scene(io.BytesIO(document), file_type="dae", resolver=files)
+            from lxml import etree
+
+            root, notes = _rewritten(data)
+            unused = list(_unused(root))
+            with as_specified(path, "COLLADA"):
+                cameras = cameras_of(root)
+            for each in list(root.iter("{*}library_cameras", "{*}instance_camera")):  # the library needs their znear
+                each.getparent().remove(each)
+            scene = trimesh.load_scene(io.BytesIO(etree.tostring(root)), file_type="dae", resolver=files)
         except ImportError as error:
             raise InputError(f"{missing} ({first_line(error)})") from None
     for message in dict.fromkeys([*files.messages, *(f"{path}: {note}" for note in notes)]):
         warn(message)
-    warn_of_unused(path, _unused(_root_of(document)), WITHOUT_EFFECT)
-    return read_object(scene, str(path))
+    warn_of_unused(path, unused, WITHOUT_EFFECT)
+    contents = read_object(scene, str(path))
+    contents.cameras = cameras
+    return contents
 
 
 class _NamedFiles(Sidecars):
@@ -150,42 +204,44 @@ def declared_up(path: Path) -> str | None:
     return None
 
 
-def _root_of(data: bytes) -> Any:
-    """Return the root element of a document."""
-    from lxml import etree
-
-    return etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
-
-
 def _unused(element: Any) -> Iterator[str]:
-    """Yield the kinds of elements and attributes that are not read, from an element on; of a whole its name alone."""
+    """Yield the kinds of elements and attributes below an element that are not read; of a whole its name alone."""
     name = _local(element.tag)
-    if name not in _READ:
-        neutral = (
-            _has_all(element, _NEUTRAL[name]) if name in _NEUTRAL else element.text in _NEUTRAL_WORDS.get(name, ())
-        )
-        if not neutral:
-            yield name
-        return
     semantics = [each.get("semantic") for each in element.iterchildren("{*}input")]
     yield from (f"an input {kind}" for kind in semantics if kind not in _SEMANTICS)
     yield from (f"another set of {kind}" for kind in ("COLOR", "TEXCOORD") if semantics.count(kind) > 1)
-    for key in element.attrib:
-        is_opaque = element.get(key) == "A_ONE" or (element.get(key) == "RGB_ZERO" and _has_all(element, 0.0))
-        if _local(key) not in _ATTRIBUTES and not (name == "transparent" and key == "opaque" and is_opaque):
-            yield f"{name}.{_local(key)}"
+    yield from (f"{name}.{_local(key)}" for key in element.attrib if _local(key) not in _ATTRIBUTES)
+    read = _READ.get(name, "").split()
+    if any(_local(child.tag) in ("transparent", "transparency") for child in element) and not _is_opaque(element):
+        yield "partial transparency"
     for child in element.iterchildren(tag="{*}*"):
-        if (name, _local(child.tag)) == ("emission", "texture"):
-            yield "a texture of emission"
-        else:
+        inner = _local(child.tag)
+        if inner in read:
             yield from _unused(child)
+        elif inner not in ("transparent", "transparency") and not _is_neutral(child, inner):
+            yield f"a texture of {name}" if inner == "texture" else inner
 
 
-def _has_all(element: Any, value: float) -> bool:
-    """Return whether the number of an element, or each channel of its colour, is a value."""
-    numbers = "".join(element.itertext()).split()[:3]  # without alpha
+def _is_neutral(element: Any, name: str) -> bool:
+    """Return whether an element that is not read has the value at which it has no effect."""
+    neutral, words = _NEUTRAL.get(name), "".join(element.itertext()).split()[:3]  # without alpha
+    if neutral is None or not words:
+        return False
     with contextlib.suppress(ValueError):
-        return bool(numbers) and all(float(each) == value for each in numbers)
+        return words[0] in neutral if isinstance(neutral, tuple) else all(float(word) == neutral for word in words)
+    return False
+
+
+def _is_opaque(shader: Any) -> bool:
+    """Return whether a shader's transparency leaves it opaque (chapter 7, "Determining transparency")."""
+    transparent = shader.find("{*}transparent")
+    mode = "A_ONE" if transparent is None else transparent.get("opaque", "A_ONE")
+    if mode not in ("A_ONE", "RGB_ZERO") or (transparent is not None and transparent.find("{*}texture") is not None):
+        return False
+    with contextlib.suppress(ValueError):
+        color = shader.findtext("{*}transparent/{*}color", "1 1 1 1").split()
+        amount = float(shader.findtext("{*}transparency/{*}float", "1"))
+        return all(amount * float(x) == (mode == "A_ONE") for x in (color[3:4] if mode == "A_ONE" else color[:3]))
     return False
 
 
@@ -193,13 +249,18 @@ def _local(tag: str) -> str:
     return tag.rpartition("}")[2]
 
 
-def _rewritten(data: bytes) -> tuple[bytes, list[str]]:
-    """Return a document whose geometry is all found, each controller's in its bind pose, and notes on what changed."""
+def _rewritten(data: bytes) -> tuple[Any, list[str]]:
+    """Return the root of a document whose geometry is all found, skins in their bind pose, and notes on changes."""
     from lxml import etree
 
-    root = _root_of(data)
+    root = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
     for mesh in list(root.iter("{*}convex_mesh")):
         mesh.tag = mesh.tag.replace("convex_mesh", "mesh")
+    for place in root.iter("{*}lookat"):  # the library turns it the other way
+        holder = place.makeelement("node")
+        holder.append(copy.copy(place))
+        place.text = " ".join(map(repr, local_matrix(holder).reshape(-1).tolist()))
+        place.tag = place.tag.replace("lookat", "matrix")
     controllers = {each.get("id"): each for each in root.iter("{*}controller")}
     instances = list(root.iter("{*}instance_controller"))
     for instance in instances:
@@ -212,7 +273,7 @@ def _rewritten(data: bytes) -> tuple[bytes, list[str]]:
         notes.append(f"textures that lead to no image are grey ({count})")
     if count := _remove_missing_materials(root):
         notes.append(f"uses of materials that are not there are left out ({count})")
-    return bytes(etree.tostring(root)), notes
+    return root, notes
 
 
 def _add(parent: Any, name: str, text: str | None = None) -> Any:
@@ -268,8 +329,8 @@ def _replace_missing_images(root: Any) -> int:
 
 
 def _remove_missing_materials(root: Any) -> int:
-    """Remove uses of materials that are missing or have no effect, and return their number."""
-    effects = {f"#{each.get('id')}" for each in root.iter("{*}effect")}
+    """Remove uses of materials that are missing or have no effect of the common profile, and return their number."""
+    effects = {f"#{each.get('id')}" for each in root.iter("{*}effect") if each.find("{*}profile_COMMON") is not None}
     materials = set()
     for material in root.iter("{*}material"):
         effect = material.find("{*}instance_effect")

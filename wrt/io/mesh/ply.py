@@ -177,6 +177,8 @@ def _unused(declared: list[tuple[str, str]], part: Part, *, by_corner: bool) -> 
         lists = [name for element, name in declared if element == "face"]
         used |= {("face", name) for name in (_INDICES if len(lists) > 1 else lists)}
         used |= {pair for pair in declared if pair[0] == "tristrips"}
+    if isinstance(part.reflectance, ImageTexture):
+        used.add(("face", "texnumber"))  # a file with several textures causes a warning of its own
     if part.uvs is not None:
         at_vertices = next(({*pair} for pair in _COORDINATES if {*pair} <= {name for _, name in declared}), set())
         used |= {("face", "texcoord")} if by_corner else {("vertex", name) for name in at_vertices}

@@ -20,6 +20,9 @@ from wrt.scene.normals import CHUNK, CREASE_DEGREES
 from wrt.scene.scene import Shape
 from wrt.scene.textures import ColorSource, VertexColor
 
+_SAMPLE, _NEARLY_ALL = 10_000, 0.99
+"""Triangles of a part whose winding is compared with their normals, and the share that decides."""
+
 
 def to_shapes(
     path: str, parts: list[Part], smooth_degrees: float | None = None, point_radius: float | None = None
@@ -47,6 +50,9 @@ def to_shapes(
     repaired = with_radii(path, repaired, _extent(repaired)[2], point_radius)
     _check_size(path, repaired)
     repaired = _visible(path, repaired)
+    if all(not part.double_sided and _winds_against_normals(part) for part in repaired):
+        reason = "its triangles wind against their normals, so it is seen from inside"
+        warn(f"{path}: {reason}; --double-sided, or double_sided of wrt.load, shows all sides")
     meshes = [_mesh(path, part) for part in repaired]
     if smooth_degrees is None:
         meshes = _smooth(meshes, repaired, CREASE_DEGREES)
@@ -72,6 +78,18 @@ def _visible(path: str, parts: list[Part]) -> list[Part]:
     warn(f"{path}: all of it would be invisible, as the opacity of its materials is 0; it is shown opaque")
     opaque = {id(part.material): replace(part.material, opacity=1.0) for part in parts if part.material is not None}
     return [replace(part, material=opaque[id(part.material)]) for part in parts]
+
+
+def _winds_against_normals(part: Part) -> bool:
+    """Return whether the given normals of a part, at a sample of its triangles, are on the backs of nearly all."""
+    if part.normals is None or is_cloud(part):
+        return False
+    faces = part.faces[:: 1 + len(part.faces) // _SAMPLE]
+    first, second, third = (part.vertices[corner] for corner in faces.T)
+    with np.errstate(all="ignore"):
+        outside = np.asarray(part.normals)[faces].sum(axis=1)
+        against = (np.cross(second - first, third - first) * outside).sum(axis=1) < 0.0
+    return bool(against.mean() > _NEARLY_ALL)
 
 
 def near_origin(parts: list[Part]) -> list[Part]:
@@ -157,7 +175,7 @@ def _reads_tangents(material: Material | None) -> bool:
     """Return whether a material has a use for the tangents of a mesh."""
     if material is None:
         return False
-    return material.needs_tangents or material.normal_map is not None or any(map(_reads_tangents, material.parts))
+    return material.needs_tangents or bool(material.normal_maps) or any(map(_reads_tangents, material.parts))
 
 
 def _finite(path: str, part: Part, points: NDArray[Any]) -> NDArray[Any]:

@@ -258,6 +258,8 @@ def _unchecked() -> dict[str, list[Schema]]:
         "offset": [_PAIR],
         "scale": [NUMBER, _PAIR],
         "subdivisions": [_number("integer", minimum=0, maximum=MAX_SUBDIVISIONS)],
+        "uv_offset": [_PAIR],
+        "uv_scale": [NUMBER, _PAIR],
         "wrap": [wrap, array_of(wrap, 2, 2)],
     }
 

@@ -76,7 +76,7 @@ class SpotLight(Light):
         color: radiance of a white Lambertian surface that faces the light on its axis at one metre, W·sr⁻¹·m⁻².
         inner_degrees: angle from the axis up to which it has its full intensity.
         outer_degrees: angle from the axis beyond which it is dark.
-        falloff: how it fades between the two.
+        falloff: how it fades between the two: "smooth", "linear" or "gltf".
         texture: image that multiplies the intensity, upright from behind the lamp. It fills the square around the outer
             cone, which is then narrower than 90 degrees; `power` is that without it.
         up: direction of the texture's upper edge, seen from its middle; not along the axis.

@@ -113,7 +113,7 @@ class Dielectric(_BodyBoundary):
     Triangles wind counter-clockwise seen from outside the body, where the index is `exterior_ior`.
 
     Attributes:
-        fresnel: "exact", or Schlick's approximation (1994) by the angle in the medium of lower index.
+        fresnel: "exact", or "schlick" for Schlick's approximation (1994) by the angle in the medium of lower index.
     """
 
     _: KW_ONLY

@@ -75,6 +75,13 @@ class Material(Kind):
         super().__post_init__()
         if self.normal_map is not None and self.parts:
             raise InputError(f"a {self.type_name} has no normals of its own; give normal_map to its parts")
+        if self.normal_map is not None and self.normal_map.uv_set != 0:
+            raise InputError("normal_map follows the first texture coordinates; only a coat_normal_map has a uv_set")
+
+    @property
+    def normal_maps(self) -> tuple[NormalMap, ...]:
+        """All normal maps of the material, each for a layer of its own."""
+        return () if self.normal_map is None else (self.normal_map,)
 
     @property
     def slots(self) -> tuple[ColorSource, ...]:

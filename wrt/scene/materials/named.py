@@ -76,7 +76,11 @@ def _parameters(cls: type[Material], assignments: str, text: str) -> dict[str, A
     """Return the parameters that the part of a text after the colon assigns."""
     types = typing.get_type_hints(cls)
     fields = [field.name for field in dataclasses.fields(cls)]
-    plain = [name for name in fields if types[name] is not Material and name not in ("interior", "normal_map")]
+    plain = [
+        name
+        for name in fields
+        if types[name] is not Material and name not in ("interior", "normal_map", "coat_normal_map")
+    ]
     parameters: dict[str, Any] = {}
     for part in filter(None, (part.strip() for part in assignments.split(";"))):
         name, equals, value = (piece.strip() for piece in part.partition("="))

@@ -67,7 +67,7 @@ class RoughPlastic(_Coated):
 
     Attributes:
         alpha: roughness of the coat, 1e-4 to 1: about √2 times the root-mean-square slope of its facets.
-        distribution: of the facets' normals.
+        distribution: of the facets' normals, "ggx" or "beckmann".
         masking: shadowing and masking of facets, as for `RoughConductor`.
         multiple_bounces: whether light that facets block reaches the base; otherwise it is lost.
     """

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Annotated, ClassVar
 
 import numpy as np
 
 from wrt.errors import InputError
-from wrt.scene.description import Flag, Number
+from wrt.scene.description import Flag, Number, instance_of, optional
 from wrt.scene.materials.body import Entered
 from wrt.scene.materials.dielectrics import refractive_index
 from wrt.scene.materials.dispersion import SHARES, Dispersion, Dispersive, channel_indices
 from wrt.scene.materials.material import Filmed, Reflectance, Share, UnlimitedColor, share
 from wrt.scene.materials.microfacet import LEAST_ALPHA
-from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
+from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 from wrt.values import number
 
 
@@ -35,6 +35,13 @@ def _anisotropy(value: ColorSource, name: str) -> ColorSource:
     if isinstance(value, VertexColor) or (isinstance(value, ImageTexture) and value.channel is not None):
         raise InputError(f"{name} must be a number, or an image with the direction in red and green")
     return share(value, name)
+
+
+def _first_number(value: ColorSource) -> ColorSource:
+    """Return a number as the first of a row whose others are 0, the place of a normal: by itself it is z."""
+    if isinstance(value, (ImageTexture, VertexColor)):
+        return replace(value, factor=(*value.factor[:1], 0.0, 0.0))  # type: ignore[index]
+    return (value, 0.0, 0.0)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -63,6 +70,8 @@ class Principled(Filmed, Dispersive, Entered):
         film: share of the surface under a thin film, whose colours come from interference.
         coat: coverage of a clear coat of index 1.5.
         coat_roughness: as `roughness`, of the coat.
+        coat_normal_map: perturbs the coat's normal in place of `normal_map`; a flat map leaves the mesh's own. Neither
+            map can then have a filter, or Mitsuba's convention.
         sheen_color: colour of fibres on the surface, as on velvet, per channel, 0 to 1.
         sheen_roughness: roughness of the fibres; below 0.07 it counts as 0.07.
         emission: emitted radiance, W·sr⁻¹·m⁻².
@@ -88,6 +97,7 @@ class Principled(Filmed, Dispersive, Entered):
     sheen_roughness: Share = 0.0
     emission: UnlimitedColor = 0.0
     multiple_bounces: Flag = False
+    coat_normal_map: Annotated[NormalMap | None, optional(instance_of(NormalMap))] = field(default=None, kw_only=True)
 
     type_name: ClassVar[str] = "principled"
 
@@ -98,6 +108,16 @@ class Principled(Filmed, Dispersive, Entered):
         if self.multiple_bounces:
             _ = self.table_key
             self._refuse_film()
+        if self.coat_normal_map is not None:
+            for name, normals in (("normal_map", self.normal_map), ("coat_normal_map", self.coat_normal_map)):
+                if normals is not None and (normals.filter or normals.convention == "mitsuba"):
+                    what = "a filter" if normals.filter else "Mitsuba's convention"
+                    raise InputError(f"{name} cannot have {what} where there is a coat_normal_map")
+
+    @property
+    def normal_maps(self) -> tuple[NormalMap, ...]:
+        coat = (self.coat_normal_map,) if self.coat_normal_map is not None and self.coat != 0.0 else ()
+        return (*super().normal_maps, *coat)
 
     @property
     def has_film(self) -> bool:
@@ -113,6 +133,7 @@ class Principled(Filmed, Dispersive, Entered):
             "dispersion": self.dispersion != 0.0 and self.is_body,
             "film": self.has_film,
             "coat": self.coat != 0.0,
+            "coat_normal": self.coat != 0.0 and self.coat_normal_map is not None,
             "sheen": self.sheen_color != (0.0, 0.0, 0.0),
             "bounces": self.multiple_bounces,
         }
@@ -142,7 +163,8 @@ class Principled(Filmed, Dispersive, Entered):
         if "film" in features:
             values += [self.film, *(self.film_slots[:1] if "anisotropic" in features else self.film_slots)]
         if "coat" in features:
-            values += [self.coat, self.coat_roughness]
+            coat = [self.coat, self.coat_roughness]
+            values += [_first_number(value) for value in coat] if "coat_normal" in features else coat
         if "sheen" in features:
             values += [self.sheen_color, self.sheen_roughness]
         return tuple(values)
