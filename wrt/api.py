@@ -60,8 +60,8 @@ def load(
 
     Args:
         source: the name of a built-in scene, the path of a scene file (.toml, or .xml of Mitsuba 3) or of a mesh (OBJ,
-            PLY, STL, OFF, GLB, glTF); an archive (.zip, .gz, .bz2) with one of these, or archive.zip/scene.xml; bytes
-            or an open file; an object of trimesh, PyVista, Open3D, or with `vertices` and `faces`; a `Mesh`,
+            PLY, STL, OFF, GLB, glTF); an archive (.zip, .gz, .bz2, .xz) with one of these, or archive.zip/scene.xml;
+            bytes or an open file; an object of trimesh, PyVista, Open3D, or with `vertices` and `faces`; a `Mesh`,
             or a `Scene` (returned unchanged). Meshes are put into a studio unless their file has lights; a camera in
             the file is kept if it shows the mesh well.
         triangles: number of triangles of a scene's procedural meshes.

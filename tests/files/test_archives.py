@@ -3,6 +3,7 @@
 import bz2
 import gzip
 import io
+import lzma
 import os
 import signal
 import stat
@@ -67,8 +68,13 @@ def test_the_one_mesh_of_an_archive_is_read_with_its_neighbours(tmp_path, model,
 
 
 def test_compressed_files_bytes_and_open_files(tmp_path):
-    compressed = {"gz": gzip.compress(TRIANGLE), "bz2": bz2.compress(TRIANGLE), "zip": b""}
-    for suffix, data in list(compressed.items())[:2]:
+    compressed = {
+        "gz": gzip.compress(TRIANGLE),
+        "bz2": bz2.compress(TRIANGLE),
+        "xz": lzma.compress(TRIANGLE),
+        "zip": b"",
+    }
+    for suffix, data in list(compressed.items())[:3]:
         (tmp_path / f"a.obj.{suffix}").write_bytes(data)
         assert len(wrt.load_mesh(tmp_path / f"a.obj.{suffix}").faces) == 1
         assert len(wrt.load_mesh(data, file_type=f"obj.{suffix}").faces) == 1
@@ -132,6 +138,11 @@ def hostile(folder: Path) -> Iterator[tuple[str, Path]]:
     yield "the ZIP file is damaged", write(folder, "twice.zip", twice.replace(b"b.obj", b"a.obj"))
     yield "the ZIP file is damaged", write(folder, "cut.zip", (folder / "0.zip").read_bytes()[:40])
     yield "the compressed file is damaged", write(folder, "cut.obj.gz", gzip.compress(TRIANGLE)[:-9])
+    whole, large = lzma.compress(TRIANGLE), [{"id": lzma.FILTER_LZMA2, "dict_size": 1 << 30}]
+    yield "it ends early", write(folder, "cut.obj.xz", whole[:-20])
+    yield "something behind its first stream", write(folder, "two.obj.xz", whole * 2)
+    yield "Memory usage limit", write(folder, "large.obj.xz", lzma.compress(TRIANGLE, filters=large))
+    yield "its unpacked files would take", write(folder, "bomb.obj.xz", lzma.compress(bytes(2**25), preset=0))
     # Bombs: 32 MB of zeros each.
     zeros = bytes(2**20)
     with zipfile.ZipFile(folder / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a.obj", "w") as file:

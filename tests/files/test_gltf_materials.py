@@ -169,7 +169,7 @@ def test_transforms_move_the_coordinates_of_the_mesh(tmp_path):
     in_file = UVS * transform["scale"] @ np.array([[c, s], [-s, c]]).T + transform["offset"]
     expected = in_file * [1, -1] + [0, 1]
     placed = {"index": 0, "extensions": {"KHR_texture_transform": transform}}
-    for number in (0, 1):
+    for number in (0, 1, 3):
         tree = file_with({"pbrMetallicRoughness": {"baseColorTexture": {**placed, "texCoord": number}}}, uvs=False)
         attributes(tree)[f"TEXCOORD_{number}"] = add(tree, UVS)
         shape = shape_of(tmp_path, tree)

@@ -1,7 +1,7 @@
 """Archives, compressed files, bytes and open files, which become files in a temporary folder while they are read.
 
 Only files within that folder are read, and together they count as the archive where `memory_limits` compares memory
-with the size of files. Formats: PKWARE, "APPNOTE.TXT - .ZIP File Format Specification"; RFC 1952 (gzip); bzip2.
+with the size of files. Formats: PKWARE, "APPNOTE.TXT - .ZIP File Format Specification"; RFC 1952 (gzip); bzip2; xz.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 ZIPS = (".zip", ".zae")
-COMPRESSED = {".gz": "gzip", ".bz2": "bz2"}
+COMPRESSED = {".gz": "gzip", ".bz2": "bz2", ".xz": "lzma"}
 """Suffixes of compressed files, and the modules that open them."""
 
 ARCHIVE_SUFFIXES = (*ZIPS, *COMPRESSED)
@@ -37,6 +37,7 @@ MOST_FILES = 10_000
 """Maximum number of files in an archive."""
 
 _CHUNK = 1 << 20
+_XZ_MEMORY = 1 << 27  # bytes for decompressing: xz -9 needs 65 MB
 _METHODS = (0, 8)  # stored and deflated; with the others zipfile unpacks a whole block at once
 
 _TYPE = re.compile(r"\.?(\w+(\.\w+)?)")
@@ -149,10 +150,28 @@ def _unzip(path: Path, data: bytes, folder: Path) -> None:
 
 
 def _decompress(path: Path, data: bytes, target: Path) -> None:
-    stream = importlib.import_module(COMPRESSED[path.suffix.lower()]).open(io.BytesIO(data))
-    with as_specified(path, "compressed", OSError, zlib.error), stream, open(target, "xb") as file:
-        _copy(stream, file)
+    module = importlib.import_module(COMPRESSED[path.suffix.lower()])
+    damages = OSError, zlib.error, getattr(module, "LZMAError", OSError)
+    with as_specified(path, "compressed", *damages), open(target, "xb") as file:
+        if path.suffix.lower() == ".xz":
+            _decompress_xz(module.LZMADecompressor(memlimit=_XZ_MEMORY), data, file)
+        else:
+            with module.open(io.BytesIO(data)) as stream:
+                _copy(stream, file)
     _refuse_nested(path, target)
+
+
+def _decompress_xz(decoder: Any, data: bytes, file: IO[bytes]) -> None:
+    """Decompress one stream; its header says how much memory that takes, which the module's `open` would not limit."""
+    while not decoder.eof:
+        chunk = decoder.decompress(data if decoder.needs_input else b"", _CHUNK)
+        if not chunk and decoder.needs_input and not decoder.eof:
+            raise EOFError("it ends early")
+        data = b""
+        memory_limits.take(memory_limits.UNPACKED, len(chunk))
+        file.write(chunk)
+    if decoder.unused_data.strip(b"\0"):
+        raise OSError("there is something behind its first stream")
 
 
 def _copy(stream: IO[bytes], file: IO[bytes]) -> None:
