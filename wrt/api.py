@@ -99,8 +99,8 @@ def load(
     """
     if camera is not None and view is not None:
         raise InputError("a view replaces the source's camera; choose a view or a camera")
-    if cameras is not None and up is not None:
-        raise InputError("an up axis would turn the source, but not the cameras of the other file")
+    if up is not None and (cameras is not None or isinstance(camera, Camera)):
+        raise InputError("an up axis would turn the source, but not a camera that is not its own")
     others = _other_cameras(camera, cameras)
     reading = _reading(triangles, up, parameters, None if others else camera, smooth_degrees, point_radius)
     if frame is None and view is None and (others or camera is not None):

@@ -146,7 +146,7 @@ def test_pictures_of_all_cameras_of_a_file(tmp_path, monkeypatch, capsys):
         (["--turntable", "9"], "--cameras and --turntable cannot be combined"),
         (["--checkpoint", "c"], "--checkpoint is for a single picture; choose a view by --camera"),
         (["b.obj"], "--cameras is for a single input"),
-        (["--up", "z"], "an up axis would turn the source, but not the cameras of the other file"),
+        (["--up", "z"], "an up axis would turn the source, but not a camera that is not its own"),
     ):
         assert main([*command, *arguments]) == 2
         error = capsys.readouterr().err

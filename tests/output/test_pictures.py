@@ -51,6 +51,8 @@ def test_what_a_camera_of_ones_own_sees_stays_in_place(tmp_path):
     for source in (mesh, tmp_path / "a.stl", wrt.Mesh(mesh.vertices, mesh.faces)):
         depth = wrt.render(source, camera=camera, layers=("depth",), **SMALL)["depth"]
         assert depth.min() == pytest.approx(900.0, rel=1e-4)
+        with pytest.raises(wrt.InputError, match="an up axis would turn the source, but not a camera"):
+            wrt.load(source, camera=camera, up="z")
 
 
 def test_progress_is_called_and_a_renderer_without_samples_says_so(tmp_path):
