@@ -215,6 +215,19 @@ def test_what_a_mesh_carries_beside_is_accounted_for():
         from_trimesh(mesh)
 
 
+def test_tangents_are_read_where_they_fit_the_vertices():
+    material = trimesh.visual.material.PBRMaterial(normalTexture=Image.new("RGB", (2, 2), (200, 128, 200)))
+    visual = trimesh.visual.TextureVisuals(uv=np.zeros((3, 2)), material=material)
+    mesh = trimesh.Trimesh(np.eye(3), [[0, 1, 2]], visual=visual, process=False)
+    mesh.vertex_attributes["TANGENT"] = np.tile((0.6, 0.8, 0.0, -1.0), (3, 1))
+    (shape,) = from_trimesh(mesh)
+    assert np.allclose(shape.mesh.tangents, (0.6, 0.8, 0.0, -1.0))
+    mesh.vertex_attributes["TANGENT"] = np.ones((3, 3))
+    with pytest.warns(wrt.InputWarning, match="vertex attribute 'TANGENT'"):
+        (shape,) = from_trimesh(mesh)
+    assert shape.mesh.tangents is None
+
+
 def test_cameras_and_lights_of_a_scene():
     scene = trimesh.Scene(box())
     assert wrt.load(scene).camera.fov_degrees == 24.0  # framed by wrt: trimesh creates a camera only on request

@@ -42,11 +42,17 @@ _IN_PBR = ("baseColorTexture", "metallicRoughnessTexture", "metallicFactor", "ro
 _BESIDE_PBR = ("normalTexture", "occlusionTexture", "emissiveTexture", "alphaMode", "alphaCutoff", "doubleSided")
 
 
+TANGENTS = "TANGENT"
+"""The attribute of vertices with their tangents, (N, 4), as glTF calls it."""
+
 WITHOUT_EFFECT = {
     "*attribute '*normal*'": "trimesh hands over normals of vertices, and those of faces follow from the corners",
     "face attribute 'stl'": "the words of an STL file, whose colours are read",
 }
-"""What of a mesh does not change a picture: patterns of kinds, and the reason."""
+"""What of a mesh does not change a picture: patterns of kinds, and the reason.
+
+Its `metadata` are notes of whoever made it, except for extensions of glTF.
+"""
 
 
 _WITH_UNITS = ("3mf", "dae")
@@ -172,6 +178,8 @@ class _Reader:
             return []
         smoothing = 0 if self._is_gltf else None
         part = Part(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), _given_normals(mesh), smoothing=smoothing)
+        tangents = np.asarray(mesh.vertex_attributes.get(TANGENTS, ()), np.float64)
+        part.tangents = tangents if tangents.shape == (len(part.vertices), 4) else None
         part.double_sided = not self._is_gltf  # the default material of glTF has one side
         visual = mesh.visual
         if visual.kind in ("vertex", "face"):
@@ -215,7 +223,9 @@ class _Reader:
 
     def _account(self, mesh: Any) -> None:
         """Warn of what a mesh carries and the reader does not use."""
-        kinds = [f"vertex attribute {name!r}" for name in getattr(mesh, "vertex_attributes", ())]
+        given = getattr(mesh, "vertex_attributes", {})
+        used = {TANGENTS} if np.shape(given.get(TANGENTS)) == (len(mesh.vertices), 4) else set()
+        kinds = [f"vertex attribute {name!r}" for name in given if name not in used]
         kinds += [f"face attribute {name!r}" for name in getattr(mesh, "face_attributes", ())]
         if mesh.visual.kind == "texture":
             names = set(mesh.visual.vertex_attributes.keys()) - {"uv", "color"}
