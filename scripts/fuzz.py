@@ -166,7 +166,8 @@ def judge(read: Reader, path: Path, allowed: tuple[type[Exception], type[Warning
             where = f"{Path(place.filename).name}:{place.lineno}"
             return Outcome("failed", f"{type(error).__name__} at {where}: {_short(str(error))}")
     for warning in caught:
-        if not issubclass(warning.category, allowed[1]):
+        # A note, such as that points are drawn, is a UserWarning; like others it must name the file.
+        if not issubclass(warning.category, allowed[1]) and warning.category is not UserWarning:
             where = f"{Path(warning.filename).name}:{warning.lineno}"
             return Outcome("failed", f"{warning.category.__name__} at {where}: {_short(str(warning.message))}")
         words.append(("a warning", str(warning.message)))

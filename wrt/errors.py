@@ -71,7 +71,8 @@ class InputWarning(UserWarning):
 def warn(message: str, category: type[Warning] = InputWarning) -> None:
     """Warn, in one line, as if the line of the caller's program that called wrt did so."""
     frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] == "wrt":
+    within = ("wrt", "contextlib")  # the second calls functions of wrt for a decorator that is a context
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in within:
         frame, level = frame.f_back, level + 1
     warnings.warn(one_line(message), category, stacklevel=level)
 

@@ -124,7 +124,12 @@ def test_images_that_cannot_be_shown_are_warned_of_and_warnings_name_the_line_ou
         with pytest.warns(InputWarning, match="^shape: its material has an image, but its mesh no texture coordinates"):
             use()
     dust = trimesh.Scene([trimesh.creation.box(), trimesh.PointCloud(CORNERS)])
-    for warned in (lambda: wrt.Renderer(wrt.Scene([wrt.Shape(MESH)]), width=4, height=4), lambda: wrt.load(dust)):
+    ply = dust.geometry["geometry_1"].export(file_type="ply")
+    for warned in (
+        lambda: wrt.Renderer(wrt.Scene([wrt.Shape(MESH)]), width=4, height=4),
+        lambda: wrt.load(dust),
+        lambda: wrt.load(ply, file_type="ply"),
+    ):
         with pytest.warns(UserWarning, match="the scene has no light|are drawn as spheres") as caught:
             warned()
         assert [warning.filename for warning in caught] == [__file__]

@@ -8,6 +8,7 @@ such as samplers, texture transforms and extensions of glTF, is missing.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -223,8 +224,8 @@ class _Reader:
 
     def _account(self, mesh: Any) -> None:
         """Warn of what a mesh carries and the reader does not use."""
-        given = getattr(mesh, "vertex_attributes", {})
-        used = {TANGENTS} if np.shape(given.get(TANGENTS)) == (len(mesh.vertices), 4) else set()
+        given: Mapping[str, Any] = getattr(mesh, "vertex_attributes", {})
+        used = {TANGENTS} if np.shape(given.get(TANGENTS, ())) == (len(mesh.vertices), 4) else set()
         kinds = [f"vertex attribute {name!r}" for name in given if name not in used]
         kinds += [f"face attribute {name!r}" for name in getattr(mesh, "face_attributes", ())]
         if mesh.visual.kind == "texture":
