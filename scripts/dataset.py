@@ -11,7 +11,6 @@ object of each pixel. The world is wrt's, with y up.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -41,14 +40,6 @@ def cameras_around(scene: wrt.Scene, views: int) -> list[wrt.PerspectiveCamera]:
     return cameras
 
 
-def to_world(camera: wrt.PerspectiveCamera) -> list[list[float]]:
-    """Return the (4, 4) matrix from the camera's axes, right, up and backward, to the world."""
-    right, up, forward = camera.frame()
-    matrix = np.eye(4)
-    matrix[:3, :] = np.column_stack([right, up, -forward, camera.origin])
-    return matrix.tolist()
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the dataset."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -65,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     scene = wrt.load(teapot if options.mesh == "teapot" else options.mesh, transparent=True)
     cameras = cameras_around(scene, options.views)
     (options.output / "train").mkdir(parents=True, exist_ok=True)
-    frames = []
+    names = [f"train/r_{index:04d}" for index in range(len(cameras))]
     views = wrt.render_views(
         scene,
         cameras,
@@ -76,19 +67,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         threads=options.threads,
         device=options.device,
     )
-    for view, camera in zip(views, cameras, strict=True):
-        name = f"train/r_{view.index:04d}"
+    for view, name in zip(views, names, strict=True):
         color, alpha = view.image[..., :3], view.image[..., 3]
         wrt.save_image(options.output / f"{name}.png", color, alpha=alpha, exposure=0.0)
         np.savez_compressed(options.output / f"{name}.npz", **view.layers)
-        matrix = to_world(camera)
-        frames.append({"file_path": f"./{name}", "layers_path": f"./{name}.npz", "transform_matrix": matrix})
-    fov, side = math.radians(cameras[0].fov_degrees), options.size  # of square pictures: horizontal as vertical
-    focal = 0.5 * side / math.tan(0.5 * fov)
-    lens = {"camera_model": "OPENCV", "fl_x": focal, "fl_y": focal, "cx": 0.5 * side, "cy": 0.5 * side}  # nerfstudio's
-    text = json.dumps({"camera_angle_x": fov, "w": side, "h": side, **lens, "frames": frames}, indent=1)
-    (options.output / "transforms.json").write_text(text + "\n", encoding="utf-8")
-    print(f"{options.output}: {len(frames)} views")
+    by_picture = {f"{name}.png": camera for name, camera in zip(names, cameras, strict=True)}
+    wrt.save_cameras(options.output / "transforms.json", by_picture, options.size, options.size)
+    print(f"{options.output}: {len(names)} views")
     return 0
 
 

@@ -49,7 +49,7 @@ GROUPS: dict[str, str] = {
     "Scenes": "Scene Shape RenderSettings",
     "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon",
     "Motion": "Motion Deformation",
-    "Cameras": f"Camera {_names(CAMERAS)} load_cameras FileCamera register_camera",
+    "Cameras": f"Camera {_names(CAMERAS)} load_cameras save_cameras FileCamera register_camera",
     "Lights": f"{_names(LIGHTS)} {_names(ENVIRONMENTS)} Light register_light",
     "Materials": f"Material {_names(MATERIALS)} Measurement register_material",
     "Media": "Medium DensityGrid",

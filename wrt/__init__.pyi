@@ -9,6 +9,7 @@ from wrt.errors import InputError as InputError
 from wrt.errors import InputWarning as InputWarning
 from wrt.io.camera_files import FileCamera as FileCamera
 from wrt.io.camera_files import load_cameras as load_cameras
+from wrt.io.camera_files import save_cameras as save_cameras
 from wrt.io.images import load_image as load_image
 from wrt.io.images import save_image as save_image
 from wrt.io.load_mesh import load_mesh as load_mesh

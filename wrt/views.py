@@ -63,7 +63,7 @@ def render_views(
 
     Args:
         source: as for `wrt.load`.
-        cameras: cameras of any types with the same shutter times; an iterable.
+        cameras: cameras of any types with the same shutter times, in the coordinates of the source; an iterable.
         spp: samples per pixel; by default from the scene's settings.
         noise: relative noise at which a picture is done, see `wrt.Renderer.passes`.
         layers: names of layers to render besides radiance, such as depth, normal and object.
@@ -86,7 +86,7 @@ def render_views(
         return
     require_camera(first)
     settings, loading = split_settings({**options, "layers": layers})
-    scene = dataclasses.replace(load_with_settings(source, settings, **loading), camera=first)
+    scene = load_with_settings(source, settings, **loading, camera=first)
     renderer = Renderer(scene, device=device, seed=seed, threads=threads)
     yield from _Views(renderer, {"spp": spp, "noise": noise}, count).render(itertools.chain([first], following))
 

@@ -217,3 +217,36 @@ def test_what_files_of_colmap_lack_is_named(lens, image, message, tmp_path):
     (tmp_path / "cameras.txt").rename(tmp_path / "cameras.bin")
     with pytest.raises(wrt.InputError, match=r"cameras\.txt: no such file; 'colmap model_converter --output_type TXT'"):
         wrt.load_cameras(tmp_path)
+
+
+def test_cameras_that_are_written_are_read_again(tmp_path):
+    moving = wrt.Motion((0.0, 1.0), [np.eye(4), [[1, 0, 0, 2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]])
+    place = {"origin": (1.0, 2.0, 3.0), "target": (0.0, 0.5, 0.0)}
+    plain = wrt.PerspectiveCamera(**place, fov_degrees=40)
+    shifted = wrt.PerspectiveCamera(**place, fov_degrees=60, pixel_aspect=1.1, shift_x=0.2, shift_y=-0.1)
+    distorted = wrt.PerspectiveCamera(**place, distortion=(0.1, -0.05, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06))
+    round_lens = wrt.FisheyeCamera(**place, fov_degrees=170, distortion=(0.01, 0.02), circular=False)
+    cameras = {"a.png": plain, "b.png": shifted, "c.png": distorted, "d.png": round_lens}
+    cameras |= {"e.png": wrt.PerspectiveCamera(**place, motion=moving, shutter_open=0.5, shutter_close=0.5)}
+    for count, some in enumerate((cameras, {"a.png": plain}, {"a.png": plain, "f.png": plain})):
+        for _ in range(2):  # it replaces its own files
+            wrt.save_cameras(tmp_path / f"t{count}.json", some, 64, 48)
+        found = wrt.load_cameras(tmp_path / f"t{count}.json")
+        assert list(found) == [name[0] for name in some]
+        points = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3))
+        for name, camera in some.items():
+            again = found[name[0]]
+            assert (again.width, again.height) == (64, 48)
+            expected = camera.project(points, 64, 48)
+            assert np.allclose(again.camera.project(points, 64, 48), expected, atol=1e-6, equal_nan=True)
+    assert json.loads((tmp_path / "t2.json").read_text())["fl_x"] == pytest.approx(24.0 / np.tan(np.radians(20.0)))
+    (tmp_path / "own.json").write_text("{}")
+    for path, some, message in (
+        ("own.json", {"a": plain}, "own.json: already exists and is not"),
+        ("t.txt", {"a": plain}, "must end in .json"),
+        ("t.json", {}, "no cameras to write"),
+        ("t.json", {"a": wrt.PanoramaCamera((0, 0, 0), (0, 0, 1))}, "a PanoramaCamera has no focal lengths"),
+    ):
+        with pytest.raises(wrt.InputError, match=message):
+            wrt.save_cameras(tmp_path / path, some, 64, 48)
+    assert (tmp_path / "own.json").read_text() == "{}"

@@ -105,7 +105,7 @@ def test_a_dataset_maps_points_to_the_pixels_that_show_them(tmp_path):
         to_world = np.array(frame["transform_matrix"])
         np.testing.assert_allclose(np.linalg.inv(to_world[:3, :3]), to_world[:3, :3].T, atol=1e-6)
         assert np.linalg.det(to_world[:3, :3]) == pytest.approx(1.0)
-        layers = np.load(folder / frame["layers_path"])
+        layers = np.load((folder / frame["file_path"]).with_suffix(".npz"))
         visible = layers["object"] > 0
         assert 0.05 < visible.mean() < 0.9
         points = np.c_[layers["position"][visible], np.ones(visible.sum())] @ np.linalg.inv(to_world).T
@@ -114,4 +114,4 @@ def test_a_dataset_maps_points_to_the_pixels_that_show_them(tmp_path):
         # A filter is wider than a pixel.
         assert np.abs(16.0 + 16.0 * places[:, 0] - columns - 0.5).max() < 1.5
         assert np.abs(16.0 - 16.0 * places[:, 1] - rows - 0.5).max() < 1.5
-        assert wrt.load_image(folder / f"{frame['file_path']}.png").shape == (32, 32, 3)
+        assert wrt.load_image(folder / frame["file_path"]).shape == (32, 32, 3)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -17,9 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from wrt._version import __version__
 from wrt.errors import InputError, did_you_mean
 from wrt.io.cameras import unique
 from wrt.io.safe_read import PathLike, as_text, naming_file, read_file
+from wrt.io.safe_write import Kind, output_path, write_atomically
 from wrt.scene.camera import Camera, FisheyeCamera, PerspectiveCamera
 from wrt.scene.camera_matrices import pose_of_extrinsics, pose_of_matrix
 from wrt.values import array, integer, number
@@ -176,6 +178,71 @@ def _pixels(value: float, name: str) -> int:
     whole: Any = int(value) if value == int(value) else value
     return integer(whole, name, minimum=1, maximum=_MOST_PIXELS)
 
+
+def save_cameras(
+    path: PathLike, cameras: Mapping[str, Camera], width: int, height: int, *, force: bool = False
+) -> None:
+    """Write the cameras of a dataset of pictures as transforms.json, which nerfstudio and `load_cameras` read.
+
+    Intrinsics are in pixels from the corner of the picture, matrices lead from the camera's axes of OpenGL to the
+    world. Apertures and shutters are not part of the format; of a camera that moves it has the pose at shutter open.
+
+    Args:
+        path: ends in .json.
+        cameras: perspective cameras and fisheyes, by the paths of their pictures relative to the file's folder.
+        width: of the pictures, pixels.
+        height: of the pictures, pixels.
+        force: whether to replace a file that wrt did not write.
+
+    Raises:
+        InputError: for other cameras, or if the file cannot be written.
+    """
+    file = output_path(path, "a file of cameras")
+    if file.suffix.lower() != ".json":
+        raise InputError(f"{file}: the name of a file of cameras must end in .json")
+    if not cameras:
+        raise InputError(f"{file}: there are no cameras to write")
+    lenses = []
+    for name, camera in cameras.items():
+        with _naming(f"{file}: {name}"):
+            lenses.append(_written(camera, width, height))
+    # What all have stands once, where readers of other programs expect it.
+    shared = {key: value for key, value in lenses[0].items() if all(lens.get(key) == value for lens in lenses)}
+    frames = [
+        {"file_path": name, "transform_matrix": camera.matrix().tolist(), **lens}
+        for (name, camera), lens in zip(cameras.items(), lenses, strict=True)
+    ]
+    frames = [{key: value for key, value in frame.items() if key not in shared} for frame in frames]
+    tree = {"generator": f"wrt {__version__}", **shared, "frames": frames}
+    text = json.dumps(tree, indent=1) + "\n"
+    write_atomically(file, lambda made: made.write_text(text, encoding="utf-8"), _TRANSFORMS, force=force)
+
+
+def _written(camera: Camera, width: int, height: int) -> dict[str, Any]:
+    """Return the intrinsics of a camera for pictures of a size, and its distortion."""
+    if isinstance(camera, PerspectiveCamera):
+        fy, model = 0.5 * height / math.tan(0.5 * math.radians(camera.fov_degrees)), "OPENCV"
+        model = "FULL_OPENCV" if any(camera.distortion[5:]) else model
+    elif isinstance(camera, FisheyeCamera):
+        fy, model = min(width, height) / math.radians(camera.fov_degrees), "OPENCV_FISHEYE"
+    else:
+        raise InputError(f"a {type(camera).__name__} has no focal lengths")
+    fx = fy / camera.pixel_aspect
+    values = {"camera_model": model, "w": width, "h": height, "fl_x": fx, "fl_y": fy}
+    values["cx"] = 0.5 * width - camera.shift_x * height / camera.pixel_aspect
+    values["cy"] = 0.5 * height + camera.shift_y * height
+    if model != "OPENCV_FISHEYE":
+        values["camera_angle_x"] = 2.0 * math.atan(0.5 * width / fx)
+    _, names = _KINDS[model]
+    return values | dict(zip(names, (float(each) for each in camera.distortion), strict=False))
+
+
+def _is_own(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(32).startswith(b'{\n "generator": "wrt ')
+
+
+_TRANSFORMS = Kind("a file of cameras that wrt has made", _is_own)
 
 # --- COLMAP ----------------------------------------------------------------------------------------
 

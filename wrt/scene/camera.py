@@ -144,6 +144,16 @@ class Camera(Kind):
         """Return fields for focal lengths and a principal point."""
         raise InputError(f"{cls.__name__} has no focal lengths; take a PerspectiveCamera or a FisheyeCamera")
 
+    def matrix(self) -> Points:
+        """Return the (4, 4) float64 transform from OpenGL's axes of the camera to the world, at shutter open.
+
+        The inverse of `from_matrix`.
+        """
+        right, up, forward = self.frame()
+        matrix = np.eye(4)
+        matrix[:3] = np.stack([right, up, -forward, self.origin], axis=1)
+        return matrix if self.motion is None else product(self.motion.at(self.shutter_open), matrix)
+
     def project(self, points: ArrayLike, width: int, height: int, *, time: float | None = None) -> Points:
         """Return where points of the world are in a picture, (N, 2) float64 pixels to the right and down.
 
