@@ -113,6 +113,8 @@ def readers(kind: str) -> list[Reader]:
 
     if kind == "mtl":
         return [with_material]
+    if kind == "json":
+        return [wrt.load_cameras]
     if kind == "ckpt":
         return [read_checkpoint]
     if kind == "wrt":

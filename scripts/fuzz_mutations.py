@@ -346,7 +346,7 @@ _DAMAGES = {
     **dict.fromkeys(("obj", "mtl", "off", "usda"), (*_TEXT, _bom)),
     "usdc": _BINARY,
     **dict.fromkeys(("ply", "stl", "hdr", "npy"), _MIXED),
-    "gltf": (*_TEXT, *(_json,) * 12, _json_copies, _bom),
+    **dict.fromkeys(("gltf", "json"), (*_TEXT, *(_json,) * 12, _json_copies, _bom)),
     "glb": (*_BINARY, *(_json,) * 10),
     "toml": (*_TEXT, *(_toml_value,) * 12, _toml_table, _toml_table, _bom),
     **dict.fromkeys(("dae", "xml"), (*_TEXT, *(_xml_text, _xml_tag) * 5, _bom)),
