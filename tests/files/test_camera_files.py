@@ -191,8 +191,9 @@ def test_files_without_cameras_are_named(tmp_path):
         wrt.load_cameras(tmp_path / "t.json")
     with pytest.raises(wrt.InputError, match=r"cameras are read from transforms\.json, or from COLMAP's"):
         wrt.load_cameras(tmp_path / "t.txt")
-    with pytest.raises(wrt.InputError, match="no such file"):
-        wrt.load_cameras(tmp_path)
+    for missing in (tmp_path, tmp_path / "none.json"):
+        with pytest.raises(wrt.InputError, match=rf"^{re.escape(str(missing))}.*: no such file"):
+            wrt.load_cameras(missing)
 
 
 @pytest.mark.parametrize(

@@ -111,8 +111,9 @@ _COEFFICIENTS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 
 
 def _of_transforms(file: Path) -> Iterator[tuple[str, FileCamera]]:
+    text = as_text(read_file(file))
     try:
-        tree = json.loads(as_text(read_file(file)))
+        tree = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"is not valid JSON: {error}") from None
     frames = tree.get("frames") if isinstance(tree, dict) else None
