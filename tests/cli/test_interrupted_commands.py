@@ -1,5 +1,6 @@
 """Ctrl-C and SIGTERM: status and one line, and no file half written."""
 
+import contextlib
 import re
 import signal
 import subprocess
@@ -9,6 +10,7 @@ import pytest
 from PIL import Image
 from support.commands import ENVIRONMENT, ROOM, SMALL, run, start, wait_for, without_progress
 
+from wrt.cli import main
 from wrt.cli.signals import Interrupts
 
 BOX = ["render", "cornell-box", "--size", "32x32"]
@@ -95,6 +97,19 @@ program.run()
 """
 
 RENDER = "render cornell-box --size 16x16 --spp 4"
+
+
+def test_an_interrupt_that_a_library_swallows_is_one(monkeypatch, capsys):
+    """NumPy raises an ImportError where it is interrupted while it is imported."""
+
+    def swallow(_: object, **options: object) -> int:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise ImportError
+
+    monkeypatch.setattr("wrt.cli.commands.scenes", swallow)
+    assert main(["scenes"]) == 130
+    assert capsys.readouterr().err == "wrt: stopped: before it was done\n"
 
 
 @pytest.mark.parametrize(

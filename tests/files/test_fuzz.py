@@ -42,7 +42,6 @@ def test_earlier_failures_and_seeds_are_read():
     # As textures of a mesh NumPy files are left out with a warning.
     warned = {"npy": "not an image of a known format", "stl": "the STL file has no normals", "dae": "bind pose"}
     warned |= dict.fromkeys(("polygons.obj", "plugins.xml"), "is unknown to wrt and left out")  # a line and a point
-    warned |= dict.fromkeys(("scene.glb", "scene.gltf"), "the clear coat of material 0")
     for number, kind, _, outcome in fuzz.run(inputs):
         message = f"{files[number].name}: {outcome.reason}"
         if files[number].parent.name == "failures":

@@ -277,7 +277,7 @@ def test_a_person_is_told_that_there_is_no_worker(monkeypatch):
 def test_workers_die_come_late_and_stop(monkeypatch, after_window):
     """Processes: one is killed, one is added, one is stopped by a signal and continues at the end."""
     size = {**SIZE, "width": 48, "height": 36}
-    expected = film_of(wrt.Renderer(block_scene(), **size), 96)
+    expected = film_of(wrt.Renderer(block_scene(), **size), 192)
     how = {"processes": True, "dashboard_address": ":0", "silence_logs": 50}
     with (
         dask.config.set({"distributed.scheduler.worker-ttl": "3 s"}),  # then a worker that hangs counts as dead
@@ -291,7 +291,7 @@ def test_workers_die_come_late_and_stop(monkeypatch, after_window):
         monkeypatch.setattr("wrt.distributed.spread.SHORTEST_SECONDS", 0.05)  # many windows
         monkeypatch.setattr("wrt.distributed.dask_cluster.ANSWER_SECONDS", 1.0)
         try:
-            found = film_of(spread(client, **size), 96, pass_seconds=1.0)
+            found = film_of(spread(client, **size), 192, pass_seconds=1.0)
         finally:
             with contextlib.suppress(ProcessLookupError):  # Dask may have ended it
                 os.kill(pids[1], signal.SIGCONT)

@@ -62,6 +62,10 @@ def _run(arguments: list[str], *, own_process: bool) -> int:
             status = _run_command(interrupts, **options)
         except KeyboardInterrupt:
             status = interrupts.stopped()
+        except Exception:
+            if not interrupts.is_signalled:
+                raise
+            status = interrupts.stopped()  # a library made another error of it, as NumPy does while it is imported
     if "wrt.backend" in sys.modules:
         from wrt.backend import current_backend
 
