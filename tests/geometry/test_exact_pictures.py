@@ -97,7 +97,7 @@ def lamp_of(kind: str, radius: float) -> tuple[wrt.Mesh, Any, Any, Any]:
     ("kind", "strategy", "radius"),
     [
         *(("sphere", strategy, radius) for strategy, radius in (("mis", 0.9), ("light", 1e-3), ("bsdf", 0.9))),
-        *(("of_a_disk", strategy, radius) for strategy, radius in (("mis", 0.3), ("light", 0.01), ("bsdf", 0.9))),
+        *(("of_a_disk", *how) for how in (("mis", 0.3), ("light", 0.01), ("light", 0.7), ("bsdf", 0.9))),
         *((kind, strategy, 0.0) for kind in ("cylinder", "textured") for strategy in SPP),
     ],
 )
