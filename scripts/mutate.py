@@ -133,8 +133,9 @@ def page(text: str, results: dict[str, str]) -> str:
     subjects = Counter(mutant.subject for mutant in MUTANTS)
     counts = ", ".join(f"{subject} {count}" for subject, count in subjects.items())
     outcomes = {mutant.name: results.get(mutant.name, "not tried yet") for mutant in MUTANTS}
-    others = ", ".join(f"{name} ({outcome})" for name, outcome in outcomes.items() if outcome != NOTICED) or "none"
-    return f"{text.partition(HEAD)[0]}{HEAD}{counts}.\n\nAll are noticed, except: {others}.\n"
+    others = ", ".join(f"{name} ({outcome})" for name, outcome in outcomes.items() if outcome != NOTICED)
+    except_for = f", except: {others}" if others else ""
+    return f"{text.partition(HEAD)[0]}{HEAD}{counts}.\n\nAll are noticed{except_for}.\n"
 
 
 def record(mutant: Mutant, result: str) -> None:
