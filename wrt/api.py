@@ -373,14 +373,16 @@ def _present(source: object, scene: Scene, up: str | None, kind: str, stage: Sta
         kind: the file type, such as "stl"; empty if unknown.
         stage: how to show it.
     """
-    name, scene = name_of(source), stage.with_cameras(scene)
+    neutral = kind in ("glb", "gltf")
+    if stage.cameras:  # these are in the source's own coordinates, which stay
+        return stage.present(source, scene, "y", neutral=neutral)
     if up is None and not (scene.lights or scene.camera):
         from wrt.studio.orientation import guess_up
 
         up = _UP.get(kind) or guess_up(scene.shapes, "z" if kind in ("stl", "off") else "y")
     if up is not None and (scene.lights or scene.camera):
-        scene, up = _upright(name, scene, up, stage), "y"
-    return stage.present(source, scene, up or "y", neutral=kind in ("glb", "gltf"))
+        scene, up = _upright(name_of(source), scene, up, stage), "y"
+    return stage.present(source, scene, up or "y", neutral=neutral)
 
 
 def _upright(name: object, scene: Scene, up: str, stage: Stage) -> Scene:

@@ -264,6 +264,10 @@ def test_collada_names_its_up_axis(tmp_path, axis, height):
         text = GEOMETRY.replace("Y_UP", f"{axis}_UP").replace("2 3<", "2 3\n<")
         path = write(tmp_path, "a.dae", text.encode(encoding))
         assert np.ptp(wrt.load(path).shapes[0].bounds, axis=0)[1] == pytest.approx(height)
+    camera = wrt.PerspectiveCamera((0, 0, 9), (0, 0, 0))  # in the file's coordinates, which then stay
+    kept = wrt.load(tmp_path / "a.dae", camera=camera)
+    assert kept.shapes[0].bounds == pytest.approx(load_file(tmp_path / "a.dae").shapes[0].bounds)
+    assert kept.camera is camera
 
 
 def test_collada_without_its_library_or_end_is_told(tmp_path, monkeypatch):
