@@ -65,13 +65,20 @@ class Picture(ABC):
 
         A picture that is transparent, and has no background, is (H, W, 4); see `alpha`.
         """
-        image = self.denoised() if self.settings.denoise else self.image()
-        alpha, background = self.alpha(), self.settings.background
-        if alpha is None:
-            return image
-        if background is None:
-            return np.dstack([image, alpha])
-        return np.asarray(image + (1.0 - alpha[..., None]) * np.asarray(background, np.float32), np.float32)
+        image, alpha = self._with_background(self._shown(), self.alpha())
+        return image if alpha is None else np.dstack([image, alpha])
+
+    def _shown(self) -> NDArray[np.float32]:
+        return self.denoised() if self.settings.denoise else self.image()
+
+    def _with_background(
+        self, image: NDArray[np.float32], alpha: NDArray[np.float32] | None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Return an image over the background of the settings, then without alpha, or as it is."""
+        background = self.settings.background
+        if alpha is None or background is None:
+            return image, alpha
+        return np.asarray(image + (1.0 - alpha[..., None]) * np.asarray(background, np.float32), np.float32), None
 
     def _require_samples(self) -> None:
         if not self.film.tally().samples:
@@ -142,12 +149,11 @@ class Picture(ABC):
                 return save(None, layers=layers)
             ((name, values),) = layers.items()
             return save(layer_colors(name, values), tone="none", exposure=0.0)
-        image = self.denoised() if settings.denoise else self.image()
+        image = self._shown()
         if suffix not in DEVELOPED_SUFFIXES:
             if settings.denoise and suffix == ".exr":
                 layers[NOISY] = self.image()
-            if settings.background is not None:
-                image, alpha = self.finished(), None
+            image, alpha = self._with_background(image, alpha)
             return save(image, alpha=alpha, layers=layers)
         # Only pixels that are covered decide the exposure.
         covered = image if alpha is None or not alpha.any() else image[alpha > 0.0][None] / alpha[alpha > 0.0, None]
