@@ -43,7 +43,7 @@ def _names(classes: Mapping[str, type]) -> str:
 
 
 GROUPS: dict[str, str] = {
-    "Loading and rendering": "load render render_views View Renderer Progress precompile Precompiled device_memory "
+    "Loading and rendering": "load render render_views View Renderer Progress parameters precompile Precompiled device_memory "
     "DeviceMemory",
     "Several machines": "Part merge Merged",
     "Scenes": "Scene Shape RenderSettings",
