@@ -55,10 +55,10 @@ def test_resuming_renders_only_missing_frames(mesh, capsys):
 
 
 def test_a_transparent_frame_is_exposed_as_a_picture_is(mesh):
-    command = ["render", "box.npz", "--transparent", "--material", "diffuse:0.02", *SMALL]
+    command = ["render", "box.npz", "--transparent", "--material", "diffuse:0.02", *SMALL, "--size", "48x36"]
     assert main([*command, "--turntable", "2", "-o", "box_%d.png"]) == 0
-    scene = wrt.load(mesh, transparent=True, material=wrt.Diffuse((0.02, 0.02, 0.02)), aspect=24 / 18)
-    renderer = wrt.Renderer(next(iter(wrt.turntable(scene, 2))), width=24, height=18)
+    scene = wrt.load(mesh, transparent=True, material=wrt.Diffuse((0.02, 0.02, 0.02)), aspect=48 / 36)
+    renderer = wrt.Renderer(next(iter(wrt.turntable(scene, 2))), width=48, height=36)
     renderer.render(spp=1)
     renderer.save("one.png")
     np.testing.assert_array_equal(*(np.asarray(Image.open(name)) for name in ("box_0.png", "one.png")))
