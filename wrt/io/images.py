@@ -299,7 +299,7 @@ def save_image(
         from wrt.develop.picture import develop
 
         behind = None if background is None else color(background, "background", maximum=1.0)
-        height, width = np.shape(image)[:2]
+        height, width = np.asarray(image).shape[:2]
         require_room(file, width, height, alpha=bool(cover) and behind is None)
         developed = develop(source, tone=tone, exposure=exposure, alpha=cover.get("alpha"), background=behind)
         codes = developed.codes
