@@ -101,7 +101,7 @@ def load(
         raise InputError("a view replaces the source's camera; choose a view or a camera")
     if up is not None and (cameras is not None or isinstance(camera, Camera)):
         raise InputError("an up axis would turn the source, but not a camera that is not its own")
-    others = _other_cameras(camera, cameras)
+    others = _other_cameras(camera, cameras, confined)
     reading = _reading(triangles, up, parameters, None if others else camera, smooth_degrees, point_radius)
     if frame is None and view is None and (others or camera is not None):
         frame = False  # a camera that was chosen is kept
@@ -126,7 +126,7 @@ def load_contents(
     return _loaded(source, reading, Stage(is_bare=True), strict, confined, double_sided, None)
 
 
-def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None) -> dict[str, Camera]:
+def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None, confined: bool) -> dict[str, Camera]:
     """Return the cameras that replace those of a source by their names, the one in use first."""
     if cameras is None:
         return {"camera": camera} if isinstance(camera, Camera) else {}
@@ -135,7 +135,7 @@ def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None) 
 
     if isinstance(camera, Camera):
         raise InputError("choose a camera or a file of cameras")
-    found = {name: each.camera for name, each in load_cameras(cameras).items()}
+    found = {name: each.camera for name, each in load_cameras(cameras, confined=confined).items()}
     first = list(found)[0 if camera is None else number_of(cameras, list(found), camera)]
     return {first: found[first], **found}
 
