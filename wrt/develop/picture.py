@@ -118,6 +118,13 @@ def over(codes: NDArray[np.uint8], alpha: NDArray[np.float32], background: Array
     return np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
 
 
+def covered_share(lines: NDArray[np.float32], alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    """Return (H, W), the share of what is seen in a pixel that lines cover: they lie on surfaces."""
+    if alpha is None:
+        return np.clip(np.nan_to_num(lines), 0.0, 1.0)
+    return np.divide(lines, alpha, out=np.zeros_like(lines), where=alpha > 0.0).clip(0.0, 1.0)
+
+
 def require_tone(tone: str) -> None:
     """Raise InputError before rendering if a tone does not exist, such as a missing OpenColorIO view."""
     if check_tone(tone) not in CURVES:

@@ -253,6 +253,8 @@ def save_image(
     metadata: Mapping[str, object] | None = None,
     layers: Mapping[str, NDArray[Any]] | None = None,
     background: ColorLike | None = None,
+    edges: ArrayLike | None = None,
+    edge_color: ColorLike = (0.0, 0.0, 0.0),
     force: bool = False,
 ) -> Developed | None:
     """Write a linear Rec. 709 image as PNG, JPEG, OpenEXR or NumPy array, by its suffix.
@@ -272,6 +274,8 @@ def save_image(
         layers: the result of `wrt.Renderer.layers`, for OpenEXR: 32-bit channels such as `albedo.R`.
         background: linear colour behind a PNG or JPEG with alpha, which then has none. The tone curve leaves it as it
             is.
+        edges: (H, W) share of each pixel that lines cover, to draw them over a PNG or JPEG: the layer of this name.
+        edge_color: linear colour of these lines, likewise exact.
         force: whether to replace a file that wrt did not write.
 
     Returns:
@@ -295,12 +299,15 @@ def save_image(
     elif suffix == ".npy":
         write = functools.partial(_write_npy, pixels=np.dstack([np.asarray(image), *cover.values()]))
     else:
-        from wrt.develop.picture import develop, over, unassociated, with_alpha
+        from wrt.develop.picture import covered_share, develop, over, unassociated, with_alpha
 
         pixels, coverage = np.asarray(image), cover.get("alpha")
         require_room(file, pixels.shape[1], pixels.shape[0], alpha=coverage is not None and background is None)
         developed = develop(unassociated(pixels, coverage), tone=tone, exposure=exposure)
         codes = developed.codes
+        if edges is not None:
+            share = covered_share(np.asarray(edges, np.float32), coverage)
+            codes = over(codes, 1.0 - share, color(edge_color, "edge_color", maximum=1.0))
         if coverage is not None and background is not None:
             codes = over(codes, coverage, color(background, "background", maximum=1.0))
         elif coverage is not None:

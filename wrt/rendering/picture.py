@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 from abc import ABC, abstractmethod
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from wrt._version import __version__
 from wrt.develop.exposure import stops
-from wrt.develop.picture import Developed
+from wrt.develop.picture import Developed, covered_share
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
@@ -51,6 +52,11 @@ class Picture(ABC):
         """True if there is a picture of radiance; integrator "aov" renders only layers."""
         return self.integrator != "aov"
 
+    @property
+    def has_picture(self) -> bool:
+        """True if there is a picture besides the layers: of radiance, or a wireframe."""
+        return self.renders_light or self.settings.wireframe
+
     def image(self) -> NDArray[np.float32]:
         """Return (H, W, 3) float32, the current estimate of linear radiance in the rendered part of the picture.
 
@@ -61,21 +67,39 @@ class Picture(ABC):
         return self.film.mean()
 
     def finished(self) -> NDArray[np.float32]:
-        """Return `image`, denoised and over its background if the settings say so, with alpha as a fourth channel.
+        """Return `image`, denoised, with edges and over its background if the settings say so, and alpha as channel 4.
 
         A picture that is transparent, and has no background, is (H, W, 4); see `alpha`.
         """
-        image, alpha = self._with_background(self._shown(), self.alpha())
+        image, alpha = self._with_background(self._with_edges(self._shown()), self._coverage())
         return image if alpha is None else np.dstack([image, alpha])
 
     def _shown(self) -> NDArray[np.float32]:
+        """Return the picture without lines and background; of a wireframe, the lines themselves."""
+        if self.settings.wireframe:
+            self._require_samples()
+            return self._film_layers()["edges"][..., None] * np.asarray(self.settings.edge_color, np.float32)
         return self.denoised() if self.settings.denoise else self.image()
+
+    def _with_edges(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the picture with lines over it, after denoising, which would blur them."""
+        lines, alpha = self._lines(), self._coverage()
+        if lines is None:
+            return image
+        share = covered_share(lines, alpha)[..., None]
+        drawn = (share if alpha is None else share * alpha[..., None]) * np.asarray(self.settings.edge_color)
+        return np.asarray(image * (1.0 - share) + drawn, np.float32)
+
+    def _lines(self) -> NDArray[np.float32] | None:
+        """Return (H, W), how much of each pixel lines cover that are to be drawn over the picture, or None."""
+        is_drawn = self.settings.edges and not self.settings.wireframe
+        return self._film_layers()["edges"] if is_drawn else None
 
     def _with_background(
         self, image: NDArray[np.float32], alpha: NDArray[np.float32] | None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Return an image over the background of the settings, then without alpha, or as it is."""
-        background = self.settings.background
+        background = self.settings.paper
         if alpha is None or background is None:
             return image, alpha
         return np.asarray(image + (1.0 - alpha[..., None]) * np.asarray(background, np.float32), np.float32), None
@@ -91,8 +115,15 @@ class Picture(ABC):
     def alpha(self) -> NDArray[np.float32] | None:
         """Return (H, W) float32 coverage of a transparent picture, 0 to 1, or None.
 
-        It is how much of a pixel shows a surface. `image` holds the radiance of those alone (associated alpha).
+        It is how much of a pixel shows a surface, or a line of a wireframe. `image` holds the radiance of those alone
+        (associated alpha).
         """
+        return self._coverage() if self.settings.transparent else None
+
+    def _coverage(self) -> NDArray[np.float32] | None:
+        """Return `alpha`, and that of a wireframe on its background as well."""
+        if self.settings.wireframe:
+            return self._film_layers()["edges"]
         return self._film_layers()["alpha"] if self.settings.transparent else None
 
     def layers(self) -> dict[str, NDArray[Any]]:
@@ -130,7 +161,7 @@ class Picture(ABC):
         Raises:
             InputError: see `wrt.save_image`, also for `force`; and when the file cannot hold the layers.
         """
-        path, settings, layers, alpha = picture_path(path), self.settings, self.layers(), self.alpha()
+        path, settings, layers, alpha = picture_path(path), self.settings, self.layers(), self._coverage()
         check_contents(path, self)
         self._require_samples()
         metadata = {
@@ -144,17 +175,20 @@ class Picture(ABC):
             metadata["Objects"] = json.dumps(dict(enumerate(names, 1)))
         save = functools.partial(save_image, path, metadata=metadata, force=force)
         suffix = path.suffix.lower()
-        if not self.renders_light:
+        if not self.has_picture:
             if suffix == ".exr":
                 return save(None, layers=layers)
             ((name, values),) = layers.items()
             return save(layer_colors(name, values), tone="none", exposure=0.0)
         image = self._shown()
         if suffix not in DEVELOPED_SUFFIXES:
-            if settings.denoise and suffix == ".exr":
+            if settings.denoise and self.renders_light and suffix == ".exr":
                 layers[NOISY] = self.image()
-            image, alpha = self._with_background(image, alpha)
+            image, alpha = self._with_background(self._with_edges(image), alpha)
             return save(image, alpha=alpha, layers=layers)
+        if settings.wireframe:
+            developed = save(image, alpha=alpha, tone="none", exposure=0.0, background=settings.paper)
+            return None if developed is None else dataclasses.replace(developed, black=False)  # lines may be black
         # Only pixels that are covered decide the exposure.
         covered = image if alpha is None or not alpha.any() else image[alpha > 0.0][None] / alpha[alpha > 0.0, None]
         chosen = stops(covered, settings.exposure if exposure is None else exposure)
@@ -164,6 +198,8 @@ class Picture(ABC):
             tone=settings.tone if tone is None else tone,
             exposure=chosen,
             background=settings.background,
+            edges=self._lines(),
+            edge_color=settings.edge_color,
         )
 
 
@@ -172,7 +208,7 @@ def check_contents(path: Path, picture: Picture) -> None:
 
     OpenEXR files hold all layers. Without light, as with integrator "aov", a PNG or JPEG may show a single one.
     """
-    layers, has_light = picture.settings.layers, picture.renders_light
+    layers, has_light = picture.settings.layers, picture.has_picture
     if not has_light and not layers:
         raise InputError("integrator aov renders only layers; name some, such as albedo,normal,depth")
     shown = path.suffix.lower() in DEVELOPED_SUFFIXES and not has_light and len(layers) == 1
@@ -182,21 +218,21 @@ def check_contents(path: Path, picture: Picture) -> None:
         path,
         picture.film.width,
         picture.film.height,
-        alpha=picture.settings.transparent and picture.settings.background is None and has_light,
+        alpha=picture.settings.transparent and picture.settings.paper is None and has_light,
     )
 
 
 def layer_colors(name: str, values: NDArray[Any]) -> NDArray[np.float32]:
     """Return a layer as (H, W, 3) float32 linear colours, for an 8-bit picture.
 
-    Albedo and coverage are unchanged. Normals map -1 to 1 to 0 to 255. Depth and z are white at the nearest point and
-    black at the farthest. Each coordinate of positions runs from black at its lowest to full at its highest value.
+    Albedo, coverage and edges are unchanged. Normals map -1 to 1 to 0 to 255. Depth and z are white at the nearest
+    point, black at the farthest. Each coordinate of positions runs from black at its lowest to full at its highest.
     Texture coordinates repeat every 1, in red and green. Zero motion is grey, and the longest reaches the limits. Each
     object and material has its own colour.
     """
     if name == "albedo":
         shown = np.asarray(values, np.float64)
-    elif name == "alpha":
+    elif name in ("alpha", "edges"):
         shown = np.repeat(np.asarray(values, np.float64)[..., None], 3, axis=2)
     elif name in ("object", "material"):
         shown = _colors(values)

@@ -16,7 +16,7 @@ from wrt.scene.materials import Unlit
 from wrt.scene.mesh import columns
 from wrt.scene.scene import Scene, Shape
 from wrt.upload.accel.bvh import build_bvh
-from wrt.upload.accel.geometry import corner_tangents, joined, numbered, upload, upload_triangles
+from wrt.upload.accel.geometry import corner_tangents, drawn_sides, joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
 from wrt.upload.bodies import BodyTable, set_camera_bodies
@@ -43,6 +43,7 @@ class BuiltScene:
         world: the meshes in the world's tree, whose vertices can be updated between frames.
         bodies: the bodies and media.
         device: the device.
+        has_edges: whether it has the sides of triangles that are drawn as lines.
     """
 
     data: Any
@@ -51,6 +52,7 @@ class BuiltScene:
     world: WorldMeshes
     bodies: BodyTable
     device: Device
+    has_edges: bool
 
     def look_from(self, camera: Camera) -> None:
         """Find the bodies around a camera, in which its paths begin."""
@@ -82,7 +84,13 @@ class SceneUpload:
     """
 
     def __init__(
-        self, scene: Scene, device: Device, *, texture_coordinates: bool = False, light_choice: str = "auto"
+        self,
+        scene: Scene,
+        device: Device,
+        *,
+        texture_coordinates: bool = False,
+        edges: bool = False,
+        light_choice: str = "auto",
     ) -> None:
         """Upload all but the meshes.
 
@@ -90,6 +98,7 @@ class SceneUpload:
             scene: the scene.
             device: the device.
             texture_coordinates: whether to upload these even if no material needs them.
+            edges: whether to upload which sides of triangles are drawn.
             light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
 
         Raises:
@@ -100,7 +109,7 @@ class SceneUpload:
         from wrt.kernels.core.features import Features
 
         self._prepared = prepared = PreparedScene(scene)
-        self._device, self._texture_coordinates = device, texture_coordinates
+        self._device, self._texture_coordinates, self._edges = device, texture_coordinates, edges
         scene, layout, materials = prepared.scene, prepared.layout, prepared.materials
         _require_memory(prepared, device, texture_coordinates)
         self._data = data = scene_data.SceneData()
@@ -149,8 +158,10 @@ class SceneUpload:
         if self._prepared.has_tangents:
             data.aligns_tangents = 2
             data.tangents = upload(corner_tangents(places.faces), "vec4", device.name)
+        if self._edges:
+            data.edges = upload(drawn_sides(places.faces), int, device.name)
         world = _build_trees(data, layout, places, device)
-        built = BuiltScene(data, self.features, read, world, self._bodies, device)
+        built = BuiltScene(data, self.features, read, world, self._bodies, device, self._edges)
         if self._prepared.scene.camera is not None:
             built.look_from(self._prepared.scene.camera)
         return built
@@ -204,6 +215,7 @@ def _shape_records(
     records["unlit"] = unlit
     records["two_sided"] = emits_back | (unlit & double_sided)
     records["single_sided"] = ~(double_sided | emits_back | materials.transmits)
+    records["edges"] = [shape.edges for shape in scene.shapes]
     records["body"] = bodies.of_shapes
     return records
 
