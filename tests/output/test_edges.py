@@ -16,6 +16,9 @@ from support.statistics import t_test_mean
 
 import wrt
 from wrt.cli import main
+from wrt.view.controls import Look
+from wrt.view.frames import Source
+from wrt.view.picture import composed
 
 Array = NDArray[np.float64]
 SIDE = 64
@@ -178,6 +181,10 @@ def test_lines_have_their_colour_in_pictures(tmp_path, monkeypatch):
         with Image.open(tmp_path / "a.png") as picture:
             codes = np.asarray(picture)
         assert {tuple(code) for code in codes[..., :3][lines == 1.0].tolist()} == {(255, 137, 0)}
+        assert np.array_equal(wrt.develop_image(shown, tone="agx", exposure=-1.0), codes)
+        if alpha is None:
+            page = Source(renderer.image, True, composed=composed(renderer)).codes(Look(-1.0, "agx"))
+            assert np.array_equal(page, codes)
         renderer.save(tmp_path / "a.npy")
         np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), shown)
     renderer = rendered(scene, denoise=False, **options)

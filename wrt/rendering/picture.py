@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import json
 from abc import ABC, abstractmethod
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from wrt._version import __version__
 from wrt.develop.exposure import stops
-from wrt.develop.picture import Developed, covered_share
+from wrt.develop.picture import Composed, Developed, covered
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
@@ -67,42 +66,27 @@ class Picture(ABC):
         return self.film.mean()
 
     def finished(self) -> NDArray[np.float32]:
-        """Return `image`, denoised, with edges and over its background if the settings say so, and alpha as channel 4.
+        """Return `image`, denoised, with lines and over its background if the settings say so; alpha is channel 4.
 
         A picture that is transparent, and has no background, is (H, W, 4); see `alpha`.
         """
-        image, alpha = self._with_background(self._with_edges(self._shown()), self._coverage())
-        return image if alpha is None else np.dstack([image, alpha])
+        return self._composed(self._shown())
 
     def _shown(self) -> NDArray[np.float32]:
-        """Return the picture without lines and background; of a wireframe, the lines themselves."""
-        if self.settings.wireframe:
-            self._require_samples()
-            return self._film_layers()["edges"][..., None] * np.asarray(self.settings.edge_color, np.float32)
-        return self.denoised() if self.settings.denoise else self.image()
+        return self.denoised() if self.settings.denoise and self.renders_light else self.image()
 
-    def _with_edges(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the picture with lines over it, after denoising, which would blur them."""
-        lines, alpha = self._lines(), self._coverage()
-        if lines is None:
-            return image
-        share = covered_share(lines, alpha)[..., None]
-        drawn = (share if alpha is None else share * alpha[..., None]) * np.asarray(self.settings.edge_color)
-        return np.asarray(image * (1.0 - share) + drawn, np.float32)
+    def _composed(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        parts = self._parts()
+        composed = Composed.of(image, **parts)
+        is_plain = parts["lines"] is None and (parts["alpha"] is None or parts["background"] is None)
+        return np.asarray(composed) if is_plain else composed
 
-    def _lines(self) -> NDArray[np.float32] | None:
-        """Return (H, W), how much of each pixel lines cover that are to be drawn over the picture, or None."""
-        is_drawn = self.settings.edges and not self.settings.wireframe
-        return self._film_layers()["edges"] if is_drawn else None
-
-    def _with_background(
-        self, image: NDArray[np.float32], alpha: NDArray[np.float32] | None
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Return an image over the background of the settings, then without alpha, or as it is."""
-        background = self.settings.paper
-        if alpha is None or background is None:
-            return image, alpha
-        return np.asarray(image + (1.0 - alpha[..., None]) * np.asarray(background, np.float32), np.float32), None
+    def _parts(self) -> dict[str, Any]:
+        """Return what belongs to the image, as `develop` takes it. Lines come after denoising, so they stay sharp."""
+        settings = self.settings
+        lines = self._film_layers()["edges"] if settings.edges or settings.wireframe else None
+        alpha = lines if settings.wireframe else self.alpha()
+        return {"alpha": alpha, "background": settings.paper, "lines": lines, "line_color": settings.edge_color}
 
     def _require_samples(self) -> None:
         if not self.film.tally().samples:
@@ -118,13 +102,8 @@ class Picture(ABC):
         It is how much of a pixel shows a surface, or a line of a wireframe. `image` holds the radiance of those alone
         (associated alpha).
         """
-        return self._coverage() if self.settings.transparent else None
-
-    def _coverage(self) -> NDArray[np.float32] | None:
-        """Return `alpha`, and that of a wireframe on its background as well."""
-        if self.settings.wireframe:
-            return self._film_layers()["edges"]
-        return self._film_layers()["alpha"] if self.settings.transparent else None
+        name = "edges" if self.settings.wireframe else "alpha"
+        return self._film_layers()[name] if self.settings.transparent else None
 
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
@@ -161,7 +140,7 @@ class Picture(ABC):
         Raises:
             InputError: see `wrt.save_image`, also for `force`; and when the file cannot hold the layers.
         """
-        path, settings, layers, alpha = picture_path(path), self.settings, self.layers(), self._coverage()
+        path, settings, layers = picture_path(path), self.settings, self.layers()
         check_contents(path, self)
         self._require_samples()
         metadata = {
@@ -184,21 +163,16 @@ class Picture(ABC):
         if suffix not in DEVELOPED_SUFFIXES:
             if settings.denoise and self.renders_light and suffix == ".exr":
                 layers[NOISY] = self.image()
-            image, alpha = self._with_background(self._with_edges(image), alpha)
-            return save(image, alpha=alpha, layers=layers)
-        if settings.wireframe:
-            developed = save(image, alpha=alpha, tone="none", exposure=0.0, background=settings.paper)
-            return None if developed is None else dataclasses.replace(developed, black=False)  # lines may be black
-        # Only pixels that are covered decide the exposure.
-        covered = image if alpha is None or not alpha.any() else image[alpha > 0.0][None] / alpha[alpha > 0.0, None]
-        chosen = stops(covered, settings.exposure if exposure is None else exposure)
+            return save(self._composed(image), layers=layers)
+        parts = self._parts()
+        chosen = stops(covered(image, parts["alpha"]), settings.exposure if exposure is None else exposure)
         return save(
             image,
-            alpha=alpha,
+            alpha=parts["alpha"],
             tone=settings.tone if tone is None else tone,
             exposure=chosen,
-            background=settings.background,
-            edges=self._lines(),
+            background=settings.paper,
+            edges=parts["lines"],
             edge_color=settings.edge_color,
         )
 
