@@ -292,7 +292,7 @@ def wide_kernel(renderer: wrt.Renderer, lanes: int) -> tuple[Any, int]:
     from wrt.spmd.kernel import make_wide_render_kernel
 
     threads = threads_of(renderer.film.width, renderer.film.height, TILE)
-    return make_wide_render_kernel(renderer._kernel._features, lanes), threads
+    return make_wide_render_kernel(renderer._kernel.features, lanes), threads
 
 
 Bits = dict[str, NDArray[Any]]
