@@ -125,6 +125,7 @@ class ShapeRecord:
     single_sided: int  # see `kernels/integrators/sides.py`
     unlit: int
     body: int  # the body that it bounds; −1 for none
+    catches_shadows: int
 
 
 MOST_BODIES = 8

@@ -41,6 +41,7 @@ class AovData:
     normal: int
     geometric_normal: int
     alpha: int
+    catcher: int
     # In `nearest`
     depth: int
     z: int
@@ -137,9 +138,10 @@ def make_motion_on_film(features: Features) -> wp.Function:
     "guides", "cameras", *make_follow_specular.fields, *make_directional_albedo.fields, *make_motion_on_film.fields
 )
 def make_add_aovs(features: Features) -> wp.Function:
-    """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset) -> rays traced.
+    """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset, radiance) -> rays traced.
 
-    It adds one sample, of the camera ray `seen` through the point `offset` from the pixel's centre.
+    It adds one sample, of the camera ray `seen` through the point `offset` from the pixel's centre, along which the
+    integrator has found a `radiance`.
     """
     first_surface = make_first_surface(features)
     follow_specular, directional_albedo = make_follow_specular(features), make_directional_albedo(features)
@@ -150,7 +152,14 @@ def make_add_aovs(features: Features) -> wp.Function:
 
     @wp.func
     def add_aovs(
-        scene: SceneData, camera: Camera, seen: CameraRay, sampler: Sampler, aovs: AovData, pixel: int, offset: wp.vec2
+        scene: SceneData,
+        camera: Camera,
+        seen: CameraRay,
+        sampler: Sampler,
+        aovs: AovData,
+        pixel: int,
+        offset: wp.vec2,
+        radiance: wp.vec3,
     ) -> int:
         first = first_surface(scene, seen.ray, seen.footprint, sampler)
         direction = seen.ray.direction
@@ -167,6 +176,10 @@ def make_add_aovs(features: Features) -> wp.Function:
             add_color(aovs.sums, pixel, aovs.geometric_normal, surface.normal)
             if aovs.alpha >= 0:
                 aovs.sums[pixel, aovs.alpha] = aovs.sums[pixel, aovs.alpha] + wp.float64(1.0)
+            if aovs.catcher >= 0 and scene.shapes[surface.shape].catches_shadows != 0:
+                add_color(aovs.sums, pixel, aovs.catcher, radiance)
+                share = aovs.catcher + 3
+                aovs.sums[pixel, share] = aovs.sums[pixel, share] + wp.float64(1.0)
             if aovs.albedo >= 0:
                 u = sample_4d(sampler, vertex_block(1, BLOCK_BSDF))
                 albedo = directional_albedo(scene, surface, first.material, direction, u)

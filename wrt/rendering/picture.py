@@ -17,9 +17,10 @@ from wrt.develop.picture import Developed
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
+from wrt.rendering.catchers import Caught
 from wrt.rendering.film import Film
 from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure
-from wrt.scene.layers import NOISY
+from wrt.scene.layers import NOISY, SHADOW
 from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import linear_from_srgb
 
@@ -58,18 +59,30 @@ class Picture(ABC):
             InputError: before the first pass.
         """
         self._require_samples()
-        return self.film.mean()
+        picture = self._caught()
+        return self.film.mean() if picture is None else picture.image
+
+    def _caught(self, *, denoised: bool = False) -> Caught | None:
+        """Return the picture of a scene with shadow catchers, else None."""
+        return None
 
     def finished(self) -> NDArray[np.float32]:
         """Return `image`, denoised and over its background if the settings say so, with alpha as a fourth channel.
 
         A picture that is transparent, and has no background, is (H, W, 4); see `alpha`.
         """
-        image, alpha = self._with_background(self._shown(), self.alpha())
+        image, alpha = self._with_background(*self._shown(self._shown_catchers()))
         return image if alpha is None else np.dstack([image, alpha])
 
-    def _shown(self) -> NDArray[np.float32]:
-        return self.denoised() if self.settings.denoise else self.image()
+    def _shown_catchers(self) -> Caught | None:
+        self._require_samples()
+        return self._caught(denoised=self.settings.denoise)
+
+    def _shown(self, picture: Caught | None) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Return the picture and its alpha, denoised if the settings say so."""
+        if picture is not None:
+            return picture.image, picture.alpha
+        return self.denoised() if self.settings.denoise else self.image(), self.alpha()
 
     def _with_background(
         self, image: NDArray[np.float32], alpha: NDArray[np.float32] | None
@@ -91,8 +104,11 @@ class Picture(ABC):
     def alpha(self) -> NDArray[np.float32] | None:
         """Return (H, W) float32 coverage of a transparent picture, 0 to 1, or None.
 
-        It is how much of a pixel shows a surface. `image` holds the radiance of those alone (associated alpha).
+        It is how much of a pixel shows a surface. `image` holds the radiance of those alone (associated alpha). Shadow
+        catchers count only as far as they are in shadow, and `image` has the light that other shapes send there.
         """
+        if (picture := self._caught()) is not None:
+            return picture.alpha
         return self._film_layers()["alpha"] if self.settings.transparent else None
 
     def layers(self) -> dict[str, NDArray[Any]]:
@@ -106,7 +122,10 @@ class Picture(ABC):
         if not self.settings.layers:
             return {}
         self._require_samples()
-        return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
+        layers = self._film_layers()
+        if (picture := self._caught()) is not None:
+            layers |= {"alpha": picture.alpha, SHADOW: picture.shadow}
+        return {name: layers[name] for name in self.settings.layers}
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
         return self.film.aovs.arrays(self.film.counts, self._materials())
@@ -130,7 +149,7 @@ class Picture(ABC):
         Raises:
             InputError: see `wrt.save_image`, also for `force`; and when the file cannot hold the layers.
         """
-        path, settings, layers, alpha = picture_path(path), self.settings, self.layers(), self.alpha()
+        path, settings, layers = picture_path(path), self.settings, self.layers()
         check_contents(path, self)
         self._require_samples()
         metadata = {
@@ -149,15 +168,21 @@ class Picture(ABC):
                 return save(None, layers=layers)
             ((name, values),) = layers.items()
             return save(layer_colors(name, values), tone="none", exposure=0.0)
-        image = self._shown()
+        picture = self._shown_catchers()
+        image, alpha = self._shown(picture)
+        if picture is not None and SHADOW in layers:
+            layers[SHADOW] = picture.shadow
         if suffix not in DEVELOPED_SUFFIXES:
             if settings.denoise and suffix == ".exr":
                 layers[NOISY] = self.image()
             image, alpha = self._with_background(image, alpha)
             return save(image, alpha=alpha, layers=layers)
-        # Only pixels that are covered decide the exposure.
-        covered = image if alpha is None or not alpha.any() else image[alpha > 0.0][None] / alpha[alpha > 0.0, None]
+        # Only pixels that are covered decide the exposure; shadows do not count.
+        shown, cover = (image, alpha) if picture is None else (picture.foreground, picture.coverage)
+        covered = image if cover is None or not cover.any() else shown[cover > 0.0][None] / cover[cover > 0.0, None]
         chosen = stops(covered, settings.exposure if exposure is None else exposure)
+        if picture is not None:
+            alpha = picture.alpha_of_codes(2.0**chosen)
         return save(
             image,
             alpha=alpha,

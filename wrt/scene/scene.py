@@ -20,7 +20,7 @@ from wrt.scene.description import Check, Description, Flag, instance_of, optiona
 from wrt.scene.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
-from wrt.scene.layers import layer_names
+from wrt.scene.layers import SHADOW, layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material, Unlit
 from wrt.scene.materials.body import bodies_of
@@ -72,6 +72,8 @@ class Shape(Description):
         deformation: keyframes of the vertices.
         double_sided: whether its back is seen. If not, the camera, mirrors and clear glass show what is behind it, as
             in glTF; light stops all the same. What transmits, or emits from its back, has both sides.
+        shadow_catcher: whether the camera sees of it only what the other shapes do to its light: their shadows, and
+            light that they send there. The picture is transparent then; see docs/lights.md.
     """
 
     mesh: _Mesh
@@ -82,6 +84,7 @@ class Shape(Description):
     transform: _Placement = field(default=None, repr=False)
     deformation: _Deformation = field(default=None, repr=False)
     double_sided: Flag = True
+    shadow_catcher: Flag = False
 
     def _label(self, name: str) -> str:
         return f"{self.name}: {name}"
@@ -243,7 +246,8 @@ class RenderSettings(Description):
     @property
     def film_layers(self) -> tuple[str, ...]:
         """The layers that a film needs: the selected ones, and coverage for a transparent picture."""
-        return layer_names((*self.layers, "alpha")) if self.transparent else self.layers
+        selected = tuple(name for name in self.layers if name != SHADOW)
+        return layer_names((*selected, "alpha")) if self.transparent else selected
 
 
 def _crop_window(value: object, width: int, height: int) -> tuple[int, int, int, int]:
@@ -319,7 +323,7 @@ class Scene:
                 in a list.
             material: a material, the name of one such as "gold", a colour, or an image file for the texture.
             options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
-                double_sided.
+                double_sided, shadow_catcher.
 
         Raises:
             InputError: if something cannot be used.

@@ -205,6 +205,7 @@ def _shape_records(
     records["two_sided"] = emits_back | (unlit & double_sided)
     records["single_sided"] = ~(double_sided | emits_back | materials.transmits)
     records["body"] = bodies.of_shapes
+    records["catches_shadows"] = [shape.shadow_catcher for shape in scene.shapes]
     return records
 
 
