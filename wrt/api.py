@@ -88,7 +88,7 @@ def load(
         environment: replaces the studio's light or the scene's environment: an environment, an image file, or "sky".
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
         shadow_catcher: whether a mesh in the studio stands on flat ground that shows only its shadow, in place of the
-            backdrop; the picture is transparent (docs/lights.md).
+            backdrop; the picture is transparent (docs/first-pictures.md).
         double_sided: whether everything is seen from behind, also what a file calls single-sided.
         aspect: width of the picture over its height, for framing; by default from the scene's settings.
         time: seconds, in the first animation of a glTF file or after the first time code of a USD file; by default the

@@ -105,7 +105,7 @@ def any_catchers(scene: Scene) -> bool:
 class Catchers:
     """The second film of a renderer's picture: a function of its scene, its seed and the samples of its pixels.
 
-    It is rendered when it is needed, so checkpoints and clusters do without it.
+    It is rendered when it is needed, so checkpoints, passes and workers do without it.
     """
 
     def __init__(self, renderer: Renderer) -> None:

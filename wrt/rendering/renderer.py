@@ -97,6 +97,8 @@ class Renderer(Picture):
         self._catchers = Catchers(self) if self.has_catchers else None
         self._start_film()
         self._build()
+        if self._catchers is not None:
+            self._catchers.prepare()
         self.device.backend.artefacts.save()
 
     def _build(self, like: RenderKernel | None = None) -> None:
@@ -122,7 +124,7 @@ class Renderer(Picture):
         other = type(self).__new__(type(self))
         other.__dict__.update(self.__dict__)
         other.scene, other.has_updated_vertices, other._catchers = scene, False, None
-        other.settings = dataclasses.replace(self.settings, denoise=False, layers=())
+        other.settings = dataclasses.replace(self.settings, layers=())
         other._start_film()
         other._build(self._kernel)
         return other
@@ -347,10 +349,8 @@ class Renderer(Picture):
             InputError: when Open Image Denoise is not installed, or there is no picture of radiance.
         """
         require_denoiser()
-        picture = self._caught(denoised=True)
-        if picture is not None:
-            return picture.image
-        return denoise(self.image(), **self.denoising_guides(), threads=self.denoising_threads)
+        guides, picture = self.denoising_guides(), self._caught(denoised=True)
+        return denoise(self.image(), **guides, threads=self.denoising_threads) if picture is None else picture.image
 
     @property
     def denoising_threads(self) -> int | None:

@@ -73,7 +73,7 @@ class Shape(Description):
         double_sided: whether its back is seen. If not, the camera, mirrors and clear glass show what is behind it, as
             in glTF; light stops all the same. What transmits, or emits from its back, has both sides.
         shadow_catcher: whether the camera sees of it only what the other shapes do to its light: their shadows, and
-            light that they send there. The picture is transparent then; see docs/lights.md.
+            light that they send there. The picture is transparent then; see docs/first-pictures.md.
     """
 
     mesh: _Mesh
