@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wrt._version import __version__
 from wrt.develop.exposure import stops
-from wrt.develop.picture import Developed
+from wrt.develop.picture import Developed, OverBackground, covered
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
@@ -71,18 +71,34 @@ class Picture(ABC):
 
         A picture that is transparent, and has no background, is (H, W, 4); see `alpha`.
         """
-        image, alpha = self._with_background(*self._shown(self._shown_catchers()))
+        self._require_samples()
+        denoised = self.settings.denoise
+        image, alpha = self._with_background(*self._shown(self._caught(denoised=denoised), denoised=denoised))
         return image if alpha is None else np.dstack([image, alpha])
 
-    def _shown_catchers(self) -> Caught | None:
-        self._require_samples()
-        return self._caught(denoised=self.settings.denoise)
-
-    def _shown(self, picture: Caught | None) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Return the picture and its alpha, denoised if the settings say so."""
+    def _shown(
+        self, picture: Caught | None, *, denoised: bool
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Return the image of `_caught` and its alpha, or else those without shadow catchers."""
         if picture is not None:
             return picture.image, picture.alpha
-        return self.denoised() if self.settings.denoise else self.image(), self.alpha()
+        return self.denoised() if denoised else self.image(), self.alpha()
+
+    def undeveloped(
+        self, exposure: Exposure = None, *, denoised: bool = False
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, float]:
+        """Return what 8-bit codes are developed from: the image, its alpha if it has any, and the exposure in stops.
+
+        Args:
+            exposure: as for `wrt.develop_image`; by default that of the settings.
+            denoised: whether the image is denoised.
+        """
+        picture = self._caught(denoised=denoised)
+        image, alpha = self._shown(picture, denoised=denoised)
+        # Only pixels that are covered decide the exposure; shadows do not count.
+        shown = covered(image, alpha) if picture is None else covered(picture.foreground, picture.coverage)
+        chosen = stops(shown, self.settings.exposure if exposure is None else exposure)
+        return image, alpha if picture is None else picture.alpha_of_codes(2.0**chosen), chosen
 
     def _with_background(
         self, image: NDArray[np.float32], alpha: NDArray[np.float32] | None
@@ -91,7 +107,7 @@ class Picture(ABC):
         background = self.settings.background
         if alpha is None or background is None:
             return image, alpha
-        return np.asarray(image + (1.0 - alpha[..., None]) * np.asarray(background, np.float32), np.float32), None
+        return OverBackground.of(image, alpha, background), None
 
     def _require_samples(self) -> None:
         if not self.film.tally().samples:
@@ -168,21 +184,16 @@ class Picture(ABC):
                 return save(None, layers=layers)
             ((name, values),) = layers.items()
             return save(layer_colors(name, values), tone="none", exposure=0.0)
-        picture = self._shown_catchers()
-        image, alpha = self._shown(picture)
-        if picture is not None and SHADOW in layers:
-            layers[SHADOW] = picture.shadow
         if suffix not in DEVELOPED_SUFFIXES:
+            picture = self._caught(denoised=settings.denoise)
+            image, alpha = self._shown(picture, denoised=settings.denoise)
+            if picture is not None and SHADOW in layers:
+                layers[SHADOW] = picture.shadow
             if settings.denoise and suffix == ".exr":
                 layers[NOISY] = self.image()
             image, alpha = self._with_background(image, alpha)
             return save(image, alpha=alpha, layers=layers)
-        # Only pixels that are covered decide the exposure; shadows do not count.
-        shown, cover = (image, alpha) if picture is None else (picture.foreground, picture.coverage)
-        covered = image if cover is None or not cover.any() else shown[cover > 0.0][None] / cover[cover > 0.0, None]
-        chosen = stops(covered, settings.exposure if exposure is None else exposure)
-        if picture is not None:
-            alpha = picture.alpha_of_codes(2.0**chosen)
+        image, alpha, chosen = self.undeveloped(exposure, denoised=settings.denoise)
         return save(
             image,
             alpha=alpha,
