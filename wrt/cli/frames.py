@@ -143,7 +143,7 @@ class AnimationRender:
         spp = self._options.limits["spp"] or renderer.settings.spp
         for _ in renderer.passes(spp=min(spp, SAMPLES_FOR_EXPOSURE)):
             pass
-        return renderer.undeveloped()[2]
+        return renderer._undeveloped()[2]
 
     def _scenes(self) -> Iterator[Scene]:
         """Yield the scene of each frame."""

@@ -123,7 +123,7 @@ class Catchers:
         if self._alone is None:
             scene = self._renderer.scene
             kept = [shape for shape in scene.shapes if shape.shadow_catcher or shape.emits]
-            self._alone = self._renderer.beside(dataclasses.replace(scene, shapes=kept, camera=self._camera))
+            self._alone = self._renderer._beside(dataclasses.replace(scene, shapes=kept, camera=self._camera))
         return self._alone
 
     def caught(self, *, denoised: bool = False) -> Caught:
@@ -133,7 +133,7 @@ class Catchers:
         lit, unshaded = layers[CATCHER], alone.film.aovs.arrays(alone.film.counts, [])[CATCHER]
         if not denoised:
             return caught(total, layers["alpha"], lit, unshaded)
-        guides, threads = self._renderer.denoising_guides(), self._renderer.denoising_threads
+        guides, threads = self._renderer.denoising_guides(), self._renderer._denoising_threads
         foreground = denoise(np.maximum(total - lit[..., :3], 0.0), **guides, threads=threads)
         lit = _denoised(lit, guides, threads)
         unshaded = _denoised(unshaded, alone.denoising_guides(), threads)

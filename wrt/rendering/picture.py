@@ -84,7 +84,7 @@ class Picture(ABC):
             return picture.image, picture.alpha
         return self.denoised() if denoised else self.image(), self.alpha()
 
-    def undeveloped(
+    def _undeveloped(
         self, exposure: Exposure = None, *, denoised: bool = False
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None, float]:
         """Return what 8-bit codes are developed from: the image, its alpha if it has any, and the exposure in stops.
@@ -193,7 +193,7 @@ class Picture(ABC):
                 layers[NOISY] = self.image()
             image, alpha = self._with_background(image, alpha)
             return save(image, alpha=alpha, layers=layers)
-        image, alpha, chosen = self.undeveloped(exposure, denoised=settings.denoise)
+        image, alpha, chosen = self._undeveloped(exposure, denoised=settings.denoise)
         return save(
             image,
             alpha=alpha,

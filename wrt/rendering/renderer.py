@@ -94,7 +94,7 @@ class Renderer(Picture):
             warn("the scene has no light: the picture will be black", UserWarning)
         self.has_updated_vertices = False
         self.device = Device(device, threads=threads)
-        self._catchers = Catchers(self) if self.has_catchers else None
+        self._catchers = Catchers(self) if self._has_catchers else None
         self._start_film()
         self._build()
         if self._catchers is not None:
@@ -115,7 +115,7 @@ class Renderer(Picture):
             self._kernel.share_wide(like)
         self._guides = Guides(self) if self.settings.denoise and self.renders_light else None
 
-    def beside(self, scene: Scene) -> Renderer:
+    def _beside(self, scene: Scene) -> Renderer:
         """Return a renderer of a scene with the size, the seed and the random numbers of this one, for a second film.
 
         Args:
@@ -147,7 +147,7 @@ class Renderer(Picture):
             setattr(renderer, name, getattr(self, name))
         renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
         renderer._start_film()
-        renderer._guides, renderer._catchers = None, Catchers(renderer) if renderer.has_catchers else None
+        renderer._guides, renderer._catchers = None, Catchers(renderer) if renderer._has_catchers else None
         renderer._choose_kernel(self._built.features, self._built.read)
         with self.device.compiling(renderer._kernel.to_compile()):
             renderer._start_kernel()
@@ -157,8 +157,8 @@ class Renderer(Picture):
     def _use(self, scene: Scene, settings: RenderSettings) -> None:
         self.settings = settings
         self.integrator = choose_integrator(scene, settings)
-        self.has_catchers = self.renders_light and any_catchers(scene)
-        if self.has_catchers:
+        self._has_catchers = self.renders_light and any_catchers(scene)
+        if self._has_catchers:
             self.settings = dataclasses.replace(settings, transparent=True)
         elif SHADOW in settings.layers:
             raise InputError("the layer 'shadow' needs light, and a shape with shadow_catcher = true")
@@ -167,7 +167,7 @@ class Renderer(Picture):
 
     def _start_film(self) -> None:
         x0, y0, x1, y1 = self.crop
-        layers = (*self.settings.film_layers, *((CATCHER,) if self.has_catchers else ()))
+        layers = (*self.settings.film_layers, *((CATCHER,) if self._has_catchers else ()))
         self.film = Film(x1 - x0, y1 - y0, self.device, layers)
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
@@ -350,10 +350,10 @@ class Renderer(Picture):
         """
         require_denoiser()
         guides, picture = self.denoising_guides(), self._caught(denoised=True)
-        return denoise(self.image(), **guides, threads=self.denoising_threads) if picture is None else picture.image
+        return denoise(self.image(), **guides, threads=self._denoising_threads) if picture is None else picture.image
 
     @property
-    def denoising_threads(self) -> int | None:
+    def _denoising_threads(self) -> int | None:
         """CPU threads of the denoiser; None for all."""
         return self.threads if self.device.is_cpu else None
 

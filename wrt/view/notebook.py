@@ -32,7 +32,7 @@ def picture_of_renderer(renderer: Renderer) -> bytes | None:
     """Return the picture of a renderer so far as a PNG file; None before the first sample."""
     if renderer.spp == 0 or not renderer.renders_light:
         return None
-    settings, (image, alpha, exposure) = renderer.settings, renderer.undeveloped()
+    settings, (image, alpha, exposure) = renderer.settings, renderer._undeveloped()
     return png(develop(image, tone=settings.tone, exposure=exposure, alpha=alpha, background=settings.background).codes)
 
 
