@@ -140,13 +140,17 @@ def test_what_two_films_give_in_closed_form():
     np.testing.assert_allclose(found.alpha_of_codes(2.0)[0, 1:4], (0.5 * LUMINANCE[0], 0.4, 0.6), atol=1e-6)
 
 
-def test_another_camera_restarts_both_films(device):
+def test_another_camera_and_other_values_restart_both_films(device):
     other = wrt.PerspectiveCamera((1.0, 2.0, 4.0), (0.0, 0.4, 0.0), fov_degrees=40.0)
     renderer = finish(wrt.Renderer(table(ball()), **SIZE, device=device), 4)
     renderer.image()
     renderer.set_camera(other)
     again = finish(renderer, 2).finished()
     fresh = wrt.Renderer(dataclasses.replace(table(ball()), camera=other), **SIZE, device=device).render(spp=2)
+    np.testing.assert_array_equal(again, fresh)
+    renderer.set_parameters({"quad#2.emission": (1.0, 2.0, 3.0), "quad.reflectance": (0.1, 0.2, 0.1)})
+    again = finish(renderer, 2).finished()
+    fresh = wrt.Renderer(renderer.scene, **SIZE, device=device).render(spp=2)
     np.testing.assert_array_equal(again, fresh)
 
 

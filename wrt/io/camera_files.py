@@ -133,7 +133,8 @@ def _of_transforms(file: Path) -> Iterator[tuple[str, FileCamera]]:
             if "transform_matrix" not in frame:
                 raise InputError("has no transform_matrix")
             pose = pose_of_matrix(frame["transform_matrix"], "opengl")
-            yield name, _placed(_intrinsics({**tree, **frame}, file.parent / name, size_of), pose)
+            placed = _placed(_intrinsics({**tree, **frame}, file.parent / name, size_of), pose)
+        yield name, placed
 
 
 def _intrinsics(values: dict[str, Any], picture: Path, size_of: Callable[[Path], tuple[int, int]]) -> FileCamera:
@@ -269,10 +270,13 @@ _COLMAP: dict[str, tuple[type[Camera], str]] = {
 
 def _of_colmap(folder: Path) -> Iterator[tuple[str, FileCamera]]:
     cameras = dict(_lines(folder / "cameras.txt", _lens_of, every=1))
-    for name, (camera, pose) in _lines(folder / "images.txt", _image_of, every=2):
-        if camera not in cameras:
-            raise InputError(f"{folder / 'images.txt'}: {name}: camera {camera} is not in cameras.txt")
-        yield name, _placed(cameras[camera], pose)
+    images = folder / "images.txt"
+    for name, (camera, pose) in _lines(images, _image_of, every=2):
+        with _naming(f"{images}: {name}"):
+            if camera not in cameras:
+                raise InputError(f"camera {camera} is not in cameras.txt")
+            placed = _placed(cameras[camera], pose)
+        yield name, placed
 
 
 def _lines(file: Path, read: Callable[[list[str]], tuple[str, Any]], every: int) -> Iterator[tuple[str, Any]]:
@@ -281,7 +285,8 @@ def _lines(file: Path, read: Callable[[list[str]], tuple[str, Any]], every: int)
         raise InputError(
             f"{file}: no such file; 'colmap model_converter --output_type TXT' makes it of {file.stem}.bin"
         )
-    lines = as_text(read_file(file)).splitlines()
+    with naming_file(file):
+        lines = as_text(read_file(file)).splitlines()
     skip = 0
     for count, line in enumerate(lines, 1):
         if line.startswith("#"):

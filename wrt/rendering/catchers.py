@@ -118,6 +118,10 @@ class Catchers:
         """Look from another camera."""
         self._camera = camera
 
+    def forget(self) -> None:
+        """Build the second film again when it is needed, for other values of the scene."""
+        self._alone = None
+
     def prepare(self) -> Renderer:
         """Return the renderer of the second film, which is built the first time."""
         if self._alone is None:
