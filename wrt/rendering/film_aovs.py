@@ -79,8 +79,8 @@ class FilmAovs:
             first, channels = self._first.get(name, -1), FILM_LAYERS[name].channels
             if FILM_LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a share
                 means = sums[:, first : first + len(channels)]
-                least = 0.0 if name in ("alpha", CATCHER) else -np.inf
                 means = means[:, 3:] if name == CATCHER else means
+                least = 0.0 if means.shape[1] == 1 else -np.inf
                 if (np.abs(means) > state["count"][:, None] * (1.0 + 1e-6)).any() or (means < least).any():
                     raise InputError(f"the layer {name!r} has impossible values")
             # Motion is NaN for a point that moves behind the camera.

@@ -104,7 +104,13 @@ class Renderer(Picture):
     def _build(self, like: RenderKernel | None = None) -> None:
         """Build the scene on the device, and compile its kernel at the same time, or use one `like` that if it can."""
         has_uv = "uv" in self.settings.layers
-        upload = SceneUpload(self.scene, self.device, texture_coordinates=has_uv, light_choice=self.light_choice)
+        upload = SceneUpload(
+            self.scene,
+            self.device,
+            texture_coordinates=has_uv,
+            edges="edges" in self.settings.film_layers,
+            light_choice=self.light_choice,
+        )
         self._choose_kernel(upload.features, like=like)
         with self.device.compiling(self._kernel.to_compile()):
             self._built = upload.finish(self._kernel.read)
@@ -146,6 +152,8 @@ class Renderer(Picture):
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
             setattr(renderer, name, getattr(self, name))
         renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
+        if "edges" in renderer.settings.film_layers and not self._built.has_edges:
+            raise InputError("the scene was built without its edges; make a new Renderer")
         renderer._start_film()
         renderer._guides, renderer._catchers = None, Catchers(renderer) if renderer._has_catchers else None
         renderer._choose_kernel(self._built.features, self._built.read)
@@ -169,6 +177,7 @@ class Renderer(Picture):
         x0, y0, x1, y1 = self.crop
         layers = (*self.settings.film_layers, *((CATCHER,) if self._has_catchers else ()))
         self.film = Film(x1 - x0, y1 - y0, self.device, layers)
+        self.film.aovs.data.edge_width = self.settings.edge_width
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
 

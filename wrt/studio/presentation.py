@@ -123,7 +123,8 @@ def present(
     if elevation >= 0.0 and (shadow_catcher or backdrop):
         is_flat = shadow_catcher or environment is not None
         ground = _floor(floor, size) if is_flat else _sweep(floor, size, turn)
-        scene.add(ground, material=Diffuse(GROUND_REFLECTANCE), name="ground", shadow_catcher=shadow_catcher)
+        looks = {"material": Diffuse(GROUND_REFLECTANCE), "name": "ground", "edges": False}
+        scene.add(ground, **looks, shadow_catcher=shadow_catcher)
     if environment is not None:
         scene.environment = environment
         return scene
@@ -172,7 +173,7 @@ def _key_light(center: np.ndarray, size: float, turn: NDArray[np.float64], radia
     place = center + 1.9 * size * toward
     corner = place - 0.5 * size * side - 0.5 * size * lift
     lamp = quad(tuple(corner), tuple(size * lift), tuple(size * side))
-    return Shape(lamp, Diffuse(0.0), radiance, name="key light")
+    return Shape(lamp, Diffuse(0.0), radiance, name="key light", edges=False)
 
 
 def _floor(floor: np.ndarray, size: float) -> Mesh:

@@ -30,10 +30,10 @@ SAMPLES, SECONDS = 16, 2.0
 
 def picture_of_renderer(renderer: Renderer) -> bytes | None:
     """Return the picture of a renderer so far as a PNG file; None before the first sample."""
-    if renderer.spp == 0 or not renderer.renders_light:
+    if renderer.spp == 0 or not renderer.has_picture:
         return None
-    settings, (image, alpha, exposure) = renderer.settings, renderer._undeveloped()
-    return png(develop(image, tone=settings.tone, exposure=exposure, alpha=alpha, background=settings.background).codes)
+    image, parts, exposure = renderer._undeveloped()
+    return png(develop(image, **parts, tone=renderer.settings.tone, exposure=exposure).codes)
 
 
 def picture_of_scene(scene: Scene) -> bytes | None:

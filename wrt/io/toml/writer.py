@@ -222,6 +222,8 @@ class _Writer:
             table["double_sided"] = False
         if shape.shadow_catcher:
             table["shadow_catcher"] = True
+        if not shape.edges:
+            table["edges"] = False
         if isinstance(shape.transform, Motion):
             table["motion"] = self.motion(shape.transform)
         elif shape.transform is not None:
@@ -271,7 +273,7 @@ def _key_of_group(shape: Shape) -> tuple[Any, ...]:
     if shape.transform is None or isinstance(shape.transform, Motion):
         return (id(shape),)
     objects = (id(each) for each in (shape.mesh, shape.material, shape.deformation))
-    flags = (shape.two_sided_emission, shape.double_sided, shape.shadow_catcher)
+    flags = (shape.two_sided_emission, shape.double_sided, shape.edges, shape.shadow_catcher)
     return (*objects, shape.name, *flags, shape.emission)
 
 
