@@ -96,6 +96,10 @@ class DistributedRenderer(Renderer):
         """Raise InputError: workers keep the scene as it was."""
         raise InputError("parameters cannot be set on a cluster; make a renderer of the changed scene")
 
+    def gradients(self, *_: Any, **__: Any) -> Any:
+        """Raise InputError: derivatives are of one process."""
+        raise InputError("a cluster has no gradients; use wrt.Renderer")
+
     def part(self, *_: Any, **__: Any) -> Any:
         """Raise InputError: the cluster renders the whole picture."""
         raise InputError("a part is rendered by one process; use wrt.Renderer")

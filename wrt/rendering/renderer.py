@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -443,6 +443,35 @@ class Renderer(Picture):
         """
         self._change_values(_above.gradients().edited(self.scene, values))
         self._clear()
+
+    def gradients(
+        self, d_image: Any, names: Iterable[str] | None = None, *, spp: int = 16, seed: int | None = None
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return the derivatives of a loss by parameters of the scene, from its derivative by the picture.
+
+        They are estimates, as the picture is, and without bias for a given `d_image`. A loss that squares the noise of
+        the picture needs other random numbers than the picture's (docs/gradients.md). The picture stays as it is.
+
+        Args:
+            d_image: (H, W, 3), derivative of the loss by the mean radiance of each pixel; see `image`.
+            names: parameters, as `wrt.parameters` names them; by default all.
+            spp: samples per pixel.
+            seed: 0 to 2³² − 1; by default the picture's, whose first `spp` samples are then differentiated.
+
+        Returns:
+            An array for each parameter, of its shape.
+
+        Raises:
+            InputError: on an array of another shape or with values that are not finite, unknown names, or an integrator
+                that has no derivatives.
+        """
+        found: dict[str, NDArray[np.float32]] = _above.gradients().gradients(self, d_image, names, spp, seed)
+        return found
+
+    def make_texels_editable(self) -> None:
+        """Store the texels of all images as numbers of their own, where they are not yet; the picture stays."""
+        if not self._built.values.materials.is_editable:
+            self._change_values(self.scene)
 
     def _change_values(self, scene: Scene) -> None:
         """Upload the values of a scene that differs from this one in values of its parameters alone."""
