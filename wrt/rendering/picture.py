@@ -105,7 +105,7 @@ class Picture(ABC):
         shown = (image, parts["alpha"]) if picture is None else (picture.foreground, picture.coverage)
         chosen = stops(covered(*shown), self.settings.exposure if exposure is None else exposure)
         if picture is not None:
-            parts["alpha"] = picture.alpha_of_codes(2.0**chosen)
+            image, parts["alpha"] = picture.for_codes(2.0**chosen)
         return image, parts, chosen
 
     def _parts(self, picture: Caught | None) -> dict[str, Any]:
