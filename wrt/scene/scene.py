@@ -200,7 +200,7 @@ class RenderSettings(Description):
             whatever the tone. It implies `transparent`.
         transparent: whether pictures have an alpha channel, and the camera sees neither the environment nor lights
             without a mesh.
-        edges: whether the edges of triangles are drawn over the picture, where they are not hidden.
+        edges: whether the edges of polygons (see `Mesh.sides`) are drawn over the picture, where they are not hidden.
         wireframe: whether these lines are all that is seen, on the background, by default white; nothing hides them.
         edge_width: width of the lines, pixels; thinner ones than a pixel are fainter.
         edge_color: colour of the lines; exact in a PNG or JPEG, whatever the tone.

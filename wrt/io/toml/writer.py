@@ -211,7 +211,7 @@ class _Writer:
         if isinstance(mesh, Analytic):
             kind, arrays = "quadrics" if isinstance(mesh, Quadrics) else "spheres", arrays_of_exact(mesh)
         else:
-            kind, arrays = "mesh", _arrays_of(mesh, "vertices", "faces", *VERTEX_ATTRIBUTES)
+            kind, arrays = "mesh", _arrays_of(mesh, "vertices", "faces", *VERTEX_ATTRIBUTES, "sides")
         table: Table = {"type": kind, "name": shape.name, "file": self.arrays(kind, mesh, arrays)}
         table["material"] = self.material(shape.material)
         if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:
