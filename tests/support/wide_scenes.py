@@ -269,7 +269,11 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
     "spectral": (spectral, {"sampler": "independent"}, ("perspective",)),
     "textures": (
         textures,
-        {"layers": tuple(name for name in LAYERS if name != "z"), "clamp_indirect": 2.0, "regularization": 0.2},
+        {
+            "layers": tuple(name for name in LAYERS if name not in ("z", "edges")),
+            "clamp_indirect": 2.0,
+            "regularization": 0.2,
+        },
         ("perspective", "fisheye", "moving"),
     ),
     "sides": (sides, {}, ("perspective",)),
