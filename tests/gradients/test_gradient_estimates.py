@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ class Case(NamedTuple):
     scene: Callable[[], wrt.Scene]
     spp: int
     values: dict[str, Value]
-    settings: dict[str, Any] = {}
+    settings: Mapping[str, Any] = MappingProxyType({})
 
 
 def room(*shapes: tuple[wrt.Mesh, wrt.Material], **options: Any) -> wrt.Scene:
