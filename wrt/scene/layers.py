@@ -34,14 +34,26 @@ LAYERS: dict[str, Layer] = {
     "object": Layer("N"),
     "material": Layer("N"),
 }
-"""Layers by name; docs/integrators.md describes them."""
+"""Layers by name that describe the first surface; docs/integrators.md describes them."""
+
+SHADOW = "shadow"
+"""The layer that is computed from two films; see `wrt.rendering.catchers`."""
+
+SELECTABLE = {**LAYERS, SHADOW: Layer("RGB", averaged=True)}
+"""The layers that may be selected."""
+
+CATCHER = "catcher"
+"""The layer of films alone that `shadow` is made from: radiance of samples that see a catcher, and their share."""
+
+FILM_LAYERS = {**LAYERS, CATCHER: Layer("RGBA", averaged=True)}
+"""The layers that a film may have."""
 
 NUMBERS = ("object", "material")
 """Layers of integers, uint32."""
 
 
 def layer_names(value: object) -> tuple[str, ...]:
-    """Return names of layers, each once, in the order of LAYERS.
+    """Return names of layers, each once, in the order of SELECTABLE.
 
     Args:
         value: a list or tuple of names, or comma-separated text.
@@ -54,9 +66,10 @@ def layer_names(value: object) -> tuple[str, ...]:
     if not isinstance(value, (list, tuple)):
         raise InputError(f"layers must be a list of names, not {value!r}")
     for name in value:
-        if not isinstance(name, str) or name not in LAYERS:
-            raise InputError(f"there is no layer {name!r}{did_you_mean(name, LAYERS)}; there are {', '.join(LAYERS)}")
-    return tuple(name for name in LAYERS if name in value)
+        if not isinstance(name, str) or name not in SELECTABLE:
+            known = ", ".join(SELECTABLE)
+            raise InputError(f"there is no layer {name!r}{did_you_mean(name, SELECTABLE)}; there are {known}")
+    return tuple(name for name in SELECTABLE if name in value)
 
 
 NOISY = "noisy"
@@ -65,5 +78,5 @@ NOISY = "noisy"
 
 def channel_names(layer: str) -> list[str]:
     """Return the channel names of a layer in OpenEXR files; coverage is A, as in every RGBA picture."""
-    channels = "RGB" if layer == NOISY else LAYERS[layer].channels
+    channels = "RGB" if layer == NOISY else SELECTABLE[layer].channels
     return ["A"] if layer == "alpha" else [f"{layer}.{channel}" for channel in channels]
