@@ -76,9 +76,9 @@ def device_memory(
     coordinates = "uv" in settings.layers
     of_scene = SceneMemory(PreparedScene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
     x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
-    pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers)
+    pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers, scene.light_groups)
     film = pixels * BYTES_PER_PIXEL * (1 + settings.denoise)
-    of_layers_and_guides = pixels * (of_layers + settings.denoise * bytes_per_pixel(GUIDES))
+    of_layers_and_guides = pixels * (of_layers + settings.denoise * bytes_per_pixel(GUIDES, ()))
     kept = of_scene.lasting + film + of_layers_and_guides
     # The film comes before the scene, that of guides after it.
     building = pixels * (BYTES_PER_PIXEL + of_layers) + of_scene.lasting

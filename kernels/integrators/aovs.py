@@ -41,6 +41,7 @@ class AovData:
     normal: int
     geometric_normal: int
     alpha: int
+    light_groups: int  # the last ones
     # In `nearest`
     depth: int
     z: int

@@ -11,8 +11,9 @@ from wrt.kernels.core.rays import RECEIVES_ANYWHERE
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
+from wrt.kernels.integrators.light_groups import make_add_to_chosen_group
 from wrt.kernels.integrators.next_event import make_light_in_medium
-from wrt.kernels.integrators.path_state import PathSettings, PathState, begin_indirect
+from wrt.kernels.integrators.path_state import PathSettings, PathState, make_begin_indirect
 from wrt.kernels.media.grids import make_fly_in_grid
 from wrt.kernels.media.medium import emitted, fly, make_extinction, medium_of, phase, sample_phase, transmittance
 from wrt.kernels.media.skin import make_skin_near
@@ -92,14 +93,15 @@ def make_traverse_medium(features: Features) -> wp.Function:
     return traverse_medium
 
 
-@specialised("instances", "exact", "clamped", "regularized", *make_light_in_medium.fields)
+@specialised("instances", "exact", "clamped", "regularized", "light_tree", "light_groups", *make_light_in_medium.fields)
 def make_scatter_in_medium(features: Features) -> wp.Function:
     """Return the stage (scene, path, segment, hit, u_light, u_phase, settings) -> PathState.
 
     It moves the path to the point of a segment at which it scatters, samples a light there, and a new direction.
     """
     skin_near = make_skin_near(features.geometry)
-    light_in_medium = make_light_in_medium(features)
+    light_in_medium, begin_indirect = make_light_in_medium(features), make_begin_indirect(features)
+    add_to_chosen_group = make_add_to_chosen_group(features.light_tree)
 
     @wp.func
     @inline_stage
@@ -131,7 +133,10 @@ def make_scatter_in_medium(features: Features) -> wp.Function:
             path.receiver.receives = RECEIVES_ANYWHERE
             light = light_in_medium(scene, path, segment.g, u_light, settings.strategy)
             path.rays += light.rays
-            path.radiance += wp.cw_mul(path.throughput, light.radiance)
+            radiance = wp.cw_mul(path.throughput, light.radiance)
+            path.radiance += radiance
+            if wp.static(features.light_groups):
+                path.groups = add_to_chosen_group(scene, path.groups, path.receiver, u_light, radiance)
 
         # Phase function sampling
         forward = path.ray.direction

@@ -20,8 +20,9 @@ from wrt.kernels.geometry.surface import (
     make_surface_at,
 )
 from wrt.kernels.geometry.triangles import WIDELY
+from wrt.kernels.integrators.light_groups import add_to_group
 from wrt.kernels.integrators.next_event import emitter_hit_weight
-from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, begin_indirect
+from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, make_begin_indirect
 from wrt.kernels.integrators.sides import shines_for
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import make_hit_pdf
@@ -136,7 +137,7 @@ def pass_through(path: PathState, vertex: SurfaceVertex) -> PathState:
     return path
 
 
-@specialised(*make_lights.fields, "single_sided")
+@specialised(*make_lights.fields, "single_sided", "light_groups")
 def make_surface_emission(features: Features) -> wp.Function:
     """Return the stage (scene, path, vertex, strategy) -> PathState that adds the emission of the surface."""
     lights, hit_pdf = make_lights(features), make_hit_pdf(features.geometry)
@@ -157,7 +158,10 @@ def make_surface_emission(features: Features) -> wp.Function:
                     light_number = shape.first_light + vertex.hit.triangle - shape.first_triangle
                     light_pdf *= lights.choice_probability(scene, path.receiver, light_number)
                     weight = emitter_hit_weight(strategy, path.scatter_pdf, light_pdf)
-                path.radiance += wp.cw_mul(path.throughput, lights.emission_at(scene, shape, vertex.surface)) * weight
+                emission = wp.cw_mul(path.throughput, lights.emission_at(scene, shape, vertex.surface)) * weight
+                path.radiance += emission
+                if wp.static(features.light_groups):
+                    path.groups = add_to_group(scene, path.groups, shape.first_light, emission)
         return path
 
     return surface_emission
@@ -320,7 +324,7 @@ def make_sample_bsdf(features: Features) -> wp.Function:
     A path that goes straight through a pane passes it, as if it were not there.
     """
     panes = bool(models_with(features.models, "straight"))
-    bsdf_sample = make_bsdf(features.models).sample
+    bsdf_sample, begin_indirect = make_bsdf(features.models).sample, make_begin_indirect(features)
     scatter_at_surface = make_scatter_at_surface(features)
 
     @wp.func

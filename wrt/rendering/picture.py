@@ -98,7 +98,8 @@ class Picture(ABC):
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
 
-        They are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
+        "light_groups" are several: "light_" and the name of each group, whose sum is `image`, and "light_rest". Layers
+        are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
 
         Raises:
             InputError: before the first pass.
@@ -106,7 +107,10 @@ class Picture(ABC):
         if not self.settings.layers:
             return {}
         self._require_samples()
-        return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
+        layers = self._film_layers()
+        if "alpha" not in self.settings.layers:
+            layers.pop("alpha", None)
+        return layers
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
         return self.film.aovs.arrays(self.film.counts, self._materials())

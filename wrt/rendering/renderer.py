@@ -141,7 +141,7 @@ class Renderer(Picture):
 
     def _start_film(self) -> None:
         x0, y0, x1, y1 = self.crop
-        self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
+        self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers, self.scene.light_groups)
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
 

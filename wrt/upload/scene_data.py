@@ -111,7 +111,8 @@ class SceneUpload:
 
         data.environment, flux = upload_environment(prepared.environment, device.name)
         slots = dict(zip(prepared.textures, materials.emission_slots[len(scene.shapes) :], strict=True))
-        table = LightTable(scene.shapes, prepared.lights, layout, places.of_shapes, flux, slots)
+        groups = scene.light_groups, None if scene.environment is None else scene.environment.group
+        table = LightTable(scene.shapes, prepared.lights, layout, places.of_shapes, flux, slots, *groups)
         light_tree = upload_lights(data, table, device, light_choice)
         records = _shape_records(scene, materials, bodies, table, places.of_shapes)
         data.shapes = current_backend().array(records, scene_data.ShapeRecord, device.name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import norm
-from wrt.scene.description import Kind, optional
+from wrt.scene.description import GroupName, Kind, optional
 from wrt.scene.textures import CHANNELS, ImageTexture
 from wrt.values import Vec3, color, vector
 
@@ -47,7 +47,12 @@ class Light(Kind):
 
     A light is a plain description. `model` names its device functions in `kernels/lights/`; `record`, `shape` and
     `extent` return what they read.
+
+    Attributes:
+        group: name of its light group; lights without one are in the group "rest".
     """
+
+    group: GroupName = field(default=None, kw_only=True)
 
     def record(self) -> dict[str, Any]:
         """Return fields of the LightRecord: `value`, and `place` and `two_sided` where the model reads them."""
