@@ -19,6 +19,7 @@ from wrt.kernels.geometry.quadrics import NO_QUADRIC, in_unit_shape, make_quadri
 from wrt.kernels.geometry.spheres import make_sphere_axes, make_sphere_of
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
 from wrt.kernels.geometry.triangles import make_triangle_of
+from wrt.kernels.integrators.edges import make_find_line
 from wrt.kernels.integrators.first_surface import FirstSurface, make_first_surface, make_follow_specular
 from wrt.kernels.materials.values import make_bsdf_at
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
@@ -41,6 +42,8 @@ class AovData:
     normal: int
     geometric_normal: int
     alpha: int
+    catcher: int
+    edges: int
     light_groups: int  # the last ones
     # In `nearest`
     depth: int
@@ -48,6 +51,7 @@ class AovData:
     position: int
     uv: int
     motion: int
+    edge_width: float  # of lines, pixels
 
 
 @wp.func
@@ -135,25 +139,39 @@ def make_motion_on_film(features: Features) -> wp.Function:
 
 
 @specialised(
-    "guides", "cameras", *make_follow_specular.fields, *make_directional_albedo.fields, *make_motion_on_film.fields
+    *("guides", "cameras", *make_follow_specular.fields, *make_directional_albedo.fields),
+    *(*make_motion_on_film.fields, *make_find_line.fields),
 )
 def make_add_aovs(features: Features) -> wp.Function:
-    """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset) -> rays traced.
+    """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset, radiance) -> rays traced.
 
-    It adds one sample, of the camera ray `seen` through the point `offset` from the pixel's centre.
+    It adds one sample, of the camera ray `seen` through the point `offset` from the pixel's centre, along which the
+    integrator has found a `radiance`.
     """
     first_surface = make_first_surface(features)
     follow_specular, directional_albedo = make_follow_specular(features), make_directional_albedo(features)
     motion_on_film, sample_4d = make_motion_on_film(features), make_sample_4d(features.sampler)
-    along_axis = make_camera(features.cameras).along_axis
+    along_axis, find_line = make_camera(features.cameras).along_axis, make_find_line(features)
     has_coordinates = features.textured or features.tangents
     add_texture_coordinates = make_add_texture_coordinates(False, features.has_exact)
 
     @wp.func
     def add_aovs(
-        scene: SceneData, camera: Camera, seen: CameraRay, sampler: Sampler, aovs: AovData, pixel: int, offset: wp.vec2
+        scene: SceneData,
+        camera: Camera,
+        seen: CameraRay,
+        sampler: Sampler,
+        aovs: AovData,
+        pixel: int,
+        offset: wp.vec2,
+        radiance: wp.vec3,
     ) -> int:
         first = first_surface(scene, seen.ray, seen.footprint, sampler)
+        if wp.static(features.edges != "none"):
+            line = find_line(scene, camera, seen, first, aovs.edge_width)
+            if line.is_met:
+                aovs.sums[pixel, aovs.edges] = aovs.sums[pixel, aovs.edges] + wp.float64(1.0)
+            first.rays = first.rays + line.rays
         direction = seen.ray.direction
         tint = wp.vec3(1.0)
         if wp.static(features.guides):
@@ -168,6 +186,10 @@ def make_add_aovs(features: Features) -> wp.Function:
             add_color(aovs.sums, pixel, aovs.geometric_normal, surface.normal)
             if aovs.alpha >= 0:
                 aovs.sums[pixel, aovs.alpha] = aovs.sums[pixel, aovs.alpha] + wp.float64(1.0)
+            if aovs.catcher >= 0 and scene.shapes[surface.shape].catches_shadows != 0:
+                add_color(aovs.sums, pixel, aovs.catcher, radiance)
+                share = aovs.catcher + 3
+                aovs.sums[pixel, share] = aovs.sums[pixel, share] + wp.float64(1.0)
             if aovs.albedo >= 0:
                 u = sample_4d(sampler, vertex_block(1, BLOCK_BSDF))
                 albedo = directional_albedo(scene, surface, first.material, direction, u)

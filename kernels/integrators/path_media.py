@@ -93,15 +93,39 @@ def make_traverse_medium(features: Features) -> wp.Function:
     return traverse_medium
 
 
-@specialised("instances", "exact", "clamped", "regularized", "light_tree", "light_groups", *make_light_in_medium.fields)
+@specialised("instances", "exact")
+def make_place_in_medium(features: Features) -> wp.Function:
+    """Return the stage (scene, path, segment, hit) -> PathState, with path and receiver where the path scatters."""
+    skin_near = make_skin_near(features.geometry)
+
+    @wp.func
+    @inline_stage
+    def place_in_medium(scene: SceneData, path: PathState, segment: MediumSegment, hit: Hit) -> PathState:
+        distance = wp.max(segment.distance - path.origin_gap, 0.0)
+        path.skin = skin_near(scene, path.ray, distance, hit, path.previous_hit)
+        path.ray.origin = path.ray.origin + path.ray.direction * distance
+        path.previous_hit.triangle = NO_HIT
+        path.origin_gap = 0.0
+        path.passed_distance = 0.0
+        path.footprint = wp.vec2(0.0)
+        if scene.lights.shape[0] > 0:
+            path.receiver.position = path.ray.origin
+            path.receiver.receives = RECEIVES_ANYWHERE
+        return path
+
+    return place_in_medium
+
+
+@specialised(
+    "clamped", "regularized", "light_tree", "light_groups", *make_place_in_medium.fields, *make_light_in_medium.fields
+)
 def make_scatter_in_medium(features: Features) -> wp.Function:
     """Return the stage (scene, path, segment, hit, u_light, u_phase, settings) -> PathState.
 
     It moves the path to the point of a segment at which it scatters, samples a light there, and a new direction.
     """
-    skin_near = make_skin_near(features.geometry)
-    light_in_medium, begin_indirect = make_light_in_medium(features), make_begin_indirect(features)
-    add_to_chosen_group = make_add_to_chosen_group(features.light_tree)
+    place_in_medium, light_in_medium = make_place_in_medium(features), make_light_in_medium(features)
+    begin_indirect, add_to_chosen_group = make_begin_indirect(features), make_add_to_chosen_group(features.light_tree)
 
     @wp.func
     @inline_stage
@@ -117,20 +141,10 @@ def make_scatter_in_medium(features: Features) -> wp.Function:
         if wp.static(features.clamped):
             path = begin_indirect(path, path.depth + path.medium_scatterings >= 1)
         path.medium_scatterings += 1
-
-        # The point at which the path scatters
-        distance = wp.max(segment.distance - path.origin_gap, 0.0)
-        path.skin = skin_near(scene, path.ray, distance, hit, path.previous_hit)
-        path.ray.origin = path.ray.origin + path.ray.direction * distance
-        path.previous_hit.triangle = NO_HIT
-        path.origin_gap = 0.0
-        path.passed_distance = 0.0
-        path.footprint = wp.vec2(0.0)
+        path = place_in_medium(scene, path, segment, hit)
 
         # Direct lighting
         if scene.lights.shape[0] > 0:
-            path.receiver.position = path.ray.origin
-            path.receiver.receives = RECEIVES_ANYWHERE
             light = light_in_medium(scene, path, segment.g, u_light, settings.strategy)
             path.rays += light.rays
             radiance = wp.cw_mul(path.throughput, light.radiance)

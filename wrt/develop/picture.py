@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -31,7 +32,7 @@ class Developed:
     """A picture for a display.
 
     Attributes:
-        codes: (H, W, 3) uint8, sRGB or in the encoding of the OpenColorIO display.
+        codes: (H, W, 3) uint8, or (H, W, 4) with alpha; sRGB or in the encoding of the OpenColorIO display.
         stops: the exposure.
         tone: the tone curve.
         clipped: share of pixels, 0 to 1, that are brighter than white and have a channel at the brightest code.
@@ -74,9 +75,50 @@ def develop_image(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Expos
     """
     if (stack := np.asarray(image)).ndim == 4:
         return np.stack([develop_image(each, tone=tone, exposure=exposure) for each in stack])
-    colors, alpha = colors_and_alpha(image, "an image")
-    codes = develop(unassociated(colors, alpha), tone=tone, exposure=exposure).codes
-    return codes if alpha is None else with_alpha(codes, alpha)
+    return develop(image, tone=tone, exposure=exposure).codes
+
+
+class Composed(np.ndarray[Any, np.dtype[np.float32]]):
+    """(H, W, 3) or (H, W, 4) float32 radiance with a background or lines, which `develop` shows exactly.
+
+    Tone curves compress highlights, so they would make a white background grey. An array that is computed from this
+    one, or has been written to, is developed as a whole.
+    """
+
+    _parts: dict[str, Any] | None
+
+    @classmethod
+    def of(
+        cls,
+        image: NDArray[np.float32],
+        *,
+        alpha: NDArray[np.float32] | None = None,
+        background: ArrayLike | None = None,
+        lines: NDArray[np.float32] | None = None,
+        line_color: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> Composed:
+        """Return (H, W, 3) colours with what `develop` describes; alpha stays where there is no background."""
+        made: NDArray[Any] = image
+        if lines is not None:
+            share = share_of_lines(lines, alpha)[..., None]
+            drawn = share if alpha is None else share * alpha[..., None]
+            made = made * (1.0 - share) + drawn * np.asarray(line_color, np.float32)
+        if alpha is not None and background is not None:
+            made = made + (1.0 - alpha[..., None]) * np.asarray(background, np.float32)
+        elif alpha is not None:
+            made = np.dstack([made, alpha])
+        picture = np.asarray(made, np.float32).view(cls)
+        kept = {"alpha": alpha, "background": background, "lines": lines, "line_color": line_color}
+        picture._parts = {"image": image, **kept}
+        return picture
+
+    def __array_finalize__(self, source: object) -> None:
+        """Begin as a picture without parts."""
+        self._parts = None
+
+    def parts(self) -> dict[str, Any] | None:
+        """Return the arguments of `of`; None if this is another picture by now."""
+        return self._parts if self._parts and np.array_equal(self, Composed.of(**self._parts), True) else None
 
 
 def colors_and_alpha(image: ArrayLike | None, name: str) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
@@ -106,6 +148,13 @@ def unassociated(colors: NDArray[np.float32], alpha: NDArray[np.float32] | None)
     return np.divide(colors, share, out=np.zeros_like(colors), where=share > 0.0)
 
 
+def covered(colors: NDArray[np.float32], alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    """Return the colours that decide the exposure, without the factor alpha: those of pixels that show something."""
+    if alpha is None or not (alpha > 0.0).any():
+        return colors
+    return colors[alpha > 0.0][None] / alpha[alpha > 0.0, None]
+
+
 def with_alpha(codes: NDArray[np.uint8], alpha: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return (H, W, 4) codes: a picture's, and of its alpha."""
     return np.dstack([codes, np.rint(255.0 * np.clip(np.nan_to_num(alpha), 0.0, 1.0)).astype(np.uint8)])
@@ -118,19 +167,56 @@ def over(codes: NDArray[np.uint8], alpha: NDArray[np.float32], background: Array
     return np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
 
 
+def share_of_lines(lines: NDArray[np.float32], alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    """Return (H, W), the share of what is seen in a pixel that lines cover, which lie on surfaces."""
+    if alpha is None:
+        return np.clip(np.nan_to_num(lines), 0.0, 1.0)
+    return np.divide(lines, alpha, out=np.zeros_like(lines), where=alpha > 0.0).clip(0.0, 1.0)
+
+
 def require_tone(tone: str) -> None:
     """Raise InputError before rendering if a tone does not exist, such as a missing OpenColorIO view."""
     if check_tone(tone) not in CURVES:
         find_view(tone)
 
 
-def develop(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = None) -> Developed:
-    """Develop linear radiance for a display; see `develop_image`."""
+def develop(
+    image: ArrayLike,
+    *,
+    tone: str = DEFAULT_TONE,
+    exposure: Exposure = None,
+    alpha: NDArray[np.float32] | None = None,
+    background: ArrayLike | None = None,
+    lines: NDArray[np.float32] | None = None,
+    line_color: ArrayLike = (0.0, 0.0, 0.0),
+) -> Developed:
+    """Develop linear radiance for a display; see `develop_image`.
+
+    Args:
+        image: as for `develop_image`, no stack.
+        tone: as for `develop_image`.
+        exposure: as for `develop_image`.
+        alpha: (H, W) coverage, if `image` does not have it.
+        background: linear colour behind what has alpha.
+        lines: (H, W) share of each pixel that lines cover.
+        line_color: linear colour of these.
+    """
     tone, exposure = check_tone(tone), check_exposure(exposure)
-    pixels, alpha = colors_and_alpha(image, "an image")
+    if alpha is None and isinstance(image, Composed) and (parts := image.parts()):
+        image, alpha, background, lines, line_color = parts.values()
+    pixels, coverage = colors_and_alpha(image, "an image")
+    alpha = coverage if alpha is None else alpha
+    chosen = stops(covered(pixels, alpha), exposure, brighten=False)
+    developed = _develop(unassociated(pixels, alpha), tone, chosen)
+    codes, is_black = developed.codes, developed.black and lines is None
+    if lines is not None:
+        codes = over(codes, 1.0 - share_of_lines(lines, alpha), line_color)
     if alpha is not None:
-        raise InputError("an image to develop has no alpha")
-    chosen = stops(pixels, exposure, brighten=False)
+        codes = with_alpha(codes, alpha) if background is None else over(codes, alpha, background)
+    return dataclasses.replace(developed, codes=codes, black=is_black)
+
+
+def _develop(pixels: NDArray[np.float32], tone: str, chosen: float) -> Developed:
     # 2.0**100 is finite in float32, so only the product can overflow.
     gain = np.float32(2.0**chosen)
     with np.errstate(over="ignore", invalid="ignore"):

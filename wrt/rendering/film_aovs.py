@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from wrt.backend.device import Device
 from wrt.errors import InputError
-from wrt.scene.layers import LAYERS, LIGHT_GROUPS, NUMBERS, REST, group_layer
+from wrt.scene.layers import CATCHER, FILM_LAYERS, LIGHT_GROUPS, NUMBERS, REST, group_layer
 from wrt.scene.materials import Material
 
 _ARRAYS = ("sums", "nearest", "object_number", "off_middle")
 _PREFIX = "layer_"
 
 
-def bytes_per_pixel(names: tuple[str, ...], groups: tuple[str, ...]) -> int:
+def bytes_per_pixel(names: tuple[str, ...], groups: tuple[str, ...] = ()) -> int:
     """Return the bytes of layers per pixel, in a scene with these light groups."""
-    layers = [LAYERS[name] for name in names if name not in (*NUMBERS, LIGHT_GROUPS)]
+    layers = [FILM_LAYERS[name] for name in names if name not in (*NUMBERS, LIGHT_GROUPS)]
     of_groups = 8 * _group_channels(names, groups)
     return of_groups + sum((8 if each.averaged else 4) * len(each.channels) for each in layers) + 8 if names else 0
 
@@ -49,7 +49,7 @@ class FilmAovs:
         self.data = aovs.AovData()
         self._first: dict[str, int] = {}
         counts = {True: 0, False: 0}
-        for name, layer in LAYERS.items():
+        for name, layer in FILM_LAYERS.items():
             if name in NUMBERS:
                 continue
             self._first[name] = counts[layer.averaged] if name in names else -1
@@ -86,14 +86,15 @@ class FilmAovs:
         if not np.isfinite(sums).all():
             raise InputError("sums of layers are not finite")
         for name in (each for each in self.names if each != LIGHT_GROUPS):
-            first, channels = self._first.get(name, -1), LAYERS[name].channels
-            if LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a coverage
+            first, channels = self._first.get(name, -1), FILM_LAYERS[name].channels
+            if FILM_LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a share
                 means = sums[:, first : first + len(channels)]
-                least = 0.0 if name == "alpha" else -np.inf
+                means = means[:, 3:] if name == CATCHER else means
+                least = 0.0 if means.shape[1] == 1 else -np.inf
                 if (np.abs(means) > state["count"][:, None] * (1.0 + 1e-6)).any() or (means < least).any():
                     raise InputError(f"the layer {name!r} has impossible values")
             # Motion is NaN for a point that moves behind the camera.
-            shown = first >= 0 and not LAYERS[name].averaged and name != "motion"
+            shown = first >= 0 and not FILM_LAYERS[name].averaged and name != "motion"
             if shown and np.isnan(nearest[:, first : first + len(channels)]).any():
                 raise InputError(f"the layer {name!r} has values that are not numbers")
         if ((objects < 0) | (objects > shapes)).any():
@@ -127,7 +128,7 @@ class FilmAovs:
                 values = objects if name == "object" else np.array(numbers)[objects]
                 result[name] = values.astype(np.uint32).reshape(self.height, self.width)
                 continue
-            layer = LAYERS[name]
+            layer = FILM_LAYERS[name]
             first, count = self._first[name], len(layer.channels)
             values = (averages if layer.averaged else nearest)[:, first : first + count].astype(np.float32)
             result[name] = values.reshape((self.height, self.width, count) if count > 1 else (self.height, self.width))

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 PART = kind_of_state("a part", "part")
 """A part replaces only parts, even with `force`."""
 
-DEVELOPING = ("tone", "exposure", "denoise")
+DEVELOPING = ("tone", "exposure", "denoise", "edge_color")
 """Settings by which a picture is developed; parts store them, since they are merged without the scene."""
 
 MATERIALS = "materials"
@@ -187,6 +187,8 @@ def render_part(
     """
     if renderer.has_updated_vertices:
         raise InputError("no part of a picture whose vertices were updated; make a new Renderer")
+    if renderer._catchers is not None:
+        raise InputError("no part of a picture with shadow catchers: merging would need the scene; render it whole")
     if spp is None and renderer.settings.noise is not None:
         raise InputError("the scene sets a target of noise, which is for whole pictures; give the samples of a part")
     spp = integer(renderer.settings.spp if spp is None else spp, "spp", minimum=1, maximum=MAX_SPP)

@@ -25,6 +25,7 @@ LAYERS: dict[str, Layer] = {
     "normal": Layer("XYZ", averaged=True),
     "geometric_normal": Layer("XYZ", averaged=True),
     "alpha": Layer("A", averaged=True),
+    "edges": Layer("Y", averaged=True),
     "depth": Layer("Z"),
     "z": Layer("Z"),
     "position": Layer("XYZ"),
@@ -33,7 +34,10 @@ LAYERS: dict[str, Layer] = {
     "object": Layer("N"),
     "material": Layer("N"),
 }
-"""Layers by name; docs/integrators.md describes them."""
+"""Layers by name that describe the first surface; docs/integrators.md describes them."""
+
+SHADOW = "shadow"
+"""The layer that is computed from two films; see `wrt.rendering.catchers`."""
 
 LIGHT_GROUPS = "light_groups"
 """Selects a layer for each group of lights: `light_` and its name, three channels of radiance."""
@@ -41,15 +45,21 @@ LIGHT_GROUPS = "light_groups"
 REST = "rest"
 """The group of lights that name none, and of the emission of media and of unlit surfaces."""
 
-ALL_LAYERS = (*LAYERS, LIGHT_GROUPS)
-"""All names that select layers."""
+SELECTABLE = {**LAYERS, SHADOW: Layer("RGB", averaged=True), LIGHT_GROUPS: Layer("RGB", averaged=True)}
+"""The layers that may be selected."""
+
+CATCHER = "catcher"
+"""The layer of films alone that `shadow` is made from: radiance of samples that see a catcher, and their share."""
+
+FILM_LAYERS = {**LAYERS, CATCHER: Layer("RGBA", averaged=True)}
+"""The layers that a film may have."""
 
 NUMBERS = ("object", "material")
 """Layers of integers, uint32."""
 
 
 def layer_names(value: object) -> tuple[str, ...]:
-    """Return names of layers, each once, in the order of ALL_LAYERS.
+    """Return names of layers, each once, in the order of SELECTABLE.
 
     Args:
         value: a list or tuple of names, or comma-separated text.
@@ -62,10 +72,10 @@ def layer_names(value: object) -> tuple[str, ...]:
     if not isinstance(value, (list, tuple)):
         raise InputError(f"layers must be a list of names, not {value!r}")
     for name in value:
-        if not isinstance(name, str) or name not in ALL_LAYERS:
-            known = ", ".join(ALL_LAYERS)
-            raise InputError(f"there is no layer {name!r}{did_you_mean(name, ALL_LAYERS)}; there are {known}")
-    return tuple(name for name in ALL_LAYERS if name in value)
+        if not isinstance(name, str) or name not in SELECTABLE:
+            known = ", ".join(SELECTABLE)
+            raise InputError(f"there is no layer {name!r}{did_you_mean(name, SELECTABLE)}; there are {known}")
+    return tuple(name for name in SELECTABLE if name in value)
 
 
 def group_layer(group: str) -> str:
@@ -80,5 +90,5 @@ NOISY = "noisy"
 def channel_names(layer: str) -> list[str]:
     """Return the channel names of a layer in OpenEXR files; coverage is A, as in every RGBA picture."""
     is_light = layer == NOISY or layer.startswith(group_layer(""))
-    channels = "RGB" if is_light else LAYERS[layer].channels
+    channels = "RGB" if is_light else SELECTABLE[layer].channels
     return ["A"] if layer == "alpha" else [f"{layer}.{channel}" for channel in channels]

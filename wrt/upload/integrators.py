@@ -42,6 +42,8 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     """
     scatters = any(medium.scatters for medium in scene.media)
     name = settings.integrator or ("volpath" if scatters else "path")
+    if settings.wireframe:
+        name = "aov"  # there is no light to show
     if LIGHT_GROUPS in settings.layers:
         if name in WITHOUT_GROUPS:
             raise InputError(f"integrator {name!r} has no layers of light groups; use 'path' or 'volpath' for them")
@@ -49,6 +51,8 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
         groups, most = scene.light_groups, kernels("wrt.kernels.integrators.light_groups").GROUPS - 1
         if len(groups) > most:
             raise InputError(f"the scene has {len(groups)} light groups, and a picture at most {most}; join some")
+    if settings.wireframe:
+        return name
     if name in ("path", "direct", "whitted") and scatters:
         warn(f"integrator {name!r} ignores scattering in media; use 'volpath' for it", UserWarning)
     bodies = (body for shape in scene.shapes for body in bodies_of(shape.material))
@@ -71,6 +75,8 @@ def integrator_features(features: Features, integrator: str, settings: RenderSet
     """Return the features of a scene as an integrator and the settings need them."""
     grouped = LIGHT_GROUPS in settings.layers
     features = dataclasses.replace(features, aovs=len(settings.film_layers) > grouped, light_groups=grouped)
+    if "edges" in settings.film_layers:
+        features = dataclasses.replace(features, edges="wires" if settings.wireframe else "surfaces")
     if integrator in ("path", "direct", "whitted") and features.media == "scattering":
         features = dataclasses.replace(features, media="absorbing")
     if integrator == "direct":

@@ -258,7 +258,9 @@ class _SceneReader(TableReader):
             default = shape.two_sided_emission and material is None
             two_sided = boolean(table.get("two_sided_emission", default), "two_sided_emission")
             double_sided = boolean(table.get("double_sided", shape.double_sided), "double_sided")
-            group = table.get("group", shape.group)
+            edges = boolean(table.get("edges", shape.edges), "edges")
+            catches = boolean(table.get("shadow_catcher", False), "shadow_catcher")
+            others = edges, catches, table.get("group", shape.group)
             looks = (material or shape.material, emission, two_sided, name or shape.name)
             if shape.transform is None:
                 if matrix is not None:
@@ -266,7 +268,7 @@ class _SceneReader(TableReader):
                 mesh, first = moved(shape.mesh), None
             else:  # an instance in its file: the mesh is shared
                 mesh, first = shape.mesh, after(matrix, shape.transform)
-            result += [Shape(mesh, *looks, after(place, first), deformation, double_sided, group) for place in places]
+            result += [Shape(mesh, *looks, after(place, first), deformation, double_sided, *others) for place in places]
         return result
 
     def makers(self) -> dict[str, Callable[..., Mesh | list[Shape]]]:
