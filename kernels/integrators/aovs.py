@@ -44,6 +44,7 @@ class AovData:
     alpha: int
     catcher: int
     edges: int
+    light_groups: int  # the last ones
     # In `nearest`
     depth: int
     z: int

@@ -47,9 +47,9 @@ def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
 
     A name is that of the shape, and the attributes on the way from it: "floor.reflectance", "teapot.roughness",
     "floor.reflectance.texels" for the pixels of an image, "lamp.emission", "floor.first.alpha" of a Mix,
-    "jar.interior.absorption"; of a light without a mesh its type, as "point.intensity"; and "environment.radiance",
-    "environment.texels", "environment.coefficients", "medium.absorption". The second of a name has "#2" after it, as
-    "quad#2.emission". What several shapes share has the name of the first.
+    "jar.interior.absorption"; of a light without a mesh its name or else its type, as "point.intensity"; and
+    "environment.radiance", "environment.texels", "environment.coefficients", "medium.absorption". The second of a name
+    has "#2" after it, as "quad#2.emission". What several shapes share has the name of the first.
 
     A number has the shape (), a colour (3,), an image (H, W, 3), or (H, W) where one channel of it is read or a grey
     image is the number. Colours and pixels are linear.
@@ -140,7 +140,7 @@ class _Names:
     def _add_lights(self, scene: Scene) -> None:
         textures = len(scene.shapes)
         for number, light in enumerate(scene.lights):
-            name = self._unused(light.type_name)
+            name = self._unused(light.name or light.type_name)
             fields = [each.name for each in dataclasses.fields(light)]
             if amount := next((each for each in AMOUNTS if each in fields), None):
                 self.places[f"{name}.{amount}"] = LightAmount(number, light, amount)

@@ -20,7 +20,7 @@ from wrt.io.safe_read import PathLike
 from wrt.rendering.catchers import Caught
 from wrt.rendering.film import Film
 from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure
-from wrt.scene.layers import NOISY, SHADOW
+from wrt.scene.layers import LIGHT_GROUPS, NOISY, SHADOW, group_layer
 from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import linear_from_srgb
 
@@ -141,7 +141,8 @@ class Picture(ABC):
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
 
-        They are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
+        "light_groups" are several: "light_" and the name of each group, whose sum is `image`, and "light_rest". Layers
+        are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
 
         Raises:
             InputError: before the first pass.
@@ -152,7 +153,9 @@ class Picture(ABC):
         layers = self._film_layers()
         if (picture := self._caught()) is not None:
             layers |= {"alpha": picture.alpha, SHADOW: picture.shadow}
-        return {name: layers[name] for name in self.settings.layers}
+        of_groups = [name for name in layers if name.startswith(group_layer(""))]
+        names = [name for name in self.settings.layers if name != LIGHT_GROUPS]
+        return {name: layers[name] for name in (*names, *of_groups)}
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
         return self.film.aovs.arrays(self.film.counts, self._materials())
