@@ -52,6 +52,7 @@ THREE = [
         media="scattering",
         grid_media=True,
         nested=True,
+        light_groups=True,
     ),
     # One loop that begins paths together.
     Features(
