@@ -66,3 +66,10 @@ def write_totals(sums_out: wp.array2d(dtype=wp.float64), pixel: int, first: int,
     for k in range(3 * GROUPS):
         if first + k < sums_out.shape[1]:
             sums_out[pixel, first + k] = totals[k]
+
+
+@wp.func
+def add_to_layers(sums_out: wp.array2d(dtype=wp.float64), pixel: int, first: int, sample: GroupSums):
+    """Add a sample to the totals of a pixel, in memory."""
+    for channel in range(first, sums_out.shape[1]):
+        sums_out[pixel, channel] = sums_out[pixel, channel] + wp.float64(sample[channel - first])

@@ -55,6 +55,7 @@ THREE = [
         media="scattering",
         grid_media=True,
         nested=True,
+        light_groups=True,
     ),
     # One loop that begins paths together.
     Features(

@@ -9,6 +9,7 @@ from scipy import stats
 from support.covering_kernels import covering, render_by
 from support.small_scenes import assert_same_arrays, finish
 from support.statistics import sidak, two_sample_z
+from support.wide_scenes import differences, needs_lanes
 
 import wrt
 from wrt.errors import InputError
@@ -122,6 +123,12 @@ def test_each_group_is_the_picture_of_its_lights_alone():
         values.append(two_sample_z(group.mean(axis=0), a, alone.mean(axis=0), b, n_a=n, n_b=n))
     p = 2.0 * stats.norm.sf(np.abs(values))
     assert p.min() > sidak(1e-3, p.size)
+
+
+@needs_lanes
+@pytest.mark.machinery
+def test_wide_kernels_leave_the_same_bits():
+    assert differences(all_lights(), **{**GROUPED, "threads": 1}) == []
 
 
 def test_checkpoints_and_parts_hold_groups(tmp_path):
