@@ -68,7 +68,7 @@ SCENES = {
     "instances": forest,
     "deforming": deforming,
     "a cloud and an image": cloudy,
-    "layers": lambda: scene_of(wrt.Shape(wrt.box()), layers=("albedo", "normal", "depth", "uv", "object")),
+    "layers": lambda: scene_of(wrt.Shape(wrt.box()), layers=("albedo", "normal", "depth", "uv", "crypto_object")),
 }
 QUICK = ("a ball", "a cloud and an image")
 

@@ -17,7 +17,7 @@ from wrt.rendering.part import render_part
 from wrt.rendering.windows import pixels_of, read_windows, windows_of_part, write_windows
 
 SIZE = {"width": 24, "height": 37, "max_depth": 3}
-LAYERS = ("albedo", "depth", "object", "material")
+LAYERS = ("albedo", "depth", "object", "material", "crypto_object", "crypto_material")
 
 
 @pytest.fixture(scope="module")
