@@ -58,13 +58,13 @@ class Material(Kind):
     Attributes:
         opacity: coverage of the surface, 0 to 1; light passes straight through the rest.
         normal_map: perturbs the shading normal.
-        name: what it is called in files with layers of materials, and in scene files.
+        name: for layers of materials.
     """
 
     _: KW_ONLY
     opacity: Share = 1.0
     normal_map: Annotated[NormalMap | None, optional(instance_of(NormalMap))] = None
-    name: Annotated[str, text] = field(default="", compare=False, repr=False)
+    name: Annotated[str, {"type": "string"}, text] = field(default="", compare=False, repr=False)
 
     slot_names: ClassVar[tuple[str, ...]] = ()
 
