@@ -43,8 +43,8 @@ def _names(classes: Mapping[str, type]) -> str:
 
 
 GROUPS: dict[str, str] = {
-    "Loading and rendering": "load render render_views View Renderer Progress precompile Precompiled device_memory "
-    "DeviceMemory",
+    "Loading and rendering": "load render render_views View Renderer Progress parameters precompile Precompiled "
+    "device_memory DeviceMemory",
     "Several machines": "Part merge Merged",
     "Scenes": "Scene Shape RenderSettings",
     "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon",

@@ -7,6 +7,7 @@ from wrt.api import load as load
 from wrt.develop.picture import develop_image as develop_image
 from wrt.errors import InputError as InputError
 from wrt.errors import InputWarning as InputWarning
+from wrt.gradients.parameters import parameters as parameters
 from wrt.io.camera_files import FileCamera as FileCamera
 from wrt.io.camera_files import load_cameras as load_cameras
 from wrt.io.camera_files import save_cameras as save_cameras

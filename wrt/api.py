@@ -15,7 +15,7 @@ import numpy as np
 
 from wrt.errors import InputError, InputWarning, did_you_mean, name_of
 from wrt.io.archives import first_of, unpacked
-from wrt.io.file_type import renderable
+from wrt.io.file_type import USD_SUFFIXES, renderable
 from wrt.io.safe_read import PathLike, confined_to, confinement_folder
 from wrt.scene.camera import Camera
 from wrt.scene.developing import names_file
@@ -25,7 +25,7 @@ from wrt.scene.mesh import Mesh
 from wrt.scene.scene import RenderSettings, Scene, Shape
 from wrt.studio.stage import FOR_ANIMATIONS, Stage
 from wrt.studio.views import ViewLike
-from wrt.values import ColorLike, number
+from wrt.values import ColorLike, number, one_of
 
 MOST_NAMES = 10_000
 """Maximum number of file names in a folder to search for one similar to a missing file's."""
@@ -101,7 +101,7 @@ def load(
         raise InputError("a view replaces the source's camera; choose a view or a camera")
     if up is not None and (cameras is not None or isinstance(camera, Camera)):
         raise InputError("an up axis would turn the source, but not a camera that is not its own")
-    others = _other_cameras(camera, cameras)
+    others = _other_cameras(camera, cameras, confined)
     reading = _reading(triangles, up, parameters, None if others else camera, smooth_degrees, point_radius)
     if frame is None and view is None and (others or camera is not None):
         frame = False  # a camera that was chosen is kept
@@ -126,7 +126,7 @@ def load_contents(
     return _loaded(source, reading, Stage(is_bare=True), strict, confined, double_sided, None)
 
 
-def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None) -> dict[str, Camera]:
+def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None, confined: bool) -> dict[str, Camera]:
     """Return the cameras that replace those of a source by their names, the one in use first."""
     if cameras is None:
         return {"camera": camera} if isinstance(camera, Camera) else {}
@@ -135,7 +135,7 @@ def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None) 
 
     if isinstance(camera, Camera):
         raise InputError("choose a camera or a file of cameras")
-    found = {name: each.camera for name, each in load_cameras(cameras).items()}
+    found = {name: each.camera for name, each in load_cameras(cameras, confined=confined).items()}
     first = list(found)[0 if camera is None else number_of(cameras, list(found), camera)]
     return {first: found[first], **found}
 
@@ -149,6 +149,10 @@ def _reading(
     point_radius: float | None,
 ) -> dict[str, Any]:
     smooth = None if smooth_degrees is None else number(smooth_degrees, "smooth_degrees", minimum=0.0)
+    if up is not None:
+        from wrt.studio.presentation import UP_ROTATIONS
+
+        one_of(up, tuple(UP_ROTATIONS), "up")
     reading: dict[str, Any] = {"triangles": triangles, "up": up, "parameters": parameters or None, "camera": camera}
     return reading | {"smooth_degrees": smooth, "point_radius": point_radius}
 
@@ -321,15 +325,16 @@ def _load_path(source: PathLike, reading: _Reading, stage: Stage) -> Scene:
     from wrt.io.cameras import note_several, with_camera
     from wrt.io.load_mesh import load_file
 
-    camera = reading["camera"]
+    camera, up = reading["camera"], reading["up"]
     if stage.time is not None:
         from wrt.animation.timeline import reach_of_file
 
-        stage = dataclasses.replace(stage, reach=reach_of_file(path, camera))
-    up = reading["up"]
+        stage = dataclasses.replace(stage, reach=reach_of_file(path, camera, up))
     # A bare file is not moved to the origin.
     in_place = stage.is_bare or bool(stage.cameras)
-    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=in_place, **surface)
+    scene = load_file(path, time=stage.time, standalone=stage.time is None, in_place=in_place, up=up, **surface)
+    if up is not None and suffix in USD_SUFFIXES:
+        up = "y"
     scene = with_camera(path, scene, camera)
     if stage.is_bare:
         return _upright(source, scene, up or "y", stage)

@@ -31,7 +31,8 @@ def render(
 ) -> Any:
     """Render `source` and return (H, W, 3) float32 linear radiance, of the crop window if there is one.
 
-    A transparent picture is (H, W, 4): its radiance, 0 where nothing is seen, and its coverage (associated alpha). With
+    A transparent picture is (H, W, 4): its radiance, 0 where nothing is seen, and its coverage (associated alpha). Over
+    a background it is (H, W, 3); `save_image`, `develop_image` and `show` leave that colour exact. With
     `layers`, the result is a dictionary of them by name (see `wrt.Renderer.layers`) and of the picture as "image".
 
     Args:

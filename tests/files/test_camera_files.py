@@ -209,6 +209,11 @@ def test_files_without_cameras_are_named(tmp_path):
         ("PINHOLE 640 480 500 510 330 235", "1 1 0 0 0 0 0 0 8 a", "images.txt: a: camera 8 is not in cameras.txt"),
         ("PINHOLE 640 480 500 510 330 235", "1 1 0 0 0 0 0", "images.txt: line 2: an image needs IMAGE_ID"),
         ("PINHOLE 640 480 500 510 330 235", "1 0 0 0 0 0 0 0 7 a", "its quaternion must have the length 1, not 0"),
+        (
+            "PINHOLE 640 480 500 510 330 235",
+            "1 0.8 0 0.6 0 1e200 0 0 7 a",
+            "images.txt: a: camera origin and target must",
+        ),
         ("PINHOLE", "", "cameras.txt: line 2: PINHOLE needs width, height and fx, fy, cx, cy, not 0 numbers"),
     ],
 )

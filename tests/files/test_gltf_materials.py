@@ -192,6 +192,25 @@ def test_transforms_move_the_coordinates_of_the_mesh(tmp_path):
         assert shape.material.normal_map is not None
 
 
+@pytest.mark.parametrize("lacking", [0, 1])
+def test_textures_without_their_coordinates_are_left_out_and_named_and_others_stay(lacking, tmp_path):
+    other = 1 - lacking
+    pbr = {"baseColorTexture": {"index": 0, "texCoord": other}, "roughnessFactor": 0.25}
+    pbr["metallicRoughnessTexture"] = {"index": 0, "texCoord": lacking}
+    tree = file_with({"pbrMetallicRoughness": pbr, "normalTexture": {"index": 0, "texCoord": lacking}}, uvs=False)
+    missing = f"there is no TEXCOORD_{lacking}, by which textures of material 0 lie"
+    with pytest.warns(InputWarning, match=f"its mesh has no texture coordinates of set {lacking}"):
+        assert shape_of(tmp_path, tree).mesh.uvs is None
+    attributes(tree)[f"TEXCOORD_{other}"] = add(tree, UVS)
+    for message in (missing, f"TEXCOORD_{lacking} of a primitive is left out: it is 2 x 2 numbers|{missing}"):
+        with pytest.warns(InputWarning, match=message):
+            shape = shape_of(tmp_path, tree)
+        np.testing.assert_allclose(shape.mesh.uvs, UVS * (1, -1) + (0, 1), atol=1e-6)
+        np.testing.assert_allclose(shape.material.base_color.pixels, COLORS, atol=1e-6)
+        assert (shape.material.roughness, shape.material.normal_map) == (0.25, None)
+        attributes(tree)[f"TEXCOORD_{lacking}"] = add(tree, UVS[:2])  # damaged
+
+
 def test_a_clear_coat_has_normals_of_its_own(tmp_path):
     """It is flat without a map, also over bumps (KHR_materials_clearcoat)."""
     bumps = {"index": 0, "scale": 0.5}

@@ -81,6 +81,32 @@ def test_the_scene_is_in_metres_with_y_up_and_also_in_an_archive(scene, folder):
     assert differences(scene, load_file(folder / "all.usdz")) == {}
 
 
+@pytest.mark.parametrize(
+    ("up", "signed_axes"),  # of the file, from 1: those that become x, y and z
+    [
+        (None, (1, 3, -2)),
+        ("z", (1, 3, -2)),
+        ("-z", (1, -3, 2)),
+        ("y", (1, 2, 3)),
+        ("-y", (1, -2, -3)),
+        ("x", (-2, 1, 3)),
+    ],
+)
+def test_an_axis_that_is_given_points_up_whatever_the_file_declares(up, signed_axes, folder):
+    """Also in a file with lights, which of other formats cannot be turned."""
+    scene = wrt.load(write(folder, "all.usda", USD), up=up)
+    rows = np.sign(signed_axes)[:, None] * np.eye(3)[np.abs(signed_axes) - 1]
+    square = np.array([[1, 0, 0], [2, 1, 0]]) @ rows.T
+    np.testing.assert_allclose(square_of(scene).bounds, np.sort(square, axis=0), atol=1e-6)
+    upright = wrt.load(folder / "all.usda")
+    turn = rows @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # from a world whose y is the file's z
+    for name in ("origin", "target", "up"):
+        np.testing.assert_allclose(getattr(scene.camera, name), turn @ getattr(upright.camera, name), atol=1e-6)
+    for light, other in zip(scene.lights, upright.lights, strict=True):
+        if hasattr(light, "position"):
+            np.testing.assert_allclose(light.position, turn @ other.position, atol=1e-6)
+
+
 def test_solids_are_closed_and_face_outwards(tmp_path):
     for kind, values, size, expected in (
         ("Cylinder", 'double radius = 2\ndouble height = 3\ntoken axis = "X"', (3, 4, 4), 12 * math.pi),

@@ -54,6 +54,16 @@ def test_resuming_renders_only_missing_frames(mesh, capsys):
     assert "seed" in capsys.readouterr().err
 
 
+def test_a_transparent_frame_is_exposed_as_a_picture_is(mesh):
+    command = ["render", "box.npz", "--transparent", "--material", "diffuse:0.02", *SMALL, "--size", "48x36"]
+    assert main([*command, "--turntable", "2", "-o", "box_%d.png"]) == 0
+    scene = wrt.load(mesh, transparent=True, material=wrt.Diffuse((0.02, 0.02, 0.02)), aspect=48 / 36)
+    renderer = wrt.Renderer(next(iter(wrt.turntable(scene, 2))), width=48, height=36)
+    renderer.render(spp=1)
+    renderer.save("one.png")
+    np.testing.assert_array_equal(*(np.asarray(Image.open(name)) for name in ("box_0.png", "one.png")))
+
+
 @pytest.mark.parametrize("suffix", [".gif", ".webp"])
 def test_videos_have_all_frames(mesh, suffix):
     assert main(["render", "box.npz", "--turntable", "3", "--fps", "10", "-o", f"box{suffix}", *SMALL]) == 0

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 
 import wrt
+from wrt.cli import main
 from wrt.scene.srgb import srgb_from_linear
 
 SMALL = {"width": 32, "height": 24, "spp": 4}
@@ -32,6 +35,32 @@ def test_a_background_is_exact_and_stands_where_nothing_is_seen(tmp_path):
             assert np.abs(codes[0, 0] - expected).max() <= (0 if suffix == "png" else 2)
     with pytest.raises(wrt.InputError, match="background must be a colour"):
         wrt.render("cornell-box", background="whyte")
+
+
+def test_python_shows_a_background_as_the_shell_does(tmp_path):
+    """A bright picture, whose highlights the tone curve compresses."""
+
+    def pixels(name):
+        return np.asarray(Image.open(tmp_path / name))
+
+    options = {"view": "front", "material": "gold", "background": "white", **SMALL}
+    image = wrt.render("meshes/teapot.ply", **options)
+    assert image.max() > 2.0
+    arguments = ["render", "meshes/teapot.ply", "--view", "front", "--material", "gold", "--size", "32x24"]
+    assert main([*arguments, "--background", "white", "--spp", "4", "-o", f"{tmp_path / 'shell.png'}"]) == 0
+    assert (pixels("shell.png")[0] == 255).all()
+    for exposure in (None, 1.0):
+        wrt.save_image(tmp_path / "a.png", image, exposure=exposure)
+        assert np.array_equal(wrt.develop_image(image, exposure=exposure), pixels("a.png"))
+        assert exposure or np.array_equal(pixels("a.png"), pixels("shell.png"))
+        assert (pixels("a.png")[0] == 255).all()
+    darker = wrt.develop_image(image * np.float32(0.5))
+    assert np.array_equal(darker, wrt.develop_image(np.array(image) * np.float32(0.5)))
+    image[0] = 0.0
+    assert (wrt.develop_image(image)[0] == 0).all()
+    renderer = wrt.Renderer(wrt.load("meshes/teapot.ply", transparent=True), background="white", **SMALL)
+    renderer.render()
+    assert (np.asarray(Image.open(io.BytesIO(renderer._repr_png_())))[0] == 255).all()
 
 
 def test_layers_come_with_the_picture_and_a_camera_replaces_the_sources():

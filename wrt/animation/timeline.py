@@ -29,7 +29,7 @@ def is_animated(path: PathLike) -> bool:
         return os.path.isfile(file) and animation_of(file) is not None
 
 
-def reach_of_file(path: PathLike, camera: int | str | None = None) -> Reach:
+def reach_of_file(path: PathLike, camera: int | str | None = None, up: str | None = None) -> Reach:
     """Return the space that a file's first animation covers, so that one studio and one camera serve all frames.
 
     The result is cached for the latest file, since each frame of an animation needs it.
@@ -37,6 +37,7 @@ def reach_of_file(path: PathLike, camera: int | str | None = None) -> Reach:
     Args:
         path: the file.
         camera: the name or number of its camera; by default the first.
+        up: the axis that points up, see `load_file`.
 
     Raises:
         InputError: if the file has no animation, lacks that camera, or cannot be read.
@@ -45,15 +46,17 @@ def reach_of_file(path: PathLike, camera: int | str | None = None) -> Reach:
         raise InputError(f"{path}: {NO_ANIMATION}")
     status = os.stat(path)
     version = status.st_dev, status.st_ino, status.st_mtime_ns, status.st_size
-    return _reach(os.fspath(path), ends, camera, version)
+    return _reach(os.fspath(path), ends, camera, up, version)
 
 
 @lru_cache(maxsize=1)
-def _reach(path: str, ends: tuple[float, float], camera: int | str | None, _version: tuple[int, ...]) -> Reach:
+def _reach(
+    path: str, ends: tuple[float, float], camera: int | str | None, up: str | None, _version: tuple[int, ...]
+) -> Reach:
     times = np.unique(np.linspace(*ends, TIMES)).tolist()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # loading the frame itself repeats them
-        return reach_of(with_camera(path, load_file(path, time=time), camera) for time in times)
+        return reach_of(with_camera(path, load_file(path, time=time, up=up), camera) for time in times)
 
 
 def moves(scene: Scene) -> bool:

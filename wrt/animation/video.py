@@ -138,7 +138,7 @@ def _checked(file: Path, frames: Iterable[Any]) -> Iterator[Pixels]:
         if pixels.dtype == np.uint8:
             yield np.ascontiguousarray(pixels)
         elif pixels.dtype.kind == "f":
-            yield develop_image(pixels, exposure=0.0)
+            yield develop_image(frame, exposure=0.0)  # with its background, if it is `wrt.render`'s
         else:
             raise InputError(f"{file}: frame {index} must be of floating-point numbers or uint8, not {pixels.dtype}")
 

@@ -80,7 +80,7 @@ def views_of(options: RenderOptions) -> list[tuple[str, Output, RenderOptions]]:
         if getattr(options, name) is not None:
             raise InputError(f"--cameras and --{name} cannot be combined")
     path, choice = options.loading["cameras"], options.loading["camera"]
-    cameras = load_cameras(path)
+    cameras = load_cameras(path, confined=options.loading["confined"])
     names = list(cameras)
     if choice is not None:
         names = [names[number_of(path, names, choice)]]

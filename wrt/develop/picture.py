@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -31,7 +32,7 @@ class Developed:
     """A picture for a display.
 
     Attributes:
-        codes: (H, W, 3) uint8, sRGB or in the encoding of the OpenColorIO display.
+        codes: (H, W, 3) uint8, or (H, W, 4) with alpha; sRGB or in the encoding of the OpenColorIO display.
         stops: the exposure.
         tone: the tone curve.
         clipped: share of pixels, 0 to 1, that are brighter than white and have a channel at the brightest code.
@@ -74,9 +75,33 @@ def develop_image(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Expos
     """
     if (stack := np.asarray(image)).ndim == 4:
         return np.stack([develop_image(each, tone=tone, exposure=exposure) for each in stack])
-    colors, alpha = colors_and_alpha(image, "an image")
-    codes = develop(unassociated(colors, alpha), tone=tone, exposure=exposure).codes
-    return codes if alpha is None else with_alpha(codes, alpha)
+    return develop(image, tone=tone, exposure=exposure).codes
+
+
+class OverBackground(np.ndarray[Any, np.dtype[np.float32]]):
+    """(H, W, 3) float32 radiance over a background, which `develop` shows exactly, whatever the tone.
+
+    Tone curves compress highlights, so they would make a white background grey. An array that is computed from this
+    one, or has been written to, is developed as a whole.
+    """
+
+    _parts: tuple[NDArray[np.float32], NDArray[np.float32], ArrayLike] | None
+
+    @classmethod
+    def of(cls, colors: NDArray[np.float32], alpha: NDArray[np.float32], background: ArrayLike) -> OverBackground:
+        """Return associated colours (H, W, 3), of coverage (H, W), over a linear colour."""
+        behind = (1.0 - alpha[..., None]) * np.asarray(background, np.float32)
+        picture = np.asarray(colors + behind, np.float32).view(cls)
+        picture._parts = colors, alpha, background
+        return picture
+
+    def __array_finalize__(self, source: object) -> None:
+        """Begin as a picture without parts."""
+        self._parts = None
+
+    def parts(self) -> tuple[NDArray[np.float32], NDArray[np.float32], ArrayLike] | None:
+        """Return the arguments of `of`; None if this is another picture by now."""
+        return self._parts if self._parts and np.array_equal(self, OverBackground.of(*self._parts), True) else None
 
 
 def colors_and_alpha(image: ArrayLike | None, name: str) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
@@ -106,6 +131,13 @@ def unassociated(colors: NDArray[np.float32], alpha: NDArray[np.float32] | None)
     return np.divide(colors, share, out=np.zeros_like(colors), where=share > 0.0)
 
 
+def covered(colors: NDArray[np.float32], alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    """Return the colours that decide the exposure, without the factor alpha: those of pixels that show something."""
+    if alpha is None or not (alpha > 0.0).any():
+        return colors
+    return colors[alpha > 0.0][None] / alpha[alpha > 0.0, None]
+
+
 def with_alpha(codes: NDArray[np.uint8], alpha: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return (H, W, 4) codes: a picture's, and of its alpha."""
     return np.dstack([codes, np.rint(255.0 * np.clip(np.nan_to_num(alpha), 0.0, 1.0)).astype(np.uint8)])
@@ -124,13 +156,37 @@ def require_tone(tone: str) -> None:
         find_view(tone)
 
 
-def develop(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Exposure = None) -> Developed:
-    """Develop linear radiance for a display; see `develop_image`."""
+def develop(
+    image: ArrayLike,
+    *,
+    tone: str = DEFAULT_TONE,
+    exposure: Exposure = None,
+    alpha: NDArray[np.float32] | None = None,
+    background: ArrayLike | None = None,
+) -> Developed:
+    """Develop linear radiance for a display; see `develop_image`.
+
+    Args:
+        image: as for `develop_image`, no stack.
+        tone: as for `develop_image`.
+        exposure: as for `develop_image`.
+        alpha: (H, W) coverage, if `image` does not have it.
+        background: linear colour behind what has alpha.
+    """
     tone, exposure = check_tone(tone), check_exposure(exposure)
-    pixels, alpha = colors_and_alpha(image, "an image")
-    if alpha is not None:
-        raise InputError("an image to develop has no alpha")
-    chosen = stops(pixels, exposure, brighten=False)
+    if alpha is None and isinstance(image, OverBackground) and (parts := image.parts()):
+        image, alpha, background = parts
+    pixels, coverage = colors_and_alpha(image, "an image")
+    alpha = coverage if alpha is None else alpha
+    chosen = stops(covered(pixels, alpha), exposure, brighten=False)
+    developed = _develop(unassociated(pixels, alpha), tone, chosen)
+    if alpha is None:
+        return developed
+    codes = with_alpha(developed.codes, alpha) if background is None else over(developed.codes, alpha, background)
+    return dataclasses.replace(developed, codes=codes)
+
+
+def _develop(pixels: NDArray[np.float32], tone: str, chosen: float) -> Developed:
     # 2.0**100 is finite in float32, so only the product can overflow.
     gain = np.float32(2.0**chosen)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -89,6 +89,10 @@ class DistributedRenderer(Renderer):
         """Raise InputError: each frame of a simulation is a scene of its own here."""
         raise InputError("vertices cannot be updated on a cluster; make a renderer of the next frame's scene")
 
+    def set_parameters(self, *_: Any, **__: Any) -> None:
+        """Raise InputError: workers keep the scene as it was."""
+        raise InputError("parameters cannot be set on a cluster; make a renderer of the changed scene")
+
     def part(self, *_: Any, **__: Any) -> Any:
         """Raise InputError: the cluster renders the whole picture."""
         raise InputError("a part is rendered by one process; use wrt.Renderer")

@@ -299,6 +299,7 @@ def save_image(
     file = check_output(path, force=force)
     suffix = file.suffix.lower()
     cover: dict[str, NDArray[np.float32]] = {}
+    source: Any = image
     if image is not None or not layers:
         image, cover = _with_coverage(file, image, alpha)
     notes = {"Software": f"wrt {__version__}", **{str(key): str(value) for key, value in (metadata or {}).items()}}
@@ -311,16 +312,13 @@ def save_image(
     elif suffix == ".npy":
         write = functools.partial(_write_npy, pixels=np.dstack([np.asarray(image), *cover.values()]))
     else:
-        from wrt.develop.picture import develop, over, unassociated, with_alpha
+        from wrt.develop.picture import develop
 
-        pixels, coverage = np.asarray(image), cover.get("alpha")
-        require_room(file, pixels.shape[1], pixels.shape[0], alpha=coverage is not None and background is None)
-        developed = develop(unassociated(pixels, coverage), tone=tone, exposure=exposure)
+        behind = None if background is None else color(background, "background", maximum=1.0)
+        height, width = np.asarray(image).shape[:2]
+        require_room(file, width, height, alpha=bool(cover) and behind is None)
+        developed = develop(source, tone=tone, exposure=exposure, alpha=cover.get("alpha"), background=behind)
         codes = developed.codes
-        if coverage is not None and background is not None:
-            codes = over(codes, coverage, color(background, "background", maximum=1.0))
-        elif coverage is not None:
-            codes = with_alpha(codes, coverage)
         notes |= {"Tone": developed.tone, "Exposure": f"{developed.stops:.6g} stops"}
         if suffix == ".png":
             write = functools.partial(_write_png, codes=codes, notes=notes)

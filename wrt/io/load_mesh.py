@@ -70,6 +70,7 @@ def load_file(
     standalone: bool = False,
     in_place: bool = False,
     point_radius: float | None = None,
+    up: str | None = None,
 ) -> Scene:
     """Read a file as one shape for each of its parts, with its materials, its lights and its first camera.
 
@@ -88,6 +89,7 @@ def load_file(
             Arrays have the material of mesh files instead of a shape's default.
         in_place: whether it stays where it is all the same.
         point_radius: the radius of points, in the file's units; by default it follows from their distances.
+        up: the axis that points up in a USD file, instead of the one that it declares.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -104,7 +106,7 @@ def load_file(
         from wrt.io.usd.reader import read_usd
 
         with naming_file(file):
-            contents, environment = read_usd(file, time)
+            contents, environment = read_usd(file, time, up)
             scene = _scene(str(file), contents, smooth_degrees, point_radius=point_radius)
             scene.environment = environment
             return scene

@@ -242,7 +242,7 @@ class _Reader:
             number = self._numbers.setdefault(id(material), len(self._descriptions))
             if number == len(self._descriptions):
                 self._descriptions.append(self._described(material))
-            return self._physical.dressed(part, number)
+            return self._physical.dressed(part, number, {} if part.uvs is None else {0: part.uvs})
         if isinstance(material, SimpleMaterial):
             if statements := self._statements(material):
                 return self._simple.dressed(part, str(material.name or ""), statements, number=id(material))

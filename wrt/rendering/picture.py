@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wrt._version import __version__
 from wrt.develop.exposure import stops
-from wrt.develop.picture import Developed
+from wrt.develop.picture import Developed, OverBackground, covered
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
@@ -80,7 +80,7 @@ class Picture(ABC):
         background = self.settings.background
         if alpha is None or background is None:
             return image, alpha
-        return np.asarray(image + (1.0 - alpha[..., None]) * np.asarray(background, np.float32), np.float32), None
+        return OverBackground.of(image, alpha, background), None
 
     def _require_samples(self) -> None:
         if not self.film.tally().samples:
@@ -166,9 +166,7 @@ class Picture(ABC):
                 layers[NOISY] = self.image()
             image, alpha = self._with_background(image, alpha)
             return save(image, alpha=alpha, layers=layers)
-        # Only pixels that are covered decide the exposure.
-        covered = image if alpha is None or not alpha.any() else image[alpha > 0.0][None] / alpha[alpha > 0.0, None]
-        chosen = stops(covered, settings.exposure if exposure is None else exposure)
+        chosen = stops(covered(image, alpha), settings.exposure if exposure is None else exposure)
         return save(
             image,
             alpha=alpha,

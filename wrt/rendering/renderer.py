@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -112,8 +112,8 @@ class Renderer(Picture):
         """Return a renderer with other settings and a film of its own that shares the scene on the device.
 
         The scene is not built again, and nothing is compiled unless the integrator or the layers need another kernel.
-        All renderers of a scene share its camera: after `set_camera` on one, call it on another before that renders
-        again.
+        All renderers of a scene share its camera and parameters: after `set_camera` or `set_parameters` on one, call it
+        on another before that renders again.
 
         Args:
             settings: fields of `wrt.RenderSettings`, except the filter and the sampler.
@@ -371,6 +371,32 @@ class Renderer(Picture):
         self._built.world.update(number, self.scene.shapes[number], vertices, normals)
         self.has_updated_vertices = True
         self._clear()
+
+    def set_parameters(self, values: Mapping[str, Any]) -> None:
+        """Restart the picture with other values of the scene's parameters; geometry, trees and kernels stay.
+
+        The picture then has the same bits as that of a new Renderer of the changed scene, which is `scene` from then
+        on; `wrt.save_scene` writes it.
+
+        Args:
+            values: arrays by name, of the shapes that `wrt.parameters` returns; others keep their values.
+
+        Raises:
+            InputError: when there is no such parameter, a value has another shape, is not finite or out of range, or
+                the values need another kernel; then nothing has changed.
+        """
+        self._change_values(_above.gradients().edited(self.scene, values))
+        self._clear()
+
+    def _change_values(self, scene: Scene) -> None:
+        """Upload the values of a scene that differs from this one in values of its parameters alone."""
+        has_environment = scene.environment is not self.scene.environment
+        is_first = not self._built.values.materials.is_editable
+        self._built.values.change(scene)
+        for name in ("shapes", "lights", "environment", "medium"):  # of all renderers that share the scene
+            setattr(self.scene, name, getattr(scene, name))
+        if is_first or (has_environment and self.integrator == "whitted"):
+            self._start_kernel()  # larger arrays, or another ambient light
 
     def _clear(self) -> None:
         self.film.clear()

@@ -35,8 +35,7 @@ FOV_DEGREES = 24.0
 MARGIN = 1.3
 """Size of the picture over the size of the object."""
 
-# Axis and degrees of the rotation that turns each up axis into +y.
-_UP_ROTATIONS = {
+UP_ROTATIONS = {
     "x": ((0.0, 0.0, 1.0), 90.0),
     "-x": ((0.0, 0.0, 1.0), -90.0),
     "y": ((1.0, 0.0, 0.0), 0.0),
@@ -44,6 +43,7 @@ _UP_ROTATIONS = {
     "z": ((1.0, 0.0, 0.0), -90.0),
     "-z": ((1.0, 0.0, 0.0), 90.0),
 }
+"""Axis and degrees of the rotation that turns each up axis into +y."""
 
 
 _SIZES = 2.0**-4, 2.0**16
@@ -146,10 +146,8 @@ def upright(scene: Scene, up: str) -> Scene:
 
 
 def _turn_to_y(up: str) -> NDArray[np.float64]:
-    """Return the (4, 4) rotation that brings an axis to +y, or raise InputError."""
-    if up not in _UP_ROTATIONS:
-        raise InputError(f"up must be one of {', '.join(_UP_ROTATIONS)}, not {up!r}")
-    return _turn(*_UP_ROTATIONS[up])
+    """Return the (4, 4) rotation that brings an axis to +y."""
+    return _turn(*UP_ROTATIONS[up])
 
 
 def _turn(axis: tuple[float, float, float], degrees: float) -> NDArray[np.float64]:

@@ -6,26 +6,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.backend.memory import MEMORY_ADVICE
 from wrt.scene.camera import Camera
-from wrt.scene.materials import Unlit
 from wrt.scene.mesh import columns
-from wrt.scene.scene import Scene, Shape
+from wrt.scene.scene import Scene
 from wrt.upload.accel.bvh import build_bvh
 from wrt.upload.accel.geometry import corner_tangents, joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
-from wrt.upload.bodies import BodyTable, set_camera_bodies
-from wrt.upload.lights.choice import upload_lights
-from wrt.upload.lights.environment import environment_kind, upload_environment
-from wrt.upload.lights.table import LightTable
-from wrt.upload.materials import MaterialTable
+from wrt.upload.bodies import set_camera_bodies
 from wrt.upload.memory import SceneMemory, tree_memory
 from wrt.upload.prepare import PreparedScene
+from wrt.upload.scene_values import SceneValues
 from wrt.upload.vertex_updates import WorldMeshes
 
 WORTH_ASKING = 1 << 26
@@ -41,7 +36,7 @@ class BuiltScene:
         features: the features of the scene, which choose the kernel.
         read: the features for which it was uploaded, those of the kernel.
         world: the meshes in the world's tree, whose vertices can be updated between frames.
-        bodies: the bodies and media.
+        values: all else of the scene, which can be changed between pictures.
         device: the device.
     """
 
@@ -49,13 +44,13 @@ class BuiltScene:
     features: Any
     read: Any
     world: WorldMeshes
-    bodies: BodyTable
+    values: SceneValues
     device: Device
 
     def look_from(self, camera: Camera) -> None:
         """Find the bodies around a camera, in which its paths begin."""
         if self.features.bodies:
-            set_camera_bodies(self.data, self.bodies, camera, self.features.geometry, self.device)
+            set_camera_bodies(self.data, self.values.bodies, camera, self.features.geometry, self.device)
 
 
 def _require_memory(prepared: PreparedScene, device: Device, texture_coordinates: bool) -> None:
@@ -95,45 +90,13 @@ class SceneUpload:
         Raises:
             InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
         """
-        scene_data = current_backend().kernels("wrt.kernels.core.scene_data")
-
-        from wrt.kernels.core.features import Features
-
         self._prepared = prepared = PreparedScene(scene)
         self._device, self._texture_coordinates = device, texture_coordinates
-        scene, layout, materials = prepared.scene, prepared.layout, prepared.materials
         _require_memory(prepared, device, texture_coordinates)
-        self._data = data = scene_data.SceneData()
-        self._places = places = _Places(layout)
-        materials.upload(data, device)
-        self._bodies = bodies = BodyTable(scene)
-        bodies.upload(data, device)
-
-        data.environment, flux = upload_environment(prepared.environment, device.name)
-        slots = dict(zip(prepared.textures, materials.emission_slots[len(scene.shapes) :], strict=True))
-        table = LightTable(scene.shapes, prepared.lights, layout, places.of_shapes, flux, slots)
-        light_tree = upload_lights(data, table, device, light_choice)
-        records = _shape_records(scene, materials, bodies, table, places.of_shapes)
-        data.shapes = current_backend().array(records, scene_data.ShapeRecord, device.name)
-
-        self.features = Features(
-            materials.models,
-            materials.textured,
-            environment_kind(prepared.environment),
-            # Shadow rays pass unlit surfaces from their front.
-            composite="holes" if (records["single_sided"] & records["unlit"]).any() else materials.composite,
-            tangents=materials.tangents,
-            light_shapes=table.shape_models,
-            instances=layout.kind,
-            light_tree=light_tree,
-            media=bodies.kind,
-            grid_media=bodies.has_grids,
-            nested=bodies.nested,
-            uv2_alpha=materials.uv2_alpha,
-            mipmapped=materials.mipmapped,
-            exact=prepared.exact,
-            single_sided=bool((records["single_sided"] | records["unlit"]).any()),
-        )
+        self._data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()
+        self._places = _Places(prepared.layout)
+        self._values = SceneValues(prepared, self._places.of_shapes, self._data, device, light_choice)
+        self.features = self._values.features
 
     def finish(self, read: Any = None) -> BuiltScene:
         """Upload the meshes and build their trees.
@@ -150,7 +113,7 @@ class SceneUpload:
             data.aligns_tangents = 2
             data.tangents = upload(corner_tangents(places.faces), "vec4", device.name)
         world = _build_trees(data, layout, places, device)
-        built = BuiltScene(data, self.features, read, world, self._bodies, device)
+        built = BuiltScene(data, self.features, read, world, self._values, device)
         if self._prepared.scene.camera is not None:
             built.look_from(self._prepared.scene.camera)
         return built
@@ -182,36 +145,6 @@ class _Places:
         self.of_shapes[layout.world_shapes] = self.first_triangles[: len(world)]
         for instance in layout.instances:
             self.of_shapes[instance.shape] = self.first_triangles[len(world) + instance.mesh]
-
-
-def _shape_records(
-    scene: Scene, materials: MaterialTable, bodies: BodyTable, lights: LightTable, first_triangles: NDArray[np.int64]
-) -> NDArray[Any]:
-    """Return a ShapeRecord for each shape."""
-    record = current_backend().kernels("wrt.kernels.core.scene_data").ShapeRecord
-    records = np.zeros(len(scene.shapes), record.numpy_dtype())
-    records["material"] = materials.of_shapes
-    records["first_triangle"] = first_triangles
-    records["smooth"] = [_is_smooth(shape) for shape in scene.shapes]
-    records["first_light"] = lights.first_lights
-    records["emission_slot"] = materials.emission_slots[: len(scene.shapes)]
-    for record, shape in zip(records, scene.shapes, strict=True):
-        if record["emission_slot"] < 0:
-            record["emission"] = shape.emission
-    unlit = np.array([isinstance(shape.material, Unlit) for shape in scene.shapes])
-    double_sided = np.array([shape.double_sided for shape in scene.shapes])
-    emits_back = np.array([shape.two_sided_emission for shape in scene.shapes])
-    records["unlit"] = unlit
-    records["two_sided"] = emits_back | (unlit & double_sided)
-    records["single_sided"] = ~(double_sided | emits_back | materials.transmits)
-    records["body"] = bodies.of_shapes
-    return records
-
-
-def _is_smooth(shape: Shape) -> bool:
-    """Return whether a shape has vertex normals, at any time."""
-    deforms = shape.deformation is not None and shape.deformation.normals is not None
-    return deforms or shape.mesh.normals is not None
 
 
 def _upload_geometry(

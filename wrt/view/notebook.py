@@ -9,15 +9,16 @@ from collections.abc import Callable
 from importlib import resources
 from typing import Any
 
+from wrt.develop.exposure import stops
+from wrt.develop.picture import covered, develop
 from wrt.errors import InputError
 from wrt.rendering.passes import LONGEST_PASS
 from wrt.rendering.renderer import Renderer
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import MAX_SPP, Scene
 from wrt.values import integer
-from wrt.view.controls import Look
 from wrt.view.frames import Frame
-from wrt.view.picture import develop, png
+from wrt.view.picture import png
 from wrt.view.session import Session
 from wrt.view.viewer import Viewer
 
@@ -32,7 +33,9 @@ def picture_of_renderer(renderer: Renderer) -> bytes | None:
     """Return the picture of a renderer so far as a PNG file; None before the first sample."""
     if renderer.spp == 0 or not renderer.renders_light:
         return None
-    return png(develop(renderer.image(), Look.from_settings(renderer.settings)))
+    settings, image, alpha = renderer.settings, renderer.image(), renderer.alpha()
+    exposure = stops(covered(image, alpha), settings.exposure)
+    return png(develop(image, tone=settings.tone, exposure=exposure, alpha=alpha, background=settings.background).codes)
 
 
 def picture_of_scene(scene: Scene) -> bytes | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -116,52 +117,61 @@ class GltfMaterials:
     def __init__(self, path: Path, described: list[Tree], images: GltfImages) -> None:
         """Take the materials of a file's JSON; more may be appended to the list later."""
         self._path, self._described, self._images = path, described, images
-        self._descriptions: dict[int, _Description] = {}
-        self._made: dict[tuple[int, Attributes], Material] = {}
+        self._descriptions: dict[tuple[int, frozenset[int]], _Description] = {}
+        self._made: dict[tuple[int, frozenset[int], Attributes], Material] = {}
 
     def uv_sets(self, number: int) -> list[int]:
         """Return the numbers of the texture coordinates that a material uses; 0 if it has no textures."""
         return self._description(number).uv_sets or [0]
 
-    def dressed(self, part: Part, number: int, second: NDArray[Any] | None = None) -> Part:
+    def dressed(self, part: Part, number: int, sets: Mapping[int, NDArray[Any]]) -> Part:
         """Return a part with a material, and with the colours and texture coordinates that the material needs.
 
         Args:
-            part: the mesh. Its first texture coordinates have v up; its colours, with or without alpha, are not yet
-                multiplied by the base colour.
+            part: the mesh without texture coordinates. Its colours, with or without alpha, are not yet multiplied by
+                the base colour.
             number: the number of the material.
-            second: (N, 2) a second set of coordinates, whose v points down, as in the file.
+            sets: (N, 2) texture coordinates, v up, by the number of their set; others than `uv_sets` are not needed.
         """
-        description = self._description(number)
-        colors, uvs, has_alpha = part.colors, part.uvs, False
+        lacking = frozenset(self.uv_sets(number)).difference(sets) if sets else frozenset()
+        for each in sorted(lacking):
+            warn(f"{self._path}: there is no TEXCOORD_{each}, by which textures of material {number} lie")
+        description = self._description(number, lacking)
+        uv_sets = description.uv_sets or [0]
+        if len(uv_sets) > 2:
+            which = f"all but those of set {uv_sets[1]} are laid by set {uv_sets[0]}"
+            warn(f"{self._path}: textures of material {number} lie by more than two sets of coordinates; {which}")
+        uvs, second = ([sets.get(each) for each in uv_sets] + [None])[:2]
+        colors, has_alpha = part.colors, False
         if colors is not None:
             alpha = colors[:, 3:]
             has_alpha = description.has_alpha and bool((alpha < 1.0).any())
             colors = colors[:, :3] * description.base_factor
             if has_alpha:
                 colors = np.column_stack([colors, alpha])
-        if uvs is None or second is None or np.shape(second) != np.shape(uvs):
-            second = None
         has_tangents = part.tangents is not None
-        key = number, Attributes(uvs is not None, second is not None, colors is not None, has_alpha, has_tangents)
+        attributes = Attributes(uvs is not None, second is not None, colors is not None, has_alpha, has_tangents)
+        key = number, lacking, attributes
         if key not in self._made:
-            self._made[key] = _Reader(self._path, self._images, number, description, key[1]).material()
+            self._made[key] = _Reader(self._path, self._images, number, description, attributes).material()
             if isinstance(name := description.tree.get("name"), str):
                 self._made[key] = self._made[key].named(name)
         material = self._made[key]
         if uvs is not None and (placement := description.shared_placement) is not None:
             uvs = product(np.asarray(uvs, np.float64), placement[:, :2].T) + placement[:, 2]
         if uvs is not None and second is not None:
-            uvs = np.column_stack([uvs, second * (1.0, -1.0) + (0.0, 1.0)])
+            uvs = np.column_stack([uvs, second])
         double_sided = bool(description.tree.get("doubleSided", False))  # section 3.9.6
         two_sided = double_sided and shines(material.emission)
         part = replace(part, double_sided=double_sided, two_sided=two_sided)
         return replace(part, material=material, colors=colors, uvs=uvs)
 
-    def _description(self, number: int) -> _Description:
-        if number not in self._descriptions:
-            self._descriptions[number] = _Description(self._described[number])
-        return self._descriptions[number]
+    def _description(self, number: int, lacking: frozenset[int] = frozenset()) -> _Description:
+        """Return the description of a material without its textures that lie by sets that a mesh lacks."""
+        key = number, lacking
+        if key not in self._descriptions:
+            self._descriptions[key] = _Description(_without_textures(self._described[number], lacking))
+        return self._descriptions[key]
 
 
 class _Reader:
@@ -177,8 +187,9 @@ class _Reader:
 
     def material(self) -> Material:
         description, attributes = self._description, self._attributes
-        if not (attributes.uvs or attributes.second_uvs) and description.textures:
-            warn(f"{self._path}: the textures of {self._name} are left out: its mesh has no texture coordinates")
+        if not attributes.uvs and description.textures:
+            which = "" if description.uv_sets == [0] else f" of set {description.uv_sets[0]}"
+            warn(f"{self._path}: the textures of {self._name} are left out: its mesh has no texture coordinates{which}")
         opacity = self._opacity()
         base = self._color(description.base_texture, description.base_factor, colored=attributes.colors)
         if "KHR_materials_unlit" in description.extensions:
@@ -385,6 +396,17 @@ def _uv_set(info: Tree) -> int:
     transform = info.get("extensions", {}).get("KHR_texture_transform", {})
     number: int = transform.get("texCoord", info.get("texCoord", 0))
     return number
+
+
+def _without_textures(described: Any, uv_sets: frozenset[int]) -> Any:
+    """Return a material's JSON without references to textures that lie by some sets of coordinates."""
+    if not isinstance(described, dict) or not uv_sets:
+        return described
+    return {
+        key: _without_textures(value, uv_sets)
+        for key, value in described.items()
+        if not (key.endswith("Texture") and isinstance(value, dict) and _uv_set(value) in uv_sets)
+    }
 
 
 def _texture_references(described: Any) -> list[Tree]:

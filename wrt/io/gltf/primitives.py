@@ -66,10 +66,12 @@ class Primitive:
         if _DRACO in described.get("extensions", {}):
             self._unpack(described["extensions"][_DRACO])
 
-    def part(self, name: str, uv_sets: list[int], deformation: Deformation | None) -> tuple[Part, NDArray[Any] | None]:
-        """Return the primitive without its material, and a second set of texture coordinates, v down, or None.
+    def part(
+        self, name: str, uv_sets: list[int], deformation: Deformation | None
+    ) -> tuple[Part, dict[int, NDArray[np.float32]]]:
+        """Return the primitive without its material, and (N, 2) texture coordinates, v up, by the number of their set.
 
-        `uv_sets` are the numbers of the sets of texture coordinates to read, two at most.
+        Those of `uv_sets` that it lacks, or that are damaged, are left out.
 
         Raises:
             InputError: on damaged data.
@@ -86,13 +88,11 @@ class Primitive:
         if faces.shape[1] == 1:  # points: spheres have normals of their own, and no place for a texture
             uv_sets, normals, tangents = [], None, None
         part = Part(name, positions, faces, normals, tangents=tangents, smoothing=0)
-        uvs = [self._matching(f"TEXCOORD_{number}", count) for number in uv_sets]
-        first, second = (None if rows is None else rows.astype(np.float32) for rows in (*uvs, None, None)[:2])
-        if first is not None:
-            part.uvs = np.column_stack([first[:, 0], 1.0 - first[:, 1]])
+        read = {number: self._matching(f"TEXCOORD_{number}", count) for number in uv_sets}
         if (colors := self._matching("COLOR_0", count, scaled=False)) is not None:
             part.colors = decoded(colors, linear=True)
-        return part, second
+        sets = {number: rows.astype(np.float32) for number, rows in read.items() if rows is not None}
+        return part, {number: np.column_stack([rows[:, 0], 1.0 - rows[:, 1]]) for number, rows in sets.items()}
 
     def _rows(self, name: str, *, scaled: bool = True) -> NDArray[Any] | None:
         """Return an attribute of the vertices, or None if there is none."""

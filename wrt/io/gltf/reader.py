@@ -247,17 +247,10 @@ def _part(
 ) -> Part:
     """Return a primitive with its material."""
     number = primitive.get("material")
-    uv_sets = [] if number is None else materials.uv_sets(number)
-    if len(uv_sets) > 2:
-        warn(
-            f"{buffers.path}: textures of material {number} lie by more than two sets of coordinates; all but those of "
-            f"set {uv_sets[1]} are laid by set {uv_sets[0]}"
-        )
-    if len(set(uv_sets)) > 1 and f"TEXCOORD_{uv_sets[1]}" not in primitive["attributes"]:
-        warn(f"{buffers.path}: there is no TEXCOORD_{uv_sets[1]}, by which textures of material {number} lie")
-    part, second_uvs = Primitive(primitive, buffers).part(name, uv_sets[:2], deformation)
+    wanted = [] if number is None else materials.uv_sets(number)
+    part, uvs = Primitive(primitive, buffers).part(name, wanted, deformation)
     if number is not None:
-        return materials.dressed(part, number, second_uvs)
+        return materials.dressed(part, number, uvs)
     part.colors = None if part.colors is None else part.colors[:, :3]
     part.double_sided = False  # the default material, section 3.9.1
     return part

@@ -52,6 +52,8 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
     materials.warn_of_unused()
     if not parts and len(text.rows["v"]):
         parts = [points_of(path.stem, text.rows["v"][:, :3], _colors(path, text))]
+    if not parts and not len(text.rows["v"]):
+        raise InputError(f"{path}: not an OBJ file: none of its lines is a vertex, v x y z")
     if parts:
         warn_of_unused(path, text.others.elements(), WITHOUT_EFFECT)
     return parts

@@ -92,14 +92,18 @@ Color = tuple[float, float, float]
 MOST_COLORS = 256
 """Maximum number of colours of a point instancer's instances, since each is a mesh of its own."""
 
+_Y_FROM_X = np.array([[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 _Y_FROM_Z = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
-"""The rotation that turns +z to +y."""
+_UPRIGHT = {"x": _Y_FROM_X, "-x": _Y_FROM_X.T, "-y": np.diag([1.0, -1.0, -1.0, 1.0]), "z": _Y_FROM_Z, "-z": _Y_FROM_Z.T}
+"""The rotations that turn axes to +y."""
 
 _MISSING = re.compile(r"Could not open asset @([^@]*)@")
 
 
-def read_usd(path: Path, time: float | None = None) -> tuple[Contents, Environment | None]:
+def read_usd(path: Path, time: float | None = None, up: str | None = None) -> tuple[Contents, Environment | None]:
     """Return the content of a file, and the environment of its dome light, at `time` seconds after its first time.
+
+    `up` is the axis that points up, in place of the one that the file declares.
 
     Raises:
         InputError: where Pixar's library is missing or cannot open the file, and on files that it may not read.
@@ -107,7 +111,7 @@ def read_usd(path: Path, time: float | None = None) -> tuple[Contents, Environme
     content = _described(path, time)
     if time is not None and content["animation"] is None:
         raise InputError(f"{path}: {NO_ANIMATION}")
-    result = _Reader(path, content).read()
+    result = _Reader(path, content, up).read()
     for name in dict.fromkeys(name for text in content["notes"] for name in _MISSING.findall(text)):
         warn(f"{path}: {name!r}, which it refers to, cannot be opened; it is left out")
     return result
@@ -133,7 +137,7 @@ def _described(path: Path, time: float | None = None) -> dict[str, Any]:
 class _Reader:
     """Makes the content of a described stage; what several instances share is made once."""
 
-    def __init__(self, path: Path, content: dict[str, Any]) -> None:
+    def __init__(self, path: Path, content: dict[str, Any], up: str | None) -> None:
         self._path, self._content = path, content
         self._scale = content["metersPerUnit"]
         if self._scale is None:
@@ -142,8 +146,8 @@ class _Reader:
         self._world = np.diag([self._scale, self._scale, self._scale, 1.0])
         if content["up"] not in ("Y", "Z"):
             warn(f"{path}: its up axis {content['up']!r} is not one of USD; taken as Y")
-        if content["up"] == "Z":
-            self._world = product(_Y_FROM_Z, self._world)
+        if (turn := _UPRIGHT.get(up or content["up"].lower())) is not None:
+            self._world = product(turn, self._world)
         self._materials = UsdMaterials(path, content)
         self._parts: dict[tuple[str, Color | None], list[Part]] = {}
         self._places: dict[tuple[str, Color | None], list[Matrix]] = {}
