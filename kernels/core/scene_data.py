@@ -124,6 +124,7 @@ class ShapeRecord:
     two_sided: int
     single_sided: int  # see `kernels/integrators/sides.py`
     unlit: int
+    edges: int  # whether lines are drawn on it
     body: int  # the body that it bounds; −1 for none
 
 
@@ -285,6 +286,7 @@ class SceneData:
     tangents: wp.array(dtype=wp.vec4)  # three a triangle (`wrt.scene.tangents.tangents_by_edges`)
     uv2_alpha: wp.array(dtype=wp.vec3)  # second texture coordinates, alpha of colours; if Features.uv2_alpha
     triangle_shape: wp.array(dtype=int)
+    edges: wp.array(dtype=int)  # sides of triangles that are drawn (`kernels/integrators/edges.py`); if Features.edges
     # Materials
     shapes: wp.array(dtype=ShapeRecord)
     materials: wp.array(dtype=MaterialRecord)

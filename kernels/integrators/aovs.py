@@ -19,6 +19,7 @@ from wrt.kernels.geometry.quadrics import NO_QUADRIC, in_unit_shape, make_quadri
 from wrt.kernels.geometry.spheres import make_sphere_axes, make_sphere_of
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
 from wrt.kernels.geometry.triangles import make_triangle_of
+from wrt.kernels.integrators.edges import make_find_line
 from wrt.kernels.integrators.first_surface import FirstSurface, make_first_surface, make_follow_specular
 from wrt.kernels.materials.values import make_bsdf_at
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
@@ -44,12 +45,14 @@ class AovData:
     normal: int
     geometric_normal: int
     alpha: int
+    edges: int
     # In `nearest`
     depth: int
     z: int
     position: int
     uv: int
     motion: int
+    edge_width: float  # of lines, pixels
 
 
 @wp.func
@@ -161,7 +164,8 @@ def make_motion_on_film(features: Features) -> wp.Function:
 
 
 @specialised(
-    "guides", "cameras", *make_follow_specular.fields, *make_directional_albedo.fields, *make_motion_on_film.fields
+    *("guides", "cameras", *make_follow_specular.fields, *make_directional_albedo.fields),
+    *(*make_motion_on_film.fields, *make_find_line.fields),
 )
 def make_add_aovs(features: Features) -> wp.Function:
     """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset) -> rays traced.
@@ -171,7 +175,7 @@ def make_add_aovs(features: Features) -> wp.Function:
     first_surface = make_first_surface(features)
     follow_specular, directional_albedo = make_follow_specular(features), make_directional_albedo(features)
     motion_on_film, sample_4d = make_motion_on_film(features), make_sample_4d(features.sampler)
-    along_axis = make_camera(features.cameras).along_axis
+    along_axis, find_line = make_camera(features.cameras).along_axis, make_find_line(features)
     has_coordinates = features.textured or features.tangents
     add_texture_coordinates = make_add_texture_coordinates(False, features.has_exact)
 
@@ -180,6 +184,11 @@ def make_add_aovs(features: Features) -> wp.Function:
         scene: SceneData, camera: Camera, seen: CameraRay, sampler: Sampler, aovs: AovData, pixel: int, offset: wp.vec2
     ) -> int:
         first = first_surface(scene, seen.ray, seen.footprint, sampler)
+        if wp.static(features.edges != "none"):
+            line = find_line(scene, camera, seen, first, aovs.edge_width)
+            if line.is_met:
+                aovs.sums[pixel, aovs.edges] = aovs.sums[pixel, aovs.edges] + wp.float64(1.0)
+            first.rays = first.rays + line.rays
         direction = seen.ray.direction
         tint = wp.vec3(1.0)
         if wp.static(features.guides):

@@ -1,28 +1,73 @@
 """Light that a ray finds where it meets no surface: the environment, suns, and lights that are shapes."""
 
+from typing import NamedTuple
+
 import warp as wp
 
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import NO_HIT, Hit
 from wrt.kernels.core.rays import Ray, Receiver
-from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.scene_data import LightShape, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.integrators.next_event import emitter_hit_weight
 from wrt.kernels.integrators.path_state import PathSettings, PathState, pass_hidden_light, sees_no_lights
-from wrt.kernels.lights.environment import point_towards, radiance_at
+from wrt.kernels.lights.environment import ImagePoint, point_towards, radiance_at
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.shapes import make_light_model, shape_number
 
 
-@specialised("environment", "light_shapes", *make_lights.fields)
+class MetLightWeights(NamedTuple):
+    """The weights of light that a path finds without light sampling.
+
+    Attributes:
+        image: (scene, receiver, image point, scatter_pdf, strategy) -> float, of an environment's image.
+        shape: (scene, light shape, receiver, direction, distance, scatter_pdf, strategy) -> float.
+    """
+
+    image: wp.Function
+    shape: wp.Function
+
+
+@specialised("light_shapes", *make_lights.fields)
+def make_met_light_weights(features: Features) -> MetLightWeights:
+    """Return the weights; a `scatter_pdf` of 0 means that no light was sampled for the direction."""
+    lights, model = make_lights(features), make_light_model(features.light_shapes)
+
+    @wp.func
+    def image(scene: SceneData, receiver: Receiver, point: ImagePoint, scatter_pdf: float, strategy: int) -> float:
+        light_pdf = float(0.0)
+        if scatter_pdf > 0.0:
+            light_pdf = lights.environment_light_pdf(scene, receiver, point)
+        return emitter_hit_weight(strategy, scatter_pdf, light_pdf)
+
+    @wp.func
+    def shape(
+        scene: SceneData,
+        light: LightShape,
+        receiver: Receiver,
+        direction: wp.vec3,
+        distance: float,
+        scatter_pdf: float,
+        strategy: int,
+    ) -> float:
+        light_pdf = float(0.0)
+        if scatter_pdf > 0.0:
+            light_pdf = model.pdf(light, receiver, direction, distance)
+            light_pdf *= lights.choice_probability(scene, receiver, light.light)
+        return emitter_hit_weight(strategy, scatter_pdf, light_pdf)
+
+    return MetLightWeights(image, shape)
+
+
+@specialised("environment", *make_met_light_weights.fields)
 def make_add_lights_met(features: Features) -> wp.Function:
     """Return the device function that adds to a path's radiance the light that its ray finds at no triangle.
 
     Its arguments are (scene, ray, hit, radiance, throughput, receiver, passed_distance, scatter_pdf, strategy); a
     `scatter_pdf` of 0 means that no light was sampled for that direction.
     """
-    lights, model = make_lights(features), make_light_model(features.light_shapes)
+    model, weight_of = make_light_model(features.light_shapes), make_met_light_weights(features)
 
     @wp.func
     def environment_emission(
@@ -31,10 +76,8 @@ def make_add_lights_met(features: Features) -> wp.Function:
         if wp.static(features.environment == "image"):
             if scene.environment.width > 0:
                 point = point_towards(scene.environment, direction)
-                light_pdf = float(0.0)
-                if scatter_pdf > 0.0:
-                    light_pdf = lights.environment_light_pdf(scene, receiver, point)
-                return radiance_at(scene.environment, point.uv) * emitter_hit_weight(strategy, scatter_pdf, light_pdf)
+                weight = weight_of.image(scene, receiver, point, scatter_pdf, strategy)
+                return radiance_at(scene.environment, point.uv) * weight
         return scene.environment.radiance
 
     @wp.func
@@ -42,11 +85,8 @@ def make_add_lights_met(features: Features) -> wp.Function:
         scene: SceneData, shape: int, receiver: Receiver, ray: Ray, distance: float, scatter_pdf: float, strategy: int
     ) -> wp.vec3:
         record = scene.light_shapes[shape]
-        light_pdf = float(0.0)
-        if scatter_pdf > 0.0:
-            light_pdf = model.pdf(record, receiver, ray.direction, distance)
-            light_pdf *= lights.choice_probability(scene, receiver, record.light)
-        return scene.lights[record.light].value * emitter_hit_weight(strategy, scatter_pdf, light_pdf)
+        weight = weight_of.shape(scene, record, receiver, ray.direction, distance, scatter_pdf, strategy)
+        return scene.lights[record.light].value * weight
 
     @wp.func
     def add_lights_met(

@@ -170,7 +170,7 @@ def test_every_feature_is_compiled(render_kernels_when_launched):
     for name in FILMS:
         options = OPTIONS.get(name, films[name].options)
         renderer = wrt.Renderer(films[name].make(), **{**options, "width": 8, "height": 8, "device": "cpu"})
-        made.append(renderer._kernel._features)
+        made.append(renderer._kernel.features)
     pairs = {(name, value) for name, values in VALUES.items() for value in values}
     pairs |= {(name, value) for name in FLAGS for value in (False, True)}
     assert set().union(*map(values_of, made)) >= pairs

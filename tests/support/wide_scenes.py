@@ -269,7 +269,11 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
     "spectral": (spectral, {"sampler": "independent"}, ("perspective",)),
     "textures": (
         textures,
-        {"layers": tuple(name for name in LAYERS if name != "z"), "clamp_indirect": 2.0, "regularization": 0.2},
+        {
+            "layers": tuple(name for name in LAYERS if name not in ("z", "edges")),
+            "clamp_indirect": 2.0,
+            "regularization": 0.2,
+        },
         ("perspective", "fisheye", "moving"),
     ),
     "sides": (sides, {}, ("perspective",)),
@@ -288,7 +292,7 @@ def wide_kernel(renderer: wrt.Renderer, lanes: int) -> tuple[Any, int]:
     from wrt.spmd.kernel import make_wide_render_kernel
 
     threads = threads_of(renderer.film.width, renderer.film.height, TILE)
-    return make_wide_render_kernel(renderer._kernel._features, lanes), threads
+    return make_wide_render_kernel(renderer._kernel.features, lanes), threads
 
 
 Bits = dict[str, NDArray[Any]]

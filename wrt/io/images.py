@@ -269,6 +269,8 @@ def save_image(
     metadata: Mapping[str, object] | None = None,
     layers: Mapping[str, NDArray[Any]] | None = None,
     background: ColorLike | None = None,
+    edges: NDArray[np.float32] | None = None,
+    edge_color: ColorLike = (0.0, 0.0, 0.0),
     force: bool = False,
 ) -> Developed | None:
     """Write a linear Rec. 709 image as PNG, JPEG, OpenEXR or NumPy array, by its suffix.
@@ -288,6 +290,8 @@ def save_image(
         layers: the result of `wrt.Renderer.layers`, for OpenEXR: 32-bit channels such as `albedo.R`.
         background: linear colour behind a PNG or JPEG with alpha, which then has none. The tone curve leaves it as it
             is.
+        edges: (H, W) share of each pixel that lines cover, to draw them over a PNG or JPEG: the layer of this name.
+        edge_color: linear colour of these lines, likewise exact.
         force: whether to replace a file that wrt did not write.
 
     Returns:
@@ -317,7 +321,15 @@ def save_image(
         behind = None if background is None else color(background, "background", maximum=1.0)
         height, width = np.asarray(image).shape[:2]
         require_room(file, width, height, alpha=bool(cover) and behind is None)
-        developed = develop(source, tone=tone, exposure=exposure, alpha=cover.get("alpha"), background=behind)
+        developed = develop(
+            source,
+            tone=tone,
+            exposure=exposure,
+            alpha=cover.get("alpha"),
+            background=behind,
+            lines=edges,
+            line_color=color(edge_color, "edge_color", maximum=1.0),
+        )
         codes = developed.codes
         notes |= {"Tone": developed.tone, "Exposure": f"{developed.stops:.6g} stops"}
         if suffix == ".png":

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 SETTINGS_OF_PICTURE = tuple(
     field.name
     for field in dataclasses.fields(RenderSettings)
-    if field.name not in ("spp", "noise", "adaptive", "denoise", "tone", "exposure")
+    if field.name not in ("spp", "noise", "adaptive", "denoise", "tone", "exposure", "edge_color")
 )
 """The fields of `RenderSettings` that change a picture; checkpoints store them."""
 
@@ -173,7 +173,7 @@ def scene_fingerprint(scene: Scene) -> dict[str, str]:
         ),
         "materials": _digest([shape.material for shape in scene.shapes]),
         "emission": _digest([(shape.emission, shape.two_sided_emission) for shape in scene.shapes]),
-        "sides": _digest([shape.double_sided for shape in scene.shapes]),
+        "sides and edges": _digest([(shape.double_sided, shape.edges) for shape in scene.shapes]),
         "lights": _digest(scene.lights),
         "environment": _digest(scene.environment),
         "camera": _digest(scene.camera),

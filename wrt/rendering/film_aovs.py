@@ -127,7 +127,7 @@ class FilmAovs:
             first, channels = self._first.get(name, -1), LAYERS[name].channels
             if LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a coverage
                 means = sums[:, first : first + len(channels)]
-                least = 0.0 if name == "alpha" else -np.inf
+                least = 0.0 if len(channels) == 1 else -np.inf
                 if (np.abs(means) > state["count"][:, None] * (1.0 + 1e-6)).any() or (means < least).any():
                     raise InputError(f"the layer {name!r} has impossible values")
             # Motion is NaN for a point that moves behind the camera.

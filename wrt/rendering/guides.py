@@ -27,7 +27,8 @@ MOST_SAMPLES = 64
 def guide_features(features: Any, settings: RenderSettings) -> Any:
     """Return the features of the kernel for the guides of a scene with these features."""
     guided = dataclasses.replace(features, guides=True)
-    return integrator_features(guided, "aov", dataclasses.replace(settings, layers=LAYERS))
+    of_guides = dataclasses.replace(settings, layers=LAYERS, edges=False, wireframe=False)
+    return integrator_features(guided, "aov", of_guides)
 
 
 class Guides:

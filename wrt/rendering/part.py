@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 PART = kind_of_state("a part", "part")
 """A part replaces only parts, even with `force`."""
 
-DEVELOPING = ("tone", "exposure", "denoise")
+DEVELOPING = ("tone", "exposure", "denoise", "edge_color")
 """Settings by which a picture is developed; parts store them, since they are merged without the scene."""
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wrt._version import __version__
 from wrt.develop.exposure import stops
-from wrt.develop.picture import Developed, OverBackground, covered
+from wrt.develop.picture import Composed, Developed, covered
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
@@ -53,6 +53,11 @@ class Picture(ABC):
         """True if there is a picture of radiance; integrator "aov" renders only layers."""
         return self.integrator != "aov"
 
+    @property
+    def has_picture(self) -> bool:
+        """True if there is a picture besides the layers: of radiance, or a wireframe."""
+        return self.renders_light or self.settings.wireframe
+
     def image(self) -> NDArray[np.float32]:
         """Return (H, W, 3) float32, the current estimate of linear radiance in the rendered part of the picture.
 
@@ -63,24 +68,27 @@ class Picture(ABC):
         return self.film.mean()
 
     def finished(self) -> NDArray[np.float32]:
-        """Return `image`, denoised and over its background if the settings say so, with alpha as a fourth channel.
+        """Return `image`, denoised, with lines and over its background if the settings say so; alpha is channel 4.
 
         A picture that is transparent, and has no background, is (H, W, 4); see `alpha`.
         """
-        image, alpha = self._with_background(self._shown(), self.alpha())
-        return image if alpha is None else np.dstack([image, alpha])
+        return self._composed(self._shown())
 
     def _shown(self) -> NDArray[np.float32]:
-        return self.denoised() if self.settings.denoise else self.image()
+        return self.denoised() if self.settings.denoise and self.renders_light else self.image()
 
-    def _with_background(
-        self, image: NDArray[np.float32], alpha: NDArray[np.float32] | None
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Return an image over the background of the settings, then without alpha, or as it is."""
-        background = self.settings.background
-        if alpha is None or background is None:
-            return image, alpha
-        return OverBackground.of(image, alpha, background), None
+    def _composed(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        parts = self._parts()
+        composed = Composed.of(image, **parts)
+        is_plain = parts["lines"] is None and (parts["alpha"] is None or parts["background"] is None)
+        return np.asarray(composed) if is_plain else composed
+
+    def _parts(self) -> dict[str, Any]:
+        """Return what belongs to the image, as `develop` takes it. Lines come after denoising, so they stay sharp."""
+        settings = self.settings
+        lines = self._film_layers()["edges"] if settings.edges or settings.wireframe else None
+        alpha = lines if settings.wireframe else self.alpha()
+        return {"alpha": alpha, "background": settings.paper, "lines": lines, "line_color": settings.edge_color}
 
     def _require_samples(self) -> None:
         if not self.film.tally().samples:
@@ -93,9 +101,11 @@ class Picture(ABC):
     def alpha(self) -> NDArray[np.float32] | None:
         """Return (H, W) float32 coverage of a transparent picture, 0 to 1, or None.
 
-        It is how much of a pixel shows a surface. `image` holds the radiance of those alone (associated alpha).
+        It is how much of a pixel shows a surface, or a line of a wireframe. `image` holds the radiance of those alone
+        (associated alpha).
         """
-        return self._film_layers()["alpha"] if self.settings.transparent else None
+        name = "edges" if self.settings.wireframe else "alpha"
+        return self._film_layers()[name] if self.settings.transparent else None
 
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
@@ -142,7 +152,7 @@ class Picture(ABC):
         Raises:
             InputError: see `wrt.save_image`, also for `force`; and when the file cannot hold the layers.
         """
-        path, settings, layers, alpha = picture_path(path), self.settings, self.layers(), self.alpha()
+        path, settings, layers = picture_path(path), self.settings, self.layers()
         check_contents(path, self)
         self._require_samples()
         metadata = {
@@ -155,24 +165,26 @@ class Picture(ABC):
         }
         save = functools.partial(save_image, path, metadata=metadata, force=force)
         suffix = path.suffix.lower()
-        if not self.renders_light:
+        if not self.has_picture:
             if suffix == ".exr":
                 return save(None, layers=layers)
             ((name, values),) = layers.items()
             return save(layer_colors(name, values), tone="none", exposure=0.0)
         image = self._shown()
         if suffix not in DEVELOPED_SUFFIXES:
-            if settings.denoise and suffix == ".exr":
+            if settings.denoise and self.renders_light and suffix == ".exr":
                 layers[NOISY] = self.image()
-            image, alpha = self._with_background(image, alpha)
-            return save(image, alpha=alpha, layers=layers)
-        chosen = stops(covered(image, alpha), settings.exposure if exposure is None else exposure)
+            return save(self._composed(image), layers=layers)
+        parts = self._parts()
+        chosen = stops(covered(image, parts["alpha"]), settings.exposure if exposure is None else exposure)
         return save(
             image,
-            alpha=alpha,
+            alpha=parts["alpha"],
             tone=settings.tone if tone is None else tone,
             exposure=chosen,
-            background=settings.background,
+            background=settings.paper,
+            edges=parts["lines"],
+            edge_color=settings.edge_color,
         )
 
 
@@ -181,7 +193,7 @@ def check_contents(path: Path, picture: Picture) -> None:
 
     OpenEXR files hold all layers. Without light, as with integrator "aov", a PNG or JPEG may show a single one.
     """
-    layers, has_light = picture.settings.layers, picture.renders_light
+    layers, has_light = picture.settings.layers, picture.has_picture
     if not has_light and not layers:
         raise InputError("integrator aov renders only layers; name some, such as albedo,normal,depth")
     shown = path.suffix.lower() in DEVELOPED_SUFFIXES and not has_light and len(layers) == 1
@@ -191,21 +203,21 @@ def check_contents(path: Path, picture: Picture) -> None:
         path,
         picture.film.width,
         picture.film.height,
-        alpha=picture.settings.transparent and picture.settings.background is None and has_light,
+        alpha=picture.settings.transparent and picture.settings.paper is None and has_light,
     )
 
 
 def layer_colors(name: str, values: NDArray[Any]) -> NDArray[np.float32]:
     """Return a layer as (H, W, 3) float32 linear colours, for an 8-bit picture.
 
-    Albedo and coverage are unchanged. Normals map -1 to 1 to 0 to 255. Depth and z are white at the nearest point and
-    black at the farthest. Each coordinate of positions runs from black at its lowest to full at its highest value.
+    Albedo, coverage and edges are unchanged. Normals map -1 to 1 to 0 to 255. Depth and z are white at the nearest
+    point, black at the farthest. Each coordinate of positions runs from black at its lowest to full at its highest.
     Texture coordinates repeat every 1, in red and green. Zero motion is grey, and the longest reaches the limits. Each
     object and material has its own colour, weighted by its coverage where that is ranked.
     """
     if name == "albedo":
         shown = np.asarray(values, np.float64)
-    elif name == "alpha":
+    elif name in ("alpha", "edges"):
         shown = np.repeat(np.asarray(values, np.float64)[..., None], 3, axis=2)
     elif name in ("object", "material"):
         shown = _colors(values)

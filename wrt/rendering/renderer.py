@@ -99,7 +99,13 @@ class Renderer(Picture):
     def _build(self) -> None:
         """Build the scene on the device, and compile its kernel at the same time."""
         has_uv = "uv" in self.settings.layers
-        upload = SceneUpload(self.scene, self.device, texture_coordinates=has_uv, light_choice=self.light_choice)
+        upload = SceneUpload(
+            self.scene,
+            self.device,
+            texture_coordinates=has_uv,
+            edges="edges" in self.settings.film_layers,
+            light_choice=self.light_choice,
+        )
         self._choose_kernel(upload.features)
         with self.device.compiling(self._kernel.to_compile()):
             self._built = upload.finish(self._kernel.read)
@@ -125,6 +131,8 @@ class Renderer(Picture):
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
             setattr(renderer, name, getattr(self, name))
         renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
+        if "edges" in renderer.settings.film_layers and not self._built.has_edges:
+            raise InputError("the scene was built without its edges; make a new Renderer")
         renderer._start_film()
         renderer._guides = None
         renderer._choose_kernel(self._built.features, self._built.read)
@@ -142,6 +150,7 @@ class Renderer(Picture):
     def _start_film(self) -> None:
         x0, y0, x1, y1 = self.crop
         self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
+        self.film.aovs.data.edge_width = self.settings.edge_width
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
 

@@ -26,6 +26,7 @@ LAYERS: dict[str, Layer] = {
     "normal": Layer("XYZ", averaged=True),
     "geometric_normal": Layer("XYZ", averaged=True),
     "alpha": Layer("A", averaged=True),
+    "edges": Layer("Y", averaged=True),
     "depth": Layer("Z"),
     "z": Layer("Z"),
     "position": Layer("XYZ"),

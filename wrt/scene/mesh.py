@@ -48,6 +48,10 @@ def far_away(name: str, size: float, reach: float) -> str:
     )
 
 
+ALL_SIDES = 7
+"""A triangle whose three sides are edges: 1 for the side after its first corner, 2 for the next, 4 for the last."""
+
+
 VERTEX_ATTRIBUTES = {"normals": (3,), "uvs": (2, 4), "colors": (3, 4), "tangents": (4,)}
 """The optional arrays of a mesh with a row for each vertex, and how many numbers a row may have."""
 

@@ -72,6 +72,7 @@ class Shape(Description):
         deformation: keyframes of the vertices.
         double_sided: whether its back is seen. If not, the camera, mirrors and clear glass show what is behind it, as
             in glTF; light stops all the same. What transmits, or emits from its back, has both sides.
+        edges: whether `RenderSettings.edges` and `wireframe` draw lines on it.
     """
 
     mesh: _Mesh
@@ -82,6 +83,7 @@ class Shape(Description):
     transform: _Placement = field(default=None, repr=False)
     deformation: _Deformation = field(default=None, repr=False)
     double_sided: Flag = True
+    edges: Flag = True
 
     def _label(self, name: str) -> str:
         return f"{self.name}: {name}"
@@ -195,6 +197,10 @@ class RenderSettings(Description):
             whatever the tone. It implies `transparent`.
         transparent: whether pictures have an alpha channel, and the camera sees neither the environment nor lights
             without a mesh.
+        edges: whether the edges of triangles are drawn over the picture, where they are not hidden.
+        wireframe: whether these lines are all that is seen, on the background, by default white; nothing hides them.
+        edge_width: width of the lines, pixels; thinner ones than a pixel are fainter.
+        edge_color: colour of the lines; exact in a PNG or JPEG, whatever the tone.
     """
 
     width: _Length = 768
@@ -219,6 +225,10 @@ class RenderSettings(Description):
     tone: Annotated[str, TONE_SCHEMA, _nameless(check_tone)] = DEFAULT_TONE
     transparent: Flag = False
     background: Annotated[ColorLike | None, optional(partial(color, maximum=1.0))] = None
+    edges: Flag = field(default=False, kw_only=True)
+    wireframe: Flag = field(default=False, kw_only=True)
+    edge_width: Annotated[float, partial(number, above=0.0, maximum=1000.0)] = field(default=1.0, kw_only=True)
+    edge_color: Annotated[ColorLike, partial(color, maximum=1.0)] = field(default=(0.0, 0.0, 0.0), kw_only=True)
 
     def __post_init__(self) -> None:
         Description.__post_init__(self)  # super() knows the class without slots only
@@ -242,8 +252,14 @@ class RenderSettings(Description):
 
     @property
     def film_layers(self) -> tuple[str, ...]:
-        """The layers that a film needs: the selected ones, and coverage for a transparent picture."""
-        return layer_names((*self.layers, "alpha")) if self.transparent else self.layers
+        """The layers that a film needs: the selected ones, coverage for a transparent picture, and edges to draw."""
+        needed = {"alpha": self.transparent, "edges": self.edges or self.wireframe}
+        return layer_names((*self.layers, *(name for name, is_needed in needed.items() if is_needed)))
+
+    @property
+    def paper(self) -> ColorLike | None:
+        """The colour behind what is seen: the background, and otherwise white behind a wireframe that has no alpha."""
+        return (1.0, 1.0, 1.0) if self.wireframe and not self.transparent else self.background
 
 
 def _crop_window(value: object, width: int, height: int) -> tuple[int, int, int, int]:
@@ -319,7 +335,7 @@ class Scene:
                 in a list.
             material: a material, the name of one such as "gold", a colour, or an image file for the texture.
             options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
-                double_sided.
+                double_sided, edges.
 
         Raises:
             InputError: if something cannot be used.

@@ -119,11 +119,11 @@ def present(
     if environment is not None:
         scene.environment = environment
         if backdrop and elevation >= 0.0:
-            scene.add(_floor(floor, size), material=Diffuse(GROUND_REFLECTANCE), name="ground")
+            scene.add(_floor(floor, size), material=Diffuse(GROUND_REFLECTANCE), name="ground", edges=False)
         return scene
     scene.environment = ConstantEnvironment(NEUTRAL_FILL if neutral else FILL_RADIANCE)
     if backdrop and elevation >= 0.0:
-        scene.add(_sweep(floor, size, turn), material=Diffuse(GROUND_REFLECTANCE), name="ground")
+        scene.add(_sweep(floor, size, turn), material=Diffuse(GROUND_REFLECTANCE), name="ground", edges=False)
     key = NEUTRAL_KEY if neutral else KEY_RADIANCE
     scene.shapes.append(_key_light(center, size, turn, key, below=elevation < 0.0))
     return scene
@@ -168,7 +168,7 @@ def _key_light(center: np.ndarray, size: float, turn: NDArray[np.float64], radia
     place = center + 1.9 * size * toward
     corner = place - 0.5 * size * side - 0.5 * size * lift
     lamp = quad(tuple(corner), tuple(size * lift), tuple(size * side))
-    return Shape(lamp, Diffuse(0.0), radiance, name="key light")
+    return Shape(lamp, Diffuse(0.0), radiance, name="key light", edges=False)
 
 
 def _floor(floor: np.ndarray, size: float) -> Mesh:

@@ -38,6 +38,8 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     """
     scatters = any(medium.scatters for medium in scene.media)
     name = settings.integrator or ("volpath" if scatters else "path")
+    if settings.wireframe:
+        return "aov"  # there is no light to show
     if name in ("path", "direct", "whitted") and scatters:
         warn(f"integrator {name!r} ignores scattering in media; use 'volpath' for it", UserWarning)
     bodies = (body for shape in scene.shapes for body in bodies_of(shape.material))
@@ -60,6 +62,8 @@ def integrator_features(features: Features, integrator: str, settings: RenderSet
     """Return the features of a scene as an integrator and the settings need them."""
     if settings.film_layers:
         features = dataclasses.replace(features, aovs=True)
+    if "edges" in settings.film_layers:
+        features = dataclasses.replace(features, edges="wires" if settings.wireframe else "surfaces")
     if integrator in ("path", "direct", "whitted") and features.media == "scattering":
         features = dataclasses.replace(features, media="absorbing")
     if integrator == "direct":

@@ -14,7 +14,7 @@ from wrt.scene.camera import Camera
 from wrt.scene.mesh import columns
 from wrt.scene.scene import Scene
 from wrt.upload.accel.bvh import build_bvh
-from wrt.upload.accel.geometry import corner_tangents, joined, numbered, upload, upload_triangles
+from wrt.upload.accel.geometry import corner_tangents, drawn_sides, joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
 from wrt.upload.bodies import set_camera_bodies
@@ -38,6 +38,7 @@ class BuiltScene:
         world: the meshes in the world's tree, whose vertices can be updated between frames.
         values: all else of the scene, which can be changed between pictures.
         device: the device.
+        has_edges: whether it has the sides of triangles that are drawn as lines.
     """
 
     data: Any
@@ -46,6 +47,7 @@ class BuiltScene:
     world: WorldMeshes
     values: SceneValues
     device: Device
+    has_edges: bool
 
     def look_from(self, camera: Camera) -> None:
         """Find the bodies around a camera, in which its paths begin."""
@@ -77,7 +79,13 @@ class SceneUpload:
     """
 
     def __init__(
-        self, scene: Scene, device: Device, *, texture_coordinates: bool = False, light_choice: str = "auto"
+        self,
+        scene: Scene,
+        device: Device,
+        *,
+        texture_coordinates: bool = False,
+        edges: bool = False,
+        light_choice: str = "auto",
     ) -> None:
         """Upload all but the meshes.
 
@@ -85,13 +93,14 @@ class SceneUpload:
             scene: the scene.
             device: the device.
             texture_coordinates: whether to upload these even if no material needs them.
+            edges: whether to upload which sides of triangles are drawn.
             light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
 
         Raises:
             InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
         """
         self._prepared = prepared = PreparedScene(scene)
-        self._device, self._texture_coordinates = device, texture_coordinates
+        self._device, self._texture_coordinates, self._edges = device, texture_coordinates, edges
         _require_memory(prepared, device, texture_coordinates)
         self._data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()
         self._places = _Places(prepared.layout)
@@ -112,8 +121,10 @@ class SceneUpload:
         if self._prepared.has_tangents:
             data.aligns_tangents = 2
             data.tangents = upload(corner_tangents(places.faces), "vec4", device.name)
+        if self._edges:
+            data.edges = upload(drawn_sides(places.faces), int, device.name)
         world = _build_trees(data, layout, places, device)
-        built = BuiltScene(data, self.features, read, world, self._values, device)
+        built = BuiltScene(data, self.features, read, world, self._values, device, self._edges)
         if self._prepared.scene.camera is not None:
             built.look_from(self._prepared.scene.camera)
         return built

@@ -186,6 +186,7 @@ def _shape_records(
     double_sided = np.array([shape.double_sided for shape in scene.shapes])
     emits_back = np.array([shape.two_sided_emission for shape in scene.shapes])
     records["two_sided"] = emits_back | (unlit & double_sided)
+    records["edges"] = [shape.edges for shape in scene.shapes]
     records["body"] = bodies.of_shapes
     return records
 

@@ -31,11 +31,11 @@ SAMPLES, SECONDS = 16, 2.0
 
 def picture_of_renderer(renderer: Renderer) -> bytes | None:
     """Return the picture of a renderer so far as a PNG file; None before the first sample."""
-    if renderer.spp == 0 or not renderer.renders_light:
+    if renderer.spp == 0 or not renderer.has_picture:
         return None
-    settings, image, alpha = renderer.settings, renderer.image(), renderer.alpha()
-    exposure = stops(covered(image, alpha), settings.exposure)
-    return png(develop(image, tone=settings.tone, exposure=exposure, alpha=alpha, background=settings.background).codes)
+    settings, image, parts = renderer.settings, renderer.image(), renderer._parts()
+    exposure = stops(covered(image, parts["alpha"]), settings.exposure)
+    return png(develop(image, **parts, tone=settings.tone, exposure=exposure).codes)
 
 
 def picture_of_scene(scene: Scene) -> bytes | None:

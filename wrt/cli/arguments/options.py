@@ -54,6 +54,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
         dest="material"),
     "--background": _value("COLOR", types.color,
         "colour behind what is shown, such as white or #f4f4f4, instead of the backdrop"),
+    "--edges": _flag("draw the edges of triangles and polygons over the picture", default=None),
+    "--wireframe": _flag("draw only these lines, on the background or on white", default=None),
+    "--edge-width": _value("PIXELS", types.positive, "width of the lines of --edges and --wireframe (default: 1)"),
+    "--edge-color": _value("COLOR", types.color, "their colour, such as white or #f4f4f4 (default: black)"),
     "--environment": _value("FILE", str, "light the scene with an image, such as an .hdr, or with sky for sun and sky"),
     "--layers": _value("NAMES", str, "layers to add to an .exr: albedo, normal, depth and others (see the docs)"),
     "--triangles": _value("N", whole(1), "number of triangles of a procedural mesh"),
@@ -127,7 +131,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
 ALIASES = {"--output": "-o", "--define": "-D", "--camera": "--sensor", "--material": "--color"}
 """Second names; Mitsuba calls a camera a sensor, and a colour is a material."""
 
-STUDIO = "--size --crop --view --frame --material --background --environment --transparent --layers --triangles"
+STUDIO = (
+    "--size --crop --view --frame --material --background --environment --transparent --edges --wireframe "
+    "--edge-width --edge-color --layers --triangles"
+)
 INTEGRATION = "--sampler --integrator --clamp-indirect --regularization"
 READING = "--define --camera --confined --strict --up --crease --point-radius --double-sided"
 

@@ -258,6 +258,7 @@ class _SceneReader(TableReader):
             default = shape.two_sided_emission and material is None
             two_sided = boolean(table.get("two_sided_emission", default), "two_sided_emission")
             double_sided = boolean(table.get("double_sided", shape.double_sided), "double_sided")
+            edges = boolean(table.get("edges", shape.edges), "edges")
             looks = (material or shape.material, emission, two_sided, shape.name if name is None else name)
             if shape.transform is None:
                 if matrix is not None:
@@ -266,7 +267,8 @@ class _SceneReader(TableReader):
             else:  # an instance in its file: the mesh is shared
                 mesh, first = shape.mesh, after(matrix, shape.transform)
             result += [
-                Shape(mesh, *looks, after(place, first), deformation, double_sided=double_sided) for place in places
+                Shape(mesh, *looks, after(place, first), deformation, double_sided=double_sided, edges=edges)
+                for place in places
             ]
         return result
 
