@@ -91,7 +91,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
                 result = trace(scene, camera_ray.ray, camera_ray.footprint, sampler, settings)
                 if wp.static(features.aovs):
                     offset = sample.position - wp.vec2(float(x) + 0.5, float(y) + 0.5)
-                    rays += add_aovs(scene, camera, camera_ray, sampler, aovs, pixel, offset)
+                    rays += add_aovs(scene, camera, camera_ray, sampler, aovs, pixel, offset, result.radiance)
             rays += result.rays
             if is_finite_color(result.radiance):
                 value = wp.vec3d(result.radiance)

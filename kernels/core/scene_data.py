@@ -126,6 +126,7 @@ class ShapeRecord:
     unlit: int
     edges: int  # whether lines are drawn on it
     body: int  # the body that it bounds; −1 for none
+    catches_shadows: int
 
 
 MOST_BODIES = 8

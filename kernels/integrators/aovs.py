@@ -45,6 +45,7 @@ class AovData:
     normal: int
     geometric_normal: int
     alpha: int
+    catcher: int
     edges: int
     # In `nearest`
     depth: int
@@ -168,9 +169,10 @@ def make_motion_on_film(features: Features) -> wp.Function:
     *(*make_motion_on_film.fields, *make_find_line.fields),
 )
 def make_add_aovs(features: Features) -> wp.Function:
-    """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset) -> rays traced.
+    """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset, radiance) -> rays traced.
 
-    It adds one sample, of the camera ray `seen` through the point `offset` from the pixel's centre.
+    It adds one sample, of the camera ray `seen` through the point `offset` from the pixel's centre, along which the
+    integrator has found a `radiance`.
     """
     first_surface = make_first_surface(features)
     follow_specular, directional_albedo = make_follow_specular(features), make_directional_albedo(features)
@@ -181,7 +183,14 @@ def make_add_aovs(features: Features) -> wp.Function:
 
     @wp.func
     def add_aovs(
-        scene: SceneData, camera: Camera, seen: CameraRay, sampler: Sampler, aovs: AovData, pixel: int, offset: wp.vec2
+        scene: SceneData,
+        camera: Camera,
+        seen: CameraRay,
+        sampler: Sampler,
+        aovs: AovData,
+        pixel: int,
+        offset: wp.vec2,
+        radiance: wp.vec3,
     ) -> int:
         first = first_surface(scene, seen.ray, seen.footprint, sampler)
         if wp.static(features.edges != "none"):
@@ -205,6 +214,10 @@ def make_add_aovs(features: Features) -> wp.Function:
                 add_coverage(aovs.coverage, aovs.slots, pixel, surface.shape + 1)
             if aovs.alpha >= 0:
                 aovs.sums[pixel, aovs.alpha] = aovs.sums[pixel, aovs.alpha] + wp.float64(1.0)
+            if aovs.catcher >= 0 and scene.shapes[surface.shape].catches_shadows != 0:
+                add_color(aovs.sums, pixel, aovs.catcher, radiance)
+                share = aovs.catcher + 3
+                aovs.sums[pixel, share] = aovs.sums[pixel, share] + wp.float64(1.0)
             if aovs.albedo >= 0:
                 u = sample_4d(sampler, vertex_block(1, BLOCK_BSDF))
                 albedo = directional_albedo(scene, surface, first.material, direction, u)

@@ -71,7 +71,7 @@ def test_every_kind_of_value_is_kept(tmp_path):
         mesh = colored if number % 2 else quad
         scene.add(mesh.translated((number, 0, 0)), material=material, name=f"nr {number}")
     scene.add(quad, emission=WOOD, two_sided_emission=True, double_sided=False, edges=False, name="screen")
-    scene.add(quad, material=wrt.Diffuse(0.3), transform=PLACE, name="placed")
+    scene.add(quad, material=wrt.Diffuse(0.3), transform=PLACE, name="placed", shadow_catcher=True)
     for k in range(3):
         scene.add(quad, material=scene.shapes[0].material, transform=PLACE + k * np.eye(4, k=3), name="copies")
     spin = wrt.Motion.rotation((0, 1, 0.3), 500.0, (1.0, 2.0, 1 / 3), (0.0, 0.7), (0, 1, 0))

@@ -24,7 +24,7 @@ from wrt.gradients.places import (
     slot_values,
 )
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment, SphericalHarmonicsEnvironment
-from wrt.scene.materials import Material
+from wrt.scene.materials import Dielectric, Material
 from wrt.scene.materials.body import Body, bodies_of
 from wrt.scene.medium import Medium
 from wrt.scene.scene import Scene
@@ -53,8 +53,8 @@ def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
     image is the number. Colours and pixels are linear.
 
     Not among them are values whose derivative a kernel does not have: opacity and masks, weights of a Mix, vertices,
-    normal maps, vertex colours, suns and skies, grids of densities; values that choose another kernel, such as a coat
-    of 0; and those from which tables are made, such as `alpha` and `ior` of a RoughPlastic.
+    normal maps, vertex colours, suns and skies, grids of densities, the indices of smooth glass; values that choose
+    another kernel, such as a coat of 0; and those from which tables are made, such as `alpha` of a RoughPlastic.
 
     Args:
         scene: a Scene, or a Renderer for those of its scene as it is now.
@@ -176,8 +176,10 @@ class _Names:
         before, after = slot_values(material), slot_values(changed)
         if before.shape != after.shape or (before == after).all():
             return False
+        # How far light bends has no derivative here, and nested bodies have their indices not from slots alone.
+        fixed_indices = self._is_nested or isinstance(material, Dielectric)
         same = _beside_slots(material) == _beside_slots(changed)
-        return same and not (self._is_nested and _indices(material) != _indices(changed))
+        return same and not (fixed_indices and _indices(material) != _indices(changed))
 
     def _add_image(
         self, name: str, texture: ImageTexture, user: tuple[Material, int] | int, *, is_number: bool

@@ -174,6 +174,7 @@ def scene_fingerprint(scene: Scene) -> dict[str, str]:
         "materials": _digest([shape.material for shape in scene.shapes]),
         "emission": _digest([(shape.emission, shape.two_sided_emission) for shape in scene.shapes]),
         "sides and edges": _digest([(shape.double_sided, shape.edges) for shape in scene.shapes]),
+        "shadow catchers": _digest([shape.shadow_catcher for shape in scene.shapes]),
         "lights": _digest(scene.lights),
         "environment": _digest(scene.environment),
         "camera": _digest(scene.camera),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.scene.cryptomatte import RANKS, TYPES, ids_of
-from wrt.scene.layers import LAYERS, NAMED, NUMBERS
+from wrt.scene.layers import CATCHER, FILM_LAYERS, NAMED, NUMBERS
 from wrt.scene.scene import Shape
 
 _ARRAYS = ("sums", "nearest", "object_number", "off_middle")
@@ -30,7 +30,7 @@ def bytes_per_pixel(names: tuple[str, ...]) -> int:
     """Return the bytes of layers per pixel."""
     if not names:
         return 0
-    layers = [LAYERS[name] for name in names if name not in NAMED]
+    layers = [FILM_LAYERS[name] for name in names if name not in NAMED]
     sizes = sum((8 if layer.averaged else 4) * len(layer.channels) for layer in layers)
     return sizes + 8 + _counts_coverage(names) * 8 * _SLOTS
 
@@ -80,7 +80,7 @@ class FilmAovs:
         self.data = aovs.AovData()
         self._first: dict[str, int] = {}
         counts = {True: 0, False: 0}
-        for name, layer in LAYERS.items():
+        for name, layer in FILM_LAYERS.items():
             if name in NAMED:
                 continue
             self._first[name] = counts[layer.averaged] if name in names else -1
@@ -124,14 +124,15 @@ class FilmAovs:
         if not np.isfinite(sums).all():
             raise InputError("sums of layers are not finite")
         for name in self.names:
-            first, channels = self._first.get(name, -1), LAYERS[name].channels
-            if LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a coverage
+            first, channels = self._first.get(name, -1), FILM_LAYERS[name].channels
+            if FILM_LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a share
                 means = sums[:, first : first + len(channels)]
-                least = 0.0 if len(channels) == 1 else -np.inf
+                means = means[:, 3:] if name == CATCHER else means
+                least = 0.0 if means.shape[1] == 1 else -np.inf
                 if (np.abs(means) > state["count"][:, None] * (1.0 + 1e-6)).any() or (means < least).any():
                     raise InputError(f"the layer {name!r} has impossible values")
             # Motion is NaN for a point that moves behind the camera.
-            shown = first >= 0 and not LAYERS[name].averaged and name != "motion"
+            shown = first >= 0 and not FILM_LAYERS[name].averaged and name != "motion"
             if shown and np.isnan(nearest[:, first : first + len(channels)]).any():
                 raise InputError(f"the layer {name!r} has values that are not numbers")
         if ((objects < 0) | (objects > shapes)).any():
@@ -169,7 +170,7 @@ class FilmAovs:
                 ranked = self._ranked(labels.ids(name), counts.reshape(-1))
                 result[name] = ranked.reshape(self.height, self.width, RANKS, 2)
                 continue
-            layer = LAYERS[name]
+            layer = FILM_LAYERS[name]
             first, count = self._first[name], len(layer.channels)
             values = (averages if layer.averaged else nearest)[:, first : first + count].astype(np.float32)
             result[name] = values.reshape((self.height, self.width, count) if count > 1 else (self.height, self.width))

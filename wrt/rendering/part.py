@@ -193,6 +193,8 @@ def render_part(
     """
     if renderer.has_updated_vertices:
         raise InputError("no part of a picture whose vertices were updated; make a new Renderer")
+    if renderer._catchers is not None:
+        raise InputError("no part of a picture with shadow catchers: merging would need the scene; render it whole")
     if spp is None and renderer.settings.noise is not None:
         raise InputError("the scene sets a target of noise, which is for whole pictures; give the samples of a part")
     spp = integer(renderer.settings.spp if spp is None else spp, "spp", minimum=1, maximum=MAX_SPP)

@@ -17,11 +17,12 @@ from wrt.develop.picture import Composed, Developed, covered
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
+from wrt.rendering.catchers import Caught
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import Labels
 from wrt.scene.cryptomatte import TYPES, metadata_of
 from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure
-from wrt.scene.layers import NOISY
+from wrt.scene.layers import NOISY, SHADOW
 from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import linear_from_srgb
 
@@ -65,29 +66,55 @@ class Picture(ABC):
             InputError: before the first pass.
         """
         self._require_samples()
-        return self.film.mean()
+        picture = self._caught()
+        return self.film.mean() if picture is None else picture.image
+
+    def _caught(self, *, denoised: bool = False) -> Caught | None:
+        """Return the picture of a scene with shadow catchers, else None."""
+        return None
 
     def finished(self) -> NDArray[np.float32]:
         """Return `image`, denoised, with lines and over its background if the settings say so; alpha is channel 4.
 
         A picture that is transparent, and has no background, is (H, W, 4); see `alpha`.
         """
-        return self._composed(self._shown())
+        self._require_samples()
+        return self._composed(self._caught(denoised=self.settings.denoise))
 
-    def _shown(self) -> NDArray[np.float32]:
-        return self.denoised() if self.settings.denoise and self.renders_light else self.image()
+    def _shown(self, picture: Caught | None, *, denoised: bool) -> NDArray[np.float32]:
+        if picture is not None:
+            return picture.image
+        return self.denoised() if denoised and self.renders_light else self.image()
 
-    def _composed(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        parts = self._parts()
+    def _composed(self, picture: Caught | None) -> NDArray[np.float32]:
+        image, parts = self._shown(picture, denoised=self.settings.denoise), self._parts(picture)
         composed = Composed.of(image, **parts)
         is_plain = parts["lines"] is None and (parts["alpha"] is None or parts["background"] is None)
         return np.asarray(composed) if is_plain else composed
 
-    def _parts(self) -> dict[str, Any]:
+    def _undeveloped(
+        self, exposure: Exposure = None, *, denoised: bool = False
+    ) -> tuple[NDArray[np.float32], dict[str, Any], float]:
+        """Return what 8-bit codes are developed from: the image, its parts, and the exposure in stops.
+
+        Args:
+            exposure: as for `wrt.develop_image`; by default that of the settings.
+            denoised: whether the image is denoised.
+        """
+        picture = self._caught(denoised=denoised)
+        image, parts = self._shown(picture, denoised=denoised), self._parts(picture)
+        # Shadows do not count.
+        shown = (image, parts["alpha"]) if picture is None else (picture.foreground, picture.coverage)
+        chosen = stops(covered(*shown), self.settings.exposure if exposure is None else exposure)
+        if picture is not None:
+            parts["alpha"] = picture.alpha_of_codes(2.0**chosen)
+        return image, parts, chosen
+
+    def _parts(self, picture: Caught | None) -> dict[str, Any]:
         """Return what belongs to the image, as `develop` takes it. Lines come after denoising, so they stay sharp."""
         settings = self.settings
         lines = self._film_layers()["edges"] if settings.edges or settings.wireframe else None
-        alpha = lines if settings.wireframe else self.alpha()
+        alpha = lines if settings.wireframe else self._coverage() if picture is None else picture.alpha
         return {"alpha": alpha, "background": settings.paper, "lines": lines, "line_color": settings.edge_color}
 
     def _require_samples(self) -> None:
@@ -102,8 +129,14 @@ class Picture(ABC):
         """Return (H, W) float32 coverage of a transparent picture, 0 to 1, or None.
 
         It is how much of a pixel shows a surface, or a line of a wireframe. `image` holds the radiance of those alone
-        (associated alpha).
+        (associated alpha). Shadow catchers count only as far as they are in shadow, and `image` has the light that
+        other shapes send there.
         """
+        picture = self._caught()
+        return self._coverage() if picture is None else picture.alpha
+
+    def _coverage(self) -> NDArray[np.float32] | None:
+        """Return `alpha` with shadow catchers as surfaces."""
         name = "edges" if self.settings.wireframe else "alpha"
         return self._film_layers()[name] if self.settings.transparent else None
 
@@ -119,7 +152,10 @@ class Picture(ABC):
         if not self.settings.layers:
             return {}
         self._require_samples()
-        return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
+        layers = self._film_layers()
+        if (picture := self._caught()) is not None:
+            layers |= {"alpha": picture.alpha, SHADOW: picture.shadow}
+        return {name: layers[name] for name in self.settings.layers}
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
         return self.film.aovs.arrays(self.film.counts, self._labels())
@@ -170,13 +206,14 @@ class Picture(ABC):
                 return save(None, layers=layers)
             ((name, values),) = layers.items()
             return save(layer_colors(name, values), tone="none", exposure=0.0)
-        image = self._shown()
         if suffix not in DEVELOPED_SUFFIXES:
+            picture = self._caught(denoised=settings.denoise)
+            if picture is not None and SHADOW in layers:
+                layers[SHADOW] = picture.shadow
             if settings.denoise and self.renders_light and suffix == ".exr":
                 layers[NOISY] = self.image()
-            return save(self._composed(image), layers=layers)
-        parts = self._parts()
-        chosen = stops(covered(image, parts["alpha"]), settings.exposure if exposure is None else exposure)
+            return save(self._composed(picture), layers=layers)
+        image, parts, chosen = self._undeveloped(exposure, denoised=settings.denoise)
         return save(
             image,
             alpha=parts["alpha"],

@@ -116,6 +116,10 @@ class RenderKernel:
                 if not is_compiled(features, lanes):
                     later.request(features, lanes)
 
+    def features_for(self, scene: Any) -> Any:
+        """Return the features of this kernel if it can render a scene with the features `scene`, else those."""
+        return self.features if self.features.covers(scene) else scene
+
     def share_wide(self, source: RenderKernel) -> None:
         """Use the wide kernel of `source` if it is for the same features, instead of loading another."""
         if source.features == self.features:

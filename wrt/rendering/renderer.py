@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from wrt.develop.denoise import denoise, require_denoiser
 from wrt.errors import InputError, warn
 from wrt.io.safe_read import PathLike
 from wrt.rendering import checkpoint
+from wrt.rendering.catchers import Catchers, Caught, any_catchers
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import Labels, labels_of
 from wrt.rendering.guides import Guides
@@ -24,6 +25,7 @@ from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
+from wrt.scene.layers import CATCHER, SHADOW
 from wrt.scene.scene import RenderSettings, Scene, Shape, require_scene
 from wrt.studio.framing import with_camera
 from wrt.upload.camera import CropWindow, build_camera, filter_table, outside_cameras
@@ -92,12 +94,15 @@ class Renderer(Picture):
             warn("the scene has no light: the picture will be black", UserWarning)
         self.has_updated_vertices = False
         self.device = Device(device, threads=threads)
+        self._catchers = Catchers(self) if self._has_catchers else None
         self._start_film()
         self._build()
+        if self._catchers is not None:
+            self._catchers.prepare()
         self.device.backend.artefacts.save()
 
-    def _build(self) -> None:
-        """Build the scene on the device, and compile its kernel at the same time."""
+    def _build(self, like: RenderKernel | None = None) -> None:
+        """Build the scene on the device, and compile its kernel at the same time, or use one `like` that if it can."""
         has_uv = "uv" in self.settings.layers
         upload = SceneUpload(
             self.scene,
@@ -106,13 +111,29 @@ class Renderer(Picture):
             edges="edges" in self.settings.film_layers,
             light_choice=self.light_choice,
         )
-        self._choose_kernel(upload.features)
+        self._choose_kernel(upload.features, like=like)
         with self.device.compiling(self._kernel.to_compile()):
             self._built = upload.finish(self._kernel.read)
         del upload  # and with it copies of meshes
         self.film.require_memory()  # check again, now that the scene has taken its memory
         self._start_kernel()
+        if like is not None:
+            self._kernel.share_wide(like)
         self._guides = Guides(self) if self.settings.denoise and self.renders_light else None
+
+    def _beside(self, scene: Scene) -> Renderer:
+        """Return a renderer of a scene with the size, the seed and the random numbers of this one, for a second film.
+
+        Args:
+            scene: shapes of this renderer's scene, seen by a camera of the same type.
+        """
+        other = type(self).__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.scene, other.has_updated_vertices, other._catchers = scene, False, None
+        other.settings = dataclasses.replace(self.settings, layers=())
+        other._start_film()
+        other._build(self._kernel)
+        return other
 
     def sharing(self, **settings: Any) -> Renderer:
         """Return a renderer with other settings and a film of its own that shares the scene on the device.
@@ -134,7 +155,7 @@ class Renderer(Picture):
         if "edges" in renderer.settings.film_layers and not self._built.has_edges:
             raise InputError("the scene was built without its edges; make a new Renderer")
         renderer._start_film()
-        renderer._guides = None
+        renderer._guides, renderer._catchers = None, Catchers(renderer) if renderer._has_catchers else None
         renderer._choose_kernel(self._built.features, self._built.read)
         with self.device.compiling(renderer._kernel.to_compile()):
             renderer._start_kernel()
@@ -144,20 +165,33 @@ class Renderer(Picture):
     def _use(self, scene: Scene, settings: RenderSettings) -> None:
         self.settings = settings
         self.integrator = choose_integrator(scene, settings)
+        self._has_catchers = self.renders_light and any_catchers(scene)
+        if self._has_catchers:
+            self.settings = dataclasses.replace(settings, transparent=True)
+        elif SHADOW in settings.layers:
+            raise InputError("the layer 'shadow' needs light, and a shape with shadow_catcher = true")
         if self.width * self.height >= 2**31:
             raise InputError(f"a picture of {self.width}x{self.height} has more than the 2^31 pixels that are possible")
 
     def _start_film(self) -> None:
         x0, y0, x1, y1 = self.crop
-        self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
+        layers = (*self.settings.film_layers, *((CATCHER,) if self._has_catchers else ()))
+        self.film = Film(x1 - x0, y1 - y0, self.device, layers)
         self.film.aovs.data.edge_width = self.settings.edge_width
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
 
-    def _choose_kernel(self, features: Any, read: Any = None) -> None:
-        """Choose the kernel for a scene with these features; `read` are those for which it was uploaded, if it was."""
+    def _choose_kernel(self, features: Any, read: Any = None, like: RenderKernel | None = None) -> None:
+        """Choose the kernel for a scene with these features.
+
+        Args:
+            features: the features.
+            read: those for which the scene was uploaded, if it was.
+            like: another kernel, which is used if it can render the scene.
+        """
         of_picture = {"sampler": self.settings.sampler, "cameras": outside_cameras(self.scene.camera)}
         features = integrator_features(dataclasses.replace(features, **of_picture), self.integrator, self.settings)
+        features = features if like is None else like.features_for(features)
         self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height, read=read)
 
     def _start_kernel(self) -> None:
@@ -311,6 +345,8 @@ class Renderer(Picture):
         """
         started = time.perf_counter()
         self._kernel.wide.wait()
+        if self._catchers is not None:
+            self._catchers.prepare().compile()
         return time.perf_counter() - started
 
     def denoised(self) -> NDArray[np.float32]:
@@ -322,9 +358,16 @@ class Renderer(Picture):
             InputError: when Open Image Denoise is not installed, or there is no picture of radiance.
         """
         require_denoiser()
-        threads = self.threads if self.device.is_cpu else None
-        guides = self.denoising_guides()
-        return denoise(self.image(), **guides, threads=threads)
+        guides, picture = self.denoising_guides(), self._caught(denoised=True)
+        return denoise(self.image(), **guides, threads=self._denoising_threads) if picture is None else picture.image
+
+    @property
+    def _denoising_threads(self) -> int | None:
+        """CPU threads of the denoiser; None for all."""
+        return self.threads if self.device.is_cpu else None
+
+    def _caught(self, *, denoised: bool = False) -> Caught | None:
+        return None if self._catchers is None else self._catchers.caught(denoised=denoised)
 
     def denoising_guides(self) -> dict[str, NDArray[np.float32]]:
         """Return what `denoised` is guided by: "albedo" and "normal", (H, W, 3) each; see `wrt.develop.denoise`.
@@ -357,6 +400,8 @@ class Renderer(Picture):
         self.scene.camera = camera
         self._built.look_from(camera)
         self._shared_inputs[0] = self._device_camera()
+        if self._catchers is not None:
+            self._catchers.look_from(camera)
         self._clear()
 
     def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
@@ -377,6 +422,8 @@ class Renderer(Picture):
                 beyond 10^12.
         """
         number = shape_number(self.scene, shape)
+        if self.scene.shapes[number].shadow_catcher:
+            raise InputError("the vertices of a shadow catcher cannot be updated; make a new Renderer")
         self._built.world.update(number, self.scene.shapes[number], vertices, normals)
         self.has_updated_vertices = True
         self._clear()
@@ -397,6 +444,35 @@ class Renderer(Picture):
         self._change_values(_above.gradients().edited(self.scene, values))
         self._clear()
 
+    def gradients(
+        self, d_image: Any, names: Iterable[str] | None = None, *, spp: int = 16, seed: int | None = None
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return the derivatives of a loss by parameters of the scene, from its derivative by the picture.
+
+        They are estimates, as the picture is, and without bias for a given `d_image`. A loss that squares the noise of
+        the picture needs other random numbers than the picture's (docs/gradients.md). The picture stays as it is.
+
+        Args:
+            d_image: (H, W, 3), derivative of the loss by the mean radiance of each pixel; see `image`.
+            names: parameters, as `wrt.parameters` names them; by default all.
+            spp: samples per pixel.
+            seed: 0 to 2³² − 1; by default the picture's, whose first `spp` samples are then differentiated.
+
+        Returns:
+            An array for each parameter, of its shape.
+
+        Raises:
+            InputError: on an array of another shape or with values that are not finite, unknown names, or an integrator
+                that has no derivatives.
+        """
+        found: dict[str, NDArray[np.float32]] = _above.gradients().gradients(self, d_image, names, spp, seed)
+        return found
+
+    def make_texels_editable(self) -> None:
+        """Store the texels of all images as numbers of their own, where they are not yet; the picture stays."""
+        if not self._built.values.materials.is_editable:
+            self._change_values(self.scene)
+
     def _change_values(self, scene: Scene) -> None:
         """Upload the values of a scene that differs from this one in values of its parameters alone."""
         has_environment = scene.environment is not self.scene.environment
@@ -406,6 +482,8 @@ class Renderer(Picture):
             setattr(self.scene, name, getattr(scene, name))
         if is_first or (has_environment and self.integrator == "whitted"):
             self._start_kernel()  # larger arrays, or another ambient light
+        if self._catchers is not None:
+            self._catchers.forget()
 
     def _clear(self) -> None:
         self.film.clear()
@@ -420,6 +498,8 @@ class Renderer(Picture):
         `jax.dlpack.from_dlpack(image)`, and by `__cuda_array_interface__`, or `__array_interface__` on the CPU. On a
         GPU it is made on Warp's current stream.
         """
+        if self._catchers is not None:
+            raise InputError("a picture with shadow catchers is made of two films on the host: call image()")
         return self.film.device_mean()
 
     def device_film(self) -> dict[str, Any]:

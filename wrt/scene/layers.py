@@ -36,7 +36,19 @@ LAYERS: dict[str, Layer] = {
     "material": Layer("N"),
     **dict.fromkeys(cryptomatte.TYPES, Layer("RGBA")),
 }
-"""Layers by name; docs/integrators.md describes them."""
+"""Layers by name that describe the first surface; docs/integrators.md describes them."""
+
+SHADOW = "shadow"
+"""The layer that is computed from two films; see `wrt.rendering.catchers`."""
+
+SELECTABLE = {**LAYERS, SHADOW: Layer("RGB", averaged=True)}
+"""The layers that may be selected."""
+
+CATCHER = "catcher"
+"""The layer of films alone that `shadow` is made from: radiance of samples that see a catcher, and their share."""
+
+FILM_LAYERS = {**LAYERS, CATCHER: Layer("RGBA", averaged=True)}
+"""The layers that a film may have."""
 
 NUMBERS = ("object", "material")
 """Layers of integers, uint32."""
@@ -49,7 +61,7 @@ GROUPS = {"cryptomatte": tuple(cryptomatte.TYPES)}
 
 
 def layer_names(value: object) -> tuple[str, ...]:
-    """Return names of layers, each once, in the order of LAYERS.
+    """Return names of layers, each once, in the order of SELECTABLE.
 
     Args:
         value: a list or tuple of names, or comma-separated text.
@@ -61,12 +73,12 @@ def layer_names(value: object) -> tuple[str, ...]:
         value = [name.strip() for name in value.split(",") if name.strip()]
     if not isinstance(value, (list, tuple)):
         raise InputError(f"layers must be a list of names, not {value!r}")
-    known = (*LAYERS, *GROUPS)
+    known = (*SELECTABLE, *GROUPS)
     for name in value:
         if not isinstance(name, str) or name not in known:
             raise InputError(f"there is no layer {name!r}{did_you_mean(name, known)}; there are {', '.join(known)}")
     selected = {member for name in value for member in GROUPS.get(name, (name,))}
-    return tuple(name for name in LAYERS if name in selected)
+    return tuple(name for name in SELECTABLE if name in selected)
 
 
 NOISY = "noisy"
@@ -77,5 +89,5 @@ def channel_names(layer: str) -> list[str]:
     """Return the channel names of a layer in OpenEXR files; coverage is A, as in every RGBA picture."""
     if layer in cryptomatte.TYPES:
         return cryptomatte.channels_of(layer)
-    channels = "RGB" if layer == NOISY else LAYERS[layer].channels
+    channels = "RGB" if layer == NOISY else SELECTABLE[layer].channels
     return ["A"] if layer == "alpha" else [f"{layer}.{channel}" for channel in channels]

@@ -20,7 +20,7 @@ from wrt.scene.description import Check, Description, Flag, instance_of, optiona
 from wrt.scene.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
-from wrt.scene.layers import layer_names
+from wrt.scene.layers import SHADOW, layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material, Unlit
 from wrt.scene.materials.body import bodies_of
@@ -73,6 +73,8 @@ class Shape(Description):
         double_sided: whether its back is seen. If not, the camera, mirrors and clear glass show what is behind it, as
             in glTF; light stops all the same. What transmits, or emits from its back, has both sides.
         edges: whether `RenderSettings.edges` and `wireframe` draw lines on it.
+        shadow_catcher: whether the camera sees of it only what the other shapes do to its light: their shadows, and
+            light that they send there. The picture is transparent then; see docs/first-pictures.md.
     """
 
     mesh: _Mesh
@@ -84,6 +86,7 @@ class Shape(Description):
     deformation: _Deformation = field(default=None, repr=False)
     double_sided: Flag = True
     edges: Flag = True
+    shadow_catcher: Flag = False
 
     def _label(self, name: str) -> str:
         return f"{self.name}: {name}"
@@ -254,7 +257,8 @@ class RenderSettings(Description):
     def film_layers(self) -> tuple[str, ...]:
         """The layers that a film needs: the selected ones, coverage for a transparent picture, and edges to draw."""
         needed = {"alpha": self.transparent, "edges": self.edges or self.wireframe}
-        return layer_names((*self.layers, *(name for name, is_needed in needed.items() if is_needed)))
+        selected = tuple(name for name in self.layers if name != SHADOW)
+        return layer_names((*selected, *(name for name, is_needed in needed.items() if is_needed)))
 
     @property
     def paper(self) -> ColorLike | None:
@@ -335,7 +339,7 @@ class Scene:
                 in a list.
             material: a material, the name of one such as "gold", a colour, or an image file for the texture.
             options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
-                double_sided, edges.
+                double_sided, edges, shadow_catcher.
 
         Raises:
             InputError: if something cannot be used.

@@ -188,6 +188,7 @@ def _shape_records(
     records["two_sided"] = emits_back | (unlit & double_sided)
     records["edges"] = [shape.edges for shape in scene.shapes]
     records["body"] = bodies.of_shapes
+    records["catches_shadows"] = [shape.shadow_catcher for shape in scene.shapes]
     return records
 
 

@@ -70,7 +70,7 @@ def shown_image(renderer: Renderer, layer: str) -> tuple[Callable[[], NDArray[np
 
 def composed(renderer: Renderer) -> dict[str, Any] | None:
     """Return lines and background of a renderer's picture so far, as `develop` takes them; None without both."""
-    parts = renderer._parts()
+    parts = renderer._parts(None)  # shadow catchers are shown as surfaces
     if parts["lines"] is None and parts["background"] is None:
         return None
     return {**parts, "background": parts["background"] or (0.0, 0.0, 0.0)}

@@ -103,6 +103,8 @@ class _Writer(Store):
             self.note("the environment")
         if scene.medium is not None:
             self.note("the medium around all")
+        if any(shape.shadow_catcher for shape in scene.shapes):
+            self.note("shadow catchers, which are ordinary surfaces there")
         self.tree |= {"scenes": [{"nodes": list(range(len(nodes)))}], "nodes": nodes}
         used = sorted(_extensions(self.tree))
         if used:

@@ -259,6 +259,7 @@ class _SceneReader(TableReader):
             two_sided = boolean(table.get("two_sided_emission", default), "two_sided_emission")
             double_sided = boolean(table.get("double_sided", shape.double_sided), "double_sided")
             edges = boolean(table.get("edges", shape.edges), "edges")
+            catches = boolean(table.get("shadow_catcher", False), "shadow_catcher")
             looks = (material or shape.material, emission, two_sided, shape.name if name is None else name)
             if shape.transform is None:
                 if matrix is not None:
@@ -267,8 +268,7 @@ class _SceneReader(TableReader):
             else:  # an instance in its file: the mesh is shared
                 mesh, first = shape.mesh, after(matrix, shape.transform)
             result += [
-                Shape(mesh, *looks, after(place, first), deformation, double_sided=double_sided, edges=edges)
-                for place in places
+                Shape(mesh, *looks, after(place, first), deformation, double_sided, edges, catches) for place in places
             ]
         return result
 

@@ -137,6 +137,7 @@ SHAPE: Keys = {
     "emission": Key(_OF_SHAPES.get("emission", ""), definition("color_that_varies")),
     "two_sided_emission": Key(_OF_SHAPES.get("two_sided_emission", ""), BOOLEAN),
     "double_sided": Key(_OF_SHAPES.get("double_sided", ""), BOOLEAN),
+    "shadow_catcher": Key(_OF_SHAPES.get("shadow_catcher", ""), BOOLEAN),
     "edges": Key(_OF_SHAPES.get("edges", ""), BOOLEAN),
     **TRANSFORM,
     **PLACES,

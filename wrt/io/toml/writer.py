@@ -220,6 +220,8 @@ class _Writer:
             table["two_sided_emission"] = True
         if not shape.double_sided:
             table["double_sided"] = False
+        if shape.shadow_catcher:
+            table["shadow_catcher"] = True
         if not shape.edges:
             table["edges"] = False
         if isinstance(shape.transform, Motion):
@@ -271,7 +273,8 @@ def _key_of_group(shape: Shape) -> tuple[Any, ...]:
     if shape.transform is None or isinstance(shape.transform, Motion):
         return (id(shape),)
     objects = (id(each) for each in (shape.mesh, shape.material, shape.deformation))
-    return (*objects, shape.name, shape.two_sided_emission, shape.double_sided, shape.edges, shape.emission)
+    flags = (shape.two_sided_emission, shape.double_sided, shape.edges, shape.shadow_catcher)
+    return (*objects, shape.name, *flags, shape.emission)
 
 
 def _arrays_of(thing: Any, *names: str) -> dict[str, NDArray[Any]]:
