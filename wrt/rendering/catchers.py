@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from wrt.develop.denoise import denoise
 from wrt.linalg import weighted_sum
-from wrt.rendering.film_aovs import Labels
 from wrt.scene.camera import Camera
 from wrt.scene.layers import CATCHER
 from wrt.scene.scene import Scene
@@ -134,8 +133,8 @@ class Catchers:
     def caught(self, *, denoised: bool = False) -> Caught:
         """Return the picture so far."""
         alone, film = self._up_to_date(), self._renderer.film
-        total, layers = film.mean(), film.aovs.arrays(film.counts, Labels())
-        lit, unshaded = layers[CATCHER], alone.film.aovs.arrays(alone.film.counts, Labels())[CATCHER]
+        total, layers = film.mean(), film.aovs.arrays(film.counts, self._renderer._labels())
+        lit, unshaded = layers[CATCHER], alone.film.aovs.arrays(alone.film.counts, alone._labels())[CATCHER]
         if not denoised:
             return caught(total, layers["alpha"], lit, unshaded)
         guides, threads = self._renderer.denoising_guides(), self._renderer._denoising_threads
