@@ -77,7 +77,7 @@ def boolean(value: object, name: str) -> bool:
 
 
 def text(value: object, name: str) -> str:
-    """Return `value` if it is text."""
+    """Return `value` if it is text, or raise InputError naming `name`."""
     if not isinstance(value, str):
         raise InputError(f"{name} must be text, not {_shown(value)}")
     return value

@@ -45,6 +45,18 @@ def differentiable(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name for name in names if model_of(name).slots and "film" not in name.split(":"))
 
 
+def slots_without_derivative(name: str) -> tuple[int, ...]:
+    """Return the slots of a model that have no derivative, or one of little use.
+
+    How far light is bent by a smooth boundary has none, and indices with dispersion come from several values.
+    """
+    model = model_of(name)
+    if not differentiable((name,)):
+        return tuple(range(model.slots))
+    has_fixed_index = model.index_slot >= 0 and (model.delta or model.channels_slot >= 0)
+    return (model.index_slot,) if has_fixed_index else ()
+
+
 @specialised()
 def make_weighted(names: tuple[str, ...]) -> WeightedBsdf:
     """Return the functions for these models, which are `differentiable`."""

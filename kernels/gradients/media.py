@@ -7,7 +7,7 @@ transmittance exp(−σt d), times σs if the path scatters there, with σt = σ
 import warp as wp
 
 from wrt.kernels.core.features import Features
-from wrt.kernels.core.ray_tree import Hit
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.gradients.bsdf import over
@@ -19,7 +19,11 @@ from wrt.kernels.media.medium import make_extinction, mean_free_length, medium_o
 
 @specialised()
 def make_add_to_extinction(media: str) -> wp.Function:
-    """Return the device function (sums, medium, gradient) that adds a derivative by the extinction."""
+    """Return the device function (sums, medium, gradient) that adds a derivative by the extinction.
+
+    Segments without an end are left out: if any light comes through one, its channel has an extinction of 0, and any
+    more would make that light vanish.
+    """
 
     @wp.func
     def add_to_extinction(sums: GradientSums, medium: int, gradient: wp.vec3):
@@ -64,14 +68,15 @@ def make_add_to_medium(features: Features) -> wp.Function:
             record = scene.media[medium]
             if record.grid < 0:
                 length = path.origin_gap + hit.t
-                distance = wp.where(segment.scatters, segment.distance, length)
                 gradient = wp.cw_mul(upstream, later)
-                by_extinction = gradient * -distance
+                by_extinction = wp.vec3(0.0)
+                if segment.scatters:
+                    by_extinction = gradient * -segment.distance
+                elif hit.triangle != NO_HIT:
+                    by_extinction = gradient * -length
                 extinction = extinction_of(scene, path.medium_stack)
                 shining = wp.cw_mul(wp.cw_mul(upstream, path.throughput), record.emission)
                 for c in range(3):
-                    if gradient[c] == 0.0:
-                        by_extinction[c] = 0.0  # of a segment that may be infinite
                     if shining[c] != 0.0:
                         by_extinction[c] = by_extinction[c] + shining[c] * mean_free_length_slope(extinction[c], length)
                 add_to_extinction(sums, medium, by_extinction)

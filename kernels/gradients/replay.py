@@ -16,15 +16,16 @@ from wrt.kernels.core.ray_tree import NO_HIT
 from wrt.kernels.core.rays import to_local
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
-from wrt.kernels.gradients.bsdf import differentiable, make_lobe_weights, make_own_slots, make_weighted, over
+from wrt.kernels.gradients.bsdf import differentiable, make_lobe_weights, make_weighted, over
 from wrt.kernels.gradients.lights import make_light_gradients
+from wrt.kernels.gradients.materials import make_add_to_material
 from wrt.kernels.gradients.media import make_add_to_medium
+from wrt.kernels.gradients.shadows import dims_shadows, make_add_to_shadow
 from wrt.kernels.gradients.sums import GradientSums
-from wrt.kernels.gradients.values import make_add_to_slot
-from wrt.kernels.integrators.next_event import make_light_at_surface
+from wrt.kernels.integrators.next_event import make_light_at_surface, make_light_in_medium
 from wrt.kernels.integrators.path_escape import make_escape
-from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_traverse_medium
-from wrt.kernels.integrators.path_state import PathSettings, PathState, SurfaceVertex
+from wrt.kernels.integrators.path_media import make_place_in_medium, make_scatter_in_medium, make_traverse_medium
+from wrt.kernels.integrators.path_state import PathSettings, PathState
 from wrt.kernels.integrators.path_surface import (
     make_place_receiver,
     make_prepare_bsdf,
@@ -36,28 +37,8 @@ from wrt.kernels.integrators.path_surface import (
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.integrators.sides import make_hit_shown
 from wrt.kernels.lights.shapes import make_closest_hit
-from wrt.kernels.materials.values import make_slot_count
-from wrt.kernels.media.skin import hit_or_skin
+from wrt.kernels.media.skin import hit_or_skin, no_skin
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_sample_4d, passed_block, vertex_block
-
-
-@specialised("models", "nested", "textured", "uv2_alpha", "mipmapped")
-def make_add_to_material(features: Features) -> wp.Function:
-    """Return the device function (sums, scene, vertex, gradients) that adds derivatives by the slots of a BSDF."""
-    own_slots, slot_count = make_own_slots(features.models), make_slot_count(features.models)
-    add_to_slot = make_add_to_slot(features)
-
-    @wp.func
-    def add_to_material(sums: GradientSums, scene: SceneData, vertex: SurfaceVertex, gradients: slot_values):
-        record = scene.materials[vertex.material]
-        between_bodies = bool(False)
-        if wp.static(features.nested):
-            between_bodies = scene.shapes[vertex.surface.shape].body >= 0
-        own = own_slots(vertex.bsdf, gradients, between_bodies, record.coat_normal_map >= 0)
-        for k in range(slot_count(record.model)):
-            add_to_slot(sums, scene, record.first_slot + k, vertex.surface, own[k])
-
-    return add_to_material
 
 
 @specialised()
@@ -82,6 +63,8 @@ def make_replay_path(features: Features) -> wp.Function:
     lobe_weights, has_lobes = make_lobe_weights(models), bool(models_with(models, "specular"))
     is_smooth = any(not model_of(name).delta for name in models)
     add_to_material, add_to_medium = make_add_to_material(features), make_add_to_medium(features)
+    place_in_medium, light_in_medium = make_place_in_medium(features), make_light_in_medium(features, factors=True)
+    shadows, add_to_shadow = dims_shadows(features), make_add_to_shadow(features)
 
     @wp.func
     def replay_path(
@@ -117,6 +100,14 @@ def make_replay_path(features: Features) -> wp.Function:
                     if segment.ends:
                         break
                     if segment.scatters:
+                        if scene.lights.shape[0] > 0:
+                            at = place_in_medium(scene, path, segment, hit)
+                            light = light_in_medium(scene, at, segment.g, u_light, settings.strategy)
+                            if wp.max(light.weight) > 0.0:
+                                arriving = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.weight)
+                                by_light.sampled(sums, scene, at, u_light, light, wp.cw_mul(arriving, light.value))
+                                by_shadow = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.radiance)
+                                add_to_shadow(sums, scene, light, at.skin, by_shadow)
                         path = scatter_in_medium(scene, path, segment, hit, u_light, u_bsdf, settings)
                         if path.is_done:
                             break
@@ -163,6 +154,9 @@ def make_replay_path(features: Features) -> wp.Function:
                     arriving = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.weight)
                     by_light.sampled(sums, scene, path, u_light, light, wp.cw_mul(arriving, light.value))
                     arriving = wp.cw_mul(arriving, light.light.radiance)
+                    if wp.static(shadows):
+                        by_shadow = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.radiance)
+                        add_to_shadow(sums, scene, light, no_skin(), by_shadow)
             gradients = slot_values()
             if wp.static(is_smooth):
                 if wp.max(wp.abs(arriving)) > 0.0:
@@ -185,7 +179,7 @@ def make_replay_path(features: Features) -> wp.Function:
                         weight = over(later, evaluate(vertex.bsdf, vertex.wo, wi))
                         by_sample, _6, _7, _8 = wp.grad(weighted_value)(vertex.bsdf, vertex.wo, wi, weight)
                         gradients = gradients + by_sample.slots
-            add_to_material(sums, scene, vertex, gradients)
+            add_to_material(sums, scene, vertex.material, vertex.bsdf, vertex.surface, gradients)
             if path.is_done:
                 break
 

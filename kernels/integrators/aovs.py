@@ -47,6 +47,7 @@ class AovData:
     alpha: int
     catcher: int
     edges: int
+    light_groups: int  # the last ones
     # In `nearest`
     depth: int
     z: int

@@ -133,7 +133,7 @@ def test_geometry_lights_and_camera_come_back(tmp_path):
         quad = dataclasses.replace(QUAD, normals=np.tile(np.float32([0, 0, 1]), (4, 1)))
         scene.add(quad, material=paint, transform=place + k * np.eye(4, k=3), name="placed")
     scene.lights = [
-        wrt.PointLight((0, 1, 2), intensity=(1.0, 2.0, 4.0)),
+        wrt.PointLight((0, 1, 2), intensity=(1.0, 2.0, 4.0), name="key"),
         wrt.SpotLight((0, 1, 2), (1, 2, 3), intensity=7.0, falloff="gltf", inner_degrees=10.0, outer_degrees=35.0),
         wrt.DirectionalLight((1, 2, 3), irradiance=(0.5, 1.0, 0.25)),
     ]

@@ -94,7 +94,7 @@ def test_lights_cameras_and_environments(tmp_path):
     scene = wrt.Scene()
     scene.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)))
     scene.lights = [
-        wrt.PointLight((0, 1, 2), power=(1.0, 2.0, 1 / 3)),
+        wrt.PointLight((0, 1, 2), power=(1.0, 2.0, 1 / 3), name="key"),
         wrt.SpotLight((0, 1, 2), (1, 2, 3), intensity=7.0, outer_degrees=60.0, texture=WOOD, up=(1, 0, 1 / 3)),
         wrt.ProjectorLight((0, 1, 2), (1, 2, 3), (0, 0, 1 / 3), texture=WOOD, color=(1, 2, 1 / 3), fov_degrees=33.3),
         wrt.DirectionalLight((1, 2, 3), color=0.3, angle_degrees=0.53),

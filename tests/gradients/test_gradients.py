@@ -64,6 +64,28 @@ def test_gradients_leave_the_picture_and_take_names_and_seeds(renderer):
     assert not np.array_equal(other["floor.reflectance.texels"], chosen["floor.reflectance.texels"])
 
 
+def test_a_loss_that_squares_the_noise_is_biased_by_it_unless_gradients_have_another_seed():
+    """At the right emission e the derivative of Σ (I − T)² is 0; with the noise of I it is 2/e Σ Var I."""
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.0, 3.0), (0.0, 0.3, 0.0)))
+    scene.add(wrt.quad((-1.0, 0.0, 1.0), (2.0, 0.0, 0.0), (0.0, 0.0, -2.0)), material=(0.5, 0.5, 0.5), name="floor")
+    scene.add(wrt.quad((-0.5, 1.5, -0.5), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), emission=5.0, name="lamp")
+    renderer = wrt.Renderer(scene, **{**SMALL, "max_depth": 2})
+    target = renderer.render(spp=4096)
+    variance = renderer.variance() * 4096.0
+    same, other = [], []
+    for seed in range(100):
+        renderer.set_parameters({})
+        renderer.seed = seed
+        d_image = 2.0 * (renderer.render(spp=1) - target)
+        for found, of_gradient in ((same, seed), (other, 1000 + seed)):
+            gradients = renderer.gradients(d_image, "lamp.emission", spp=1, seed=of_gradient)
+            found.append(float(gradients["lamp.emission"].sum()))
+    for found, expected in ((same, 2.0 * variance.sum() / 5.0), (other, 0.0)):
+        error = np.std(found, ddof=1) / np.sqrt(len(found))
+        assert abs(np.mean(found) - expected) < 4.0 * error  # p = 6e-5
+        assert error < 0.1 * variance.sum()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -52,7 +52,7 @@ def rich_scene(
     glowing = image(panel, factor=3.0)
     scene.add(wrt.quad((-3.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)), emission=glowing, name="lamp")
     scene.add_light(wrt.PointLight((1.0, 2.0, 3.0), power=9.0))
-    scene.add_light(wrt.PointLight((-1.0, 2.0, 3.0), key))
+    scene.add_light(wrt.PointLight((-1.0, 2.0, 3.0), key, name="key"))
     scene.add_light(wrt.SpotLight((0.0, 3.0, 3.0), (0.0, -1.0, -1.0), 20.0, texture=image(slide)))
     return scene
 
@@ -67,7 +67,7 @@ CHANGES = {
     "board.reflectance.texels": ("base", np.full((3, 5, 3), 0.625)),
     "lamp.emission": ("lamp", (1.0, 5.0, 2.0)),
     "lamp#2.emission.texels": ("panel", np.linspace(2.0, 0.5, 12).reshape(2, 2, 3)),
-    "point#2.intensity": ("key", (0.0, 4.0, 8.0)),
+    "key.intensity": ("key", (0.0, 4.0, 8.0)),
     "spot.texture.texels": ("slide", np.linspace(1.0, 2.0, 18).reshape(3, 2, 3)),
     "environment.texels": ("sky", np.random.default_rng(5).random((4, 8, 3))),
     "jar.interior.absorption": ("fog", (2.0, 0.0, 1.0)),
@@ -78,12 +78,12 @@ def expected_argument(name, value):
     return value[..., None] if name == "floor.roughness.texels" else value
 
 
-def film_of(scene):
-    return finish(wrt.Renderer(scene, **SMALL), 2).film.state()
+def film_of(scene, device="cpu"):
+    return finish(wrt.Renderer(scene, device=device, **SMALL), 2).film.state()
 
 
-def test_setting_parameters_has_the_bits_of_a_new_renderer_without_building(monkeypatch):
-    renderer = wrt.Renderer(rich_scene(), **SMALL)
+def test_setting_parameters_has_the_bits_of_a_new_renderer_without_building(device, monkeypatch):
+    renderer = wrt.Renderer(rich_scene(), device=device, **SMALL)
     before = finish(renderer, 2).film.state()
     monkeypatch.setattr(renderers, "SceneUpload", None)  # nothing is built
     kept = renderer._built.data.bvh.nodes, renderer._kernel.scalar
@@ -98,10 +98,10 @@ def test_setting_parameters_has_the_bits_of_a_new_renderer_without_building(monk
     renderer.set_parameters(values)  # and back, all at once
     assert_same_arrays(finish(renderer, 2).film.state(), before)
     monkeypatch.undo()
-    expected = film_of(rich_scene(**arguments))
+    expected = film_of(rich_scene(**arguments), device)
     assert not np.array_equal(before["total"], expected["total"])
     assert_same_arrays(after, expected)
-    assert_same_arrays(film_of(renderer.scene), before)
+    assert_same_arrays(film_of(renderer.scene, device), before)
 
 
 @pytest.mark.parametrize("name", CHANGES)
@@ -178,3 +178,16 @@ def arrays_of(renderer):
 @pytest.fixture(scope="module")
 def shared_renderer():
     return wrt.Renderer(rich_scene(), **SMALL)
+
+
+def test_what_has_no_derivative_has_no_name():
+    """Waves of a thin film, how far smooth glass bends light, and the indices of channels that part."""
+    scene = wrt.Scene()
+    film = wrt.RoughConductor(0.3, film_thickness=300.0, film_ior=1.4)
+    for material in (film, wrt.Dielectric(1.5), wrt.RoughDielectric(1.5, alpha=0.3, dispersion=4.0)):
+        scene.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), material=material, name=type(material).__name__)
+    names = set(wrt.parameters(scene))
+    assert not any(name.startswith("RoughConductor") for name in names)
+    assert "Dielectric.specular_transmittance" in names
+    assert "RoughDielectric.alpha" in names
+    assert not any("ior" in name or "dispersion" in name for name in names)

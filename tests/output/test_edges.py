@@ -16,6 +16,7 @@ from support.statistics import t_test_mean
 
 import wrt
 from wrt.cli import main
+from wrt.scene.mesh import merge
 from wrt.view.controls import Look
 from wrt.view.frames import Source
 from wrt.view.picture import composed
@@ -154,6 +155,65 @@ def test_surfaces_hide_lines_but_not_those_of_wireframes(device):
     wires = rendered(nested(), edge_width=1.5, wireframe=True, device=device)
     require_covered(wires, front + behind)
     np.testing.assert_array_equal(wires.layers()["alpha"], rendered(nested(), device=device).layers()["alpha"])
+
+
+# --- Polygons -------------------------------------------------------------------------------------------
+
+CORNERS = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 0.5, 0), (0, 1, 0), (3, 0, 0), (3, 1, 0), (4, 0.5, 0)]
+POLYGONS = [(0, 1, 2, 3, 4), (1, 5, 6, 2), (5, 7, 6)]
+"""A pentagon with a corner that turns inwards, a square, and a triangle."""
+
+
+def file_of(suffix: str, polygons: list[tuple[int, ...]]) -> str:
+    points = [" ".join(map(str, corner)) for corner in CORNERS]
+    if suffix == ".obj":
+        faces = [" ".join(["f", *(str(k + 1) for k in polygon)]) for polygon in polygons]
+        return "\n".join([*(f"v {point}" for point in points), *faces, ""])
+    faces = [" ".join(map(str, (len(polygon), *polygon))) for polygon in polygons]
+    head = f"OFF\n{len(points)} {len(polygons)} 0"
+    if suffix == ".ply":
+        coordinates = "".join(f"property float {axis}\n" for axis in "xyz")
+        head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{coordinates}element face {len(polygons)}\n"
+        head += "property list uchar int vertex_indices\nend_header"
+    return "\n".join([head, *points, *faces, ""])
+
+
+def drawn(mesh: wrt.Mesh) -> set[frozenset[tuple[float, ...]]]:
+    """Return the pairs of points between which a mesh has edges."""
+    sides = np.full(len(mesh.faces), 7) if mesh.sides is None else mesh.sides
+    each = zip(mesh.faces, sides, strict=True)
+    ends = ((face[k], face[(k + 1) % 3]) for face, side in each for k in range(3) if side >> k & 1)
+    return {frozenset(tuple(np.round(mesh.vertices[i].astype(float), 5).tolist()) for i in pair) for pair in ends}
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off", ".ply"])
+@pytest.mark.parametrize("polygons", [POLYGONS, POLYGONS[1:2]], ids=["mixed", "squares"])
+def test_polygons_of_files_keep_their_edges(suffix, polygons, tmp_path):
+    """Also once they are mirrored, smoothed, merged, and written to a scene file."""
+    (tmp_path / f"a{suffix}").write_text(file_of(suffix, polygons))
+    pairs = {(polygon[k - 1], corner) for polygon in polygons for k, corner in enumerate(polygon)}
+    expected = {frozenset(tuple(map(float, CORNERS[i])) for i in pair) for pair in pairs}
+    for degrees in (0.0, 60.0):
+        mesh = wrt.load_mesh(tmp_path / f"a{suffix}", smooth_degrees=degrees)
+        assert drawn(mesh) == expected
+        mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+        assert drawn(mesh.transformed(mirror).transformed(mirror)) == expected
+        assert drawn(mesh.transformed(mirror)) == {frozenset((-x + 0.0, y, z) for x, y, z in pair) for pair in expected}
+        assert drawn(merge([mesh, wrt.Mesh(mesh.vertices, mesh.faces[:1])], "both")) > expected
+    scene = wrt.Scene(shapes=[wrt.Shape(mesh)])
+    scene.save(tmp_path / "a.toml")
+    assert drawn(wrt.load(tmp_path / "a.toml").shapes[0].mesh) == expected
+    with pytest.raises(wrt.InputError, match="sides must be"):
+        wrt.Mesh(mesh.vertices, mesh.faces, sides=np.full(len(mesh.faces), 8))
+
+
+def test_diagonals_are_not_drawn(device):
+    """Of a grid of squares each cell stays open but for half the width along its edges."""
+    scene = wrt.Scene(camera=wrt.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), view_height=4.0))
+    for x, y in np.ndindex(3, 2):
+        scene.add(wrt.quad((x - 1.7, y - 0.9, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), material=wrt.Diffuse(0.5))
+    pixels, width = SIDE / 4.0, 3.0
+    require_covered(rendered(scene, edge_width=width, device=device), 6.0 * (pixels**2 - (pixels - width) ** 2))
 
 
 # --- The picture ----------------------------------------------------------------------------------------

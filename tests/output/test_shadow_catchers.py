@@ -137,7 +137,9 @@ def test_what_two_films_give_in_closed_form():
     for name, value in vars(expected).items():
         np.testing.assert_allclose(getattr(found, name)[0], value, atol=1e-6, err_msg=name)
     # 8-bit codes cannot add light: what is half as bright as white covers half.
-    np.testing.assert_allclose(found.alpha_of_codes(2.0)[0, 1:4], (0.5 * LUMINANCE[0], 0.4, 0.6), atol=1e-6)
+    image, alpha = found.for_codes(2.0)
+    np.testing.assert_allclose(alpha[0, 1:], (*LUMINANCE[0] * np.array([0.5, 0.4, 0.6]), 0.75, 0.0), atol=1e-6)
+    np.testing.assert_allclose(image[0, 2:5, 0], (0.2 * LUMINANCE[0], 0.3 * LUMINANCE[0], 0.5), atol=1e-6)
 
 
 def test_another_camera_and_other_values_restart_both_films(device):

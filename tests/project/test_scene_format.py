@@ -64,6 +64,7 @@ def test_keys_and_defaults_are_those_of_the_code(name):
     found, parameters = DEFINITIONS[name], inspect.signature(TABLES[name]).parameters
     keys = {FROM_FILES.get(key, key): parameter for key, parameter in parameters.items()}
     shared = set(scene_keys.SHAPE) if name.startswith("shape-") else {"type"} if "-" in name else set()
+    shared = shared | ({"name"} if name.startswith("light-") else set())
     read_otherwise = {"texture": {"linear"}}.get(name, set())
     nameless = set() if name.startswith("material-") else {"name"} - shared
     assert set(found["properties"]) == (set(keys) - nameless) | shared | read_otherwise

@@ -104,6 +104,21 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
     assert renderer.noise() == one.noise()
 
 
+def test_shadow_catchers_have_a_second_film_on_the_cluster(client):
+    scene = block_scene()
+    scene.add(wrt.quad((-2, -0.5, 2), (4, 0, 0), (0, 0, -4)), shadow_catcher=True)
+    renderer, one = spread(client, scene, layers=()), wrt.Renderer(scene, **{**SIZE, "layers": ()})
+    other = wrt.PerspectiveCamera((1.0, 1.0, 4.0), (0.0, 0.0, 0.0))
+    for camera in (None, other):
+        for each in (renderer, one):
+            if camera is not None:
+                each.set_camera(camera)
+            finish(each, 3)
+        picture = renderer.finished()
+        np.testing.assert_array_equal(picture, one.finished())
+        assert ((picture[..., 3] > 0.0) & (picture[..., 3] < 1.0)).mean() > 0.1
+
+
 @pytest.mark.slow
 def test_a_target_of_noise(client, tmp_path):
     """The samples at which it ends, and the tiles that stop before, follow from the film."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.backend import current_backend
 from wrt.errors import InputError, did_you_mean
 from wrt.gradients.edits import AMOUNTS, Edits
 from wrt.gradients.places import (
@@ -24,12 +25,13 @@ from wrt.gradients.places import (
     slot_values,
 )
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment, SphericalHarmonicsEnvironment
-from wrt.scene.materials import Dielectric, Material
+from wrt.scene.materials import Material
 from wrt.scene.materials.body import Body, bodies_of
 from wrt.scene.medium import Medium
 from wrt.scene.scene import Scene
 from wrt.scene.textures import ImageTexture, VertexColor
 from wrt.upload.lights.environment import environment_kind, resolve_environment
+from wrt.upload.materials import model_name
 from wrt.values import array
 
 OF_ENVIRONMENTS = {
@@ -45,9 +47,9 @@ def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
 
     A name is that of the shape, and the attributes on the way from it: "floor.reflectance", "teapot.roughness",
     "floor.reflectance.texels" for the pixels of an image, "lamp.emission", "floor.first.alpha" of a Mix,
-    "jar.interior.absorption"; of a light without a mesh its type, as "point.intensity"; and "environment.radiance",
-    "environment.texels", "environment.coefficients", "medium.absorption". The second of a name has "#2" after it, as
-    "quad#2.emission". What several shapes share has the name of the first.
+    "jar.interior.absorption"; of a light without a mesh its name or else its type, as "point.intensity"; and
+    "environment.radiance", "environment.texels", "environment.coefficients", "medium.absorption". The second of a name
+    has "#2" after it, as "quad#2.emission". What several shapes share has the name of the first.
 
     A number has the shape (), a colour (3,), an image (H, W, 3), or (H, W) where one channel of it is read or a grey
     image is the number. Colours and pixels are linear.
@@ -138,7 +140,7 @@ class _Names:
     def _add_lights(self, scene: Scene) -> None:
         textures = len(scene.shapes)
         for number, light in enumerate(scene.lights):
-            name = self._unused(light.type_name)
+            name = self._unused(light.name or light.type_name)
             fields = [each.name for each in dataclasses.fields(light)]
             if amount := next((each for each in AMOUNTS if each in fields), None):
                 self.places[f"{name}.{amount}"] = LightAmount(number, light, amount)
@@ -160,8 +162,14 @@ class _Names:
             elif material.parts or field.name == "opacity":
                 continue
             elif isinstance(value, ImageTexture):
+                without = _slots_without_derivative(material)
                 for slot, each in enumerate(material.slots):
-                    if isinstance(each, ImageTexture) and each.pixels is value.pixels and each.cutoff is None:
+                    if (
+                        slot not in without
+                        and isinstance(each, ImageTexture)
+                        and each.pixels is value.pixels
+                        and each.cutoff is None
+                    ):
                         self._add_image(name, value, (material, slot), is_number=_is_number(material, field.name))
                         break
             elif self._is_differentiable(MaterialField(material, field.name)):
@@ -176,10 +184,14 @@ class _Names:
         before, after = slot_values(material), slot_values(changed)
         if before.shape != after.shape or (before == after).all():
             return False
-        # How far light bends has no derivative here, and nested bodies have their indices not from slots alone.
-        fixed_indices = self._is_nested or isinstance(material, Dielectric)
-        same = _beside_slots(material) == _beside_slots(changed)
-        return same and not (fixed_indices and _indices(material) != _indices(changed))
+        # Nested bodies have their indices not from slots alone.
+        same_indices = not self._is_nested or _indices(material) == _indices(changed)
+        without = _slots_without_derivative(material)
+        return (
+            same_indices
+            and _beside_slots(material) == _beside_slots(changed)
+            and (before[without] == after[without]).all()
+        )
 
     def _add_image(
         self, name: str, texture: ImageTexture, user: tuple[Material, int] | int, *, is_number: bool
@@ -213,6 +225,11 @@ class _Names:
 def _beside_slots(material: Material) -> tuple[Any, ...]:
     """Return what a kernel knows of a material besides its slots."""
     return material.model, material.table_key, material.needs_tangents
+
+
+def _slots_without_derivative(material: Material) -> list[int]:
+    call = "wrt.kernels.gradients.bsdf", "slots_without_derivative", model_name(material)
+    return list(current_backend().call(*call))
 
 
 def _indices(material: Material) -> tuple[Any, ...]:

@@ -131,12 +131,17 @@ def read_image(file: Path, *, linear: bool | None = None) -> NDArray[np.float32]
 
 
 def load_environment(
-    path: PathLike, *, scale: float = 1.0, rotation_degrees: float = 0.0, rotation_axis: Vec3 = (0.0, 1.0, 0.0)
+    path: PathLike,
+    *,
+    scale: float = 1.0,
+    rotation_degrees: float = 0.0,
+    rotation_axis: Vec3 = (0.0, 1.0, 0.0),
+    group: str | None = None,
 ) -> ImageEnvironment:
     """Read a latitude-longitude image as an environment; see `load_image` and `ImageEnvironment`."""
     pixels = sealed(read_image(Path(path)))
     with naming_file(Path(path)):
-        return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis)
+        return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis, group=group)
 
 
 def require_pixels(width: int, height: int) -> None:

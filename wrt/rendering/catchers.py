@@ -52,14 +52,16 @@ class Caught:
         image: Image = self.foreground + self.added
         return image
 
-    def alpha_of_codes(self, gain: float) -> Image:
-        """Return (H, W) alpha for a file of 8-bit codes, whose colours are at most white times alpha.
+    def for_codes(self, gain: float) -> tuple[Image, Image]:
+        """Return image and alpha for 8-bit codes, whose colours are at most white times alpha.
 
-        Light that is added there covers what is behind it by as much as it is bright, after multiplication by `gain`.
+        Light that is added, multiplied by `gain`, covers there what is behind it by its luminance, and colours beyond
+        that are cut: over white even red light must hardly be seen.
         """
-        bright = np.minimum(self.coverage + self.added.max(axis=2) * np.float32(gain), 1.0)
-        alpha: Image = np.maximum(self.alpha, bright).astype(np.float32)
-        return alpha
+        room = np.minimum(gain * weighted_sum(self.added, _LUMINANCE), 1.0 - self.coverage)
+        alpha: Image = np.maximum(self.alpha, self.coverage + room).astype(np.float32)
+        image: Image = self.foreground + np.minimum(self.added, room[..., None] / gain).astype(np.float32)
+        return image, alpha
 
 
 def caught(total: Image, coverage: Image, lit: Image, unshaded: Image) -> Caught:
@@ -102,6 +104,12 @@ def any_catchers(scene: Scene) -> bool:
     return any(shape.shadow_catcher for shape in scene.shapes)
 
 
+def without_others(scene: Scene) -> Scene:
+    """Return a scene with its shadow catchers and lights alone."""
+    kept = [shape for shape in scene.shapes if shape.shadow_catcher or shape.emits]
+    return dataclasses.replace(scene, shapes=kept)
+
+
 class Catchers:
     """The second film of a renderer's picture: a function of its scene, its seed and the samples of its pixels.
 
@@ -125,9 +133,8 @@ class Catchers:
     def prepare(self) -> Renderer:
         """Return the renderer of the second film, which is built the first time."""
         if self._alone is None:
-            scene = self._renderer.scene
-            kept = [shape for shape in scene.shapes if shape.shadow_catcher or shape.emits]
-            self._alone = self._renderer._beside(dataclasses.replace(scene, shapes=kept, camera=self._camera))
+            alone = dataclasses.replace(without_others(self._renderer.scene), camera=self._camera)
+            self._alone = self._renderer._beside(alone)
         return self._alone
 
     def caught(self, *, denoised: bool = False) -> Caught:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.scene.cryptomatte import RANKS, TYPES, ids_of
-from wrt.scene.layers import CATCHER, FILM_LAYERS, NAMED, NUMBERS
+from wrt.scene.layers import CATCHER, FILM_LAYERS, LIGHT_GROUPS, NAMED, NUMBERS, REST, group_layer
 from wrt.scene.scene import Shape
 
 _ARRAYS = ("sums", "nearest", "object_number", "off_middle")
@@ -26,13 +26,17 @@ _RANKED_AT_ONCE = 1 << 18
 """Pixels whose objects are ranked at once, which takes 200 bytes for each."""
 
 
-def bytes_per_pixel(names: tuple[str, ...]) -> int:
-    """Return the bytes of layers per pixel."""
+def bytes_per_pixel(names: tuple[str, ...], groups: tuple[str, ...] = ()) -> int:
+    """Return the bytes of layers per pixel, in a scene with these light groups."""
     if not names:
         return 0
-    layers = [FILM_LAYERS[name] for name in names if name not in NAMED]
+    layers = [FILM_LAYERS[name] for name in names if name not in (*NAMED, LIGHT_GROUPS)]
     sizes = sum((8 if layer.averaged else 4) * len(layer.channels) for layer in layers)
-    return sizes + 8 + _counts_coverage(names) * 8 * _SLOTS
+    return sizes + 8 * (1 + _group_channels(names, groups) + _counts_coverage(names) * _SLOTS)
+
+
+def _group_channels(names: tuple[str, ...], groups: tuple[str, ...]) -> int:
+    return 3 * (1 + len(groups)) if LIGHT_GROUPS in names else 0
 
 
 def _counts_coverage(names: tuple[str, ...]) -> bool:
@@ -71,12 +75,15 @@ def labels_of(shapes: Sequence[Shape]) -> Labels:
 class FilmAovs:
     """The selected layers of a film; without any it takes no memory."""
 
-    def __init__(self, names: tuple[str, ...], width: int, height: int, device: Device) -> None:
-        """Start empty layers for a picture of width x height pixels on a device."""
+    def __init__(
+        self, names: tuple[str, ...], width: int, height: int, device: Device, groups: tuple[str, ...] = ()
+    ) -> None:
+        """Start empty layers for a picture of width x height pixels on a device, of a scene with these light groups."""
         backend = device.backend
         aovs = backend.kernels("wrt.kernels.integrators.aovs")
 
         self.names, self.width, self.height, self.device = names, width, height, device
+        self._groups = groups
         self.data = aovs.AovData()
         self._first: dict[str, int] = {}
         counts = {True: 0, False: 0}
@@ -87,6 +94,8 @@ class FilmAovs:
             setattr(self.data, name, self._first[name])
             if name in names:
                 counts[layer.averaged] += len(layer.channels)
+        self.data.light_groups = counts[True]
+        counts[True] += _group_channels(names, groups)
         if not names:
             return
         pixels = width * height
@@ -123,7 +132,7 @@ class FilmAovs:
         sums, nearest, objects, off_middle = (state[_PREFIX + name] for name in _ARRAYS)
         if not np.isfinite(sums).all():
             raise InputError("sums of layers are not finite")
-        for name in self.names:
+        for name in (each for each in self.names if each != LIGHT_GROUPS):
             first, channels = self._first.get(name, -1), FILM_LAYERS[name].channels
             if FILM_LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a share
                 means = sums[:, first : first + len(channels)]
@@ -147,7 +156,9 @@ class FilmAovs:
                 raise InputError("a pixel has more samples of its objects than samples")
 
     def arrays(self, counts: NDArray[np.int32], labels: Labels) -> dict[str, NDArray[Any]]:
-        """Return each layer, (H, W, channels), (H, W) if it has one channel, or (H, W, ranks, 2) ids and coverage.
+        """Return each layer, (H, W, channels), (H, W) for one channel, or (H, W, ranks, 2) ids and coverage.
+
+        There is a layer for each light group.
 
         Args:
             counts: (H, W) samples in each pixel.
@@ -162,6 +173,12 @@ class FilmAovs:
         nearest = fetch(self.data.nearest)
         result: dict[str, NDArray[Any]] = {}
         for name in self.names:
+            if name == LIGHT_GROUPS:
+                lights = averages[:, self.data.light_groups :].astype(np.float32)
+                for number, group in (*enumerate(self._groups, 1), (0, REST)):
+                    radiance = lights[:, 3 * number : 3 * number + 3]
+                    result[group_layer(group)] = radiance.reshape(self.height, self.width, 3)
+                continue
             if name in NUMBERS:
                 values = objects if name == "object" else np.array(numbers)[objects]
                 result[name] = values.astype(np.uint32).reshape(self.height, self.width)

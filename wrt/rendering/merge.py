@@ -42,7 +42,7 @@ class Merged(Picture):
         self.settings, self._identity = first.settings, first.header["identity"]
         self.integrator, self.seed = str(self._identity["integrator"]), int(self._identity["seed"])
         x0, y0, x1, y1 = first.crop
-        self.film = Film(x1 - x0, y1 - y0, device, self.settings.film_layers)
+        self.film = Film(x1 - x0, y1 - y0, device, self.settings.film_layers, tuple(self._identity["light_groups"]))
         self.seconds_render = 0.0
         self._label = first.labels
 

@@ -31,6 +31,7 @@ from wrt.rendering.checkpoint import (
 from wrt.rendering.film_aovs import Labels, labels_of
 from wrt.rendering.passes import LONGEST_PASS, Progress
 from wrt.rendering.windows import pixels_of, windows_of_part
+from wrt.scene.description import group_name
 from wrt.scene.scene import MAX_SPP, RenderSettings
 from wrt.upload.camera import CropWindow
 from wrt.values import integer, number
@@ -138,6 +139,8 @@ class Part:
             integer(value, "the number of a part", minimum=1, maximum=2**31 - 1)
         integer(header["spp"], "its samples per pixel", minimum=1, maximum=MAX_SPP)
         number(header["seconds"], "its seconds", minimum=0.0)
+        for group in header["identity"]["light_groups"]:
+            group_name(group, "the name of a light group")
         integer(header["identity"]["seed"], "its seed", minimum=0, maximum=2**32 - 1)
         pixels = pixels_of(self.windows)
         for name in ("total", "count"):

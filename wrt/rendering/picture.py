@@ -22,7 +22,7 @@ from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import Labels
 from wrt.scene.cryptomatte import TYPES, metadata_of
 from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure
-from wrt.scene.layers import NOISY, SHADOW
+from wrt.scene.layers import LIGHT_GROUPS, NOISY, SHADOW, group_layer
 from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import linear_from_srgb
 
@@ -107,7 +107,7 @@ class Picture(ABC):
         shown = (image, parts["alpha"]) if picture is None else (picture.foreground, picture.coverage)
         chosen = stops(covered(*shown), self.settings.exposure if exposure is None else exposure)
         if picture is not None:
-            parts["alpha"] = picture.alpha_of_codes(2.0**chosen)
+            image, parts["alpha"] = picture.for_codes(2.0**chosen)
         return image, parts, chosen
 
     def _parts(self, picture: Caught | None) -> dict[str, Any]:
@@ -143,7 +143,8 @@ class Picture(ABC):
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
 
-        They are float32, or uint32 for object and material numbers, which count from 1; 0 is the background. Ranked
+        "light_groups" are several: "light_" and the name of each group, whose sum is `image`, and "light_rest". Layers
+        are float32, or uint32 for object and material numbers, which count from 1; 0 is the background. Ranked
         coverage is (H, W, 6, 2), pairs of id and coverage; see `wrt.cryptomatte_mask`.
 
         Raises:
@@ -155,7 +156,9 @@ class Picture(ABC):
         layers = self._film_layers()
         if (picture := self._caught()) is not None:
             layers |= {"alpha": picture.alpha, SHADOW: picture.shadow}
-        return {name: layers[name] for name in self.settings.layers}
+        of_groups = [name for name in layers if name.startswith(group_layer(""))]
+        names = [name for name in self.settings.layers if name != LIGHT_GROUPS]
+        return {name: layers[name] for name in (*names, *of_groups)}
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
         return self.film.aovs.arrays(self.film.counts, self._labels())

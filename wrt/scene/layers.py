@@ -41,7 +41,13 @@ LAYERS: dict[str, Layer] = {
 SHADOW = "shadow"
 """The layer that is computed from two films; see `wrt.rendering.catchers`."""
 
-SELECTABLE = {**LAYERS, SHADOW: Layer("RGB", averaged=True)}
+LIGHT_GROUPS = "light_groups"
+"""Selects a layer for each group of lights: `light_` and its name, three channels of radiance."""
+
+REST = "rest"
+"""The group of lights that name none, and of the emission of media and of unlit surfaces."""
+
+SELECTABLE = {**LAYERS, SHADOW: Layer("RGB", averaged=True), LIGHT_GROUPS: Layer("RGB", averaged=True)}
 """The layers that may be selected."""
 
 CATCHER = "catcher"
@@ -81,6 +87,11 @@ def layer_names(value: object) -> tuple[str, ...]:
     return tuple(name for name in SELECTABLE if name in selected)
 
 
+def group_layer(group: str) -> str:
+    """Return the name of the layer of a light group."""
+    return f"light_{group}"
+
+
 NOISY = "noisy"
 """Name in OpenEXR files of the picture before it was denoised."""
 
@@ -89,5 +100,6 @@ def channel_names(layer: str) -> list[str]:
     """Return the channel names of a layer in OpenEXR files; coverage is A, as in every RGBA picture."""
     if layer in cryptomatte.TYPES:
         return cryptomatte.channels_of(layer)
-    channels = "RGB" if layer == NOISY else SELECTABLE[layer].channels
+    is_light = layer == NOISY or layer.startswith(group_layer(""))
+    channels = "RGB" if is_light else SELECTABLE[layer].channels
     return ["A"] if layer == "alpha" else [f"{layer}.{channel}" for channel in channels]

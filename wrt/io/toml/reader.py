@@ -260,6 +260,7 @@ class _SceneReader(TableReader):
             double_sided = boolean(table.get("double_sided", shape.double_sided), "double_sided")
             edges = boolean(table.get("edges", shape.edges), "edges")
             catches = boolean(table.get("shadow_catcher", False), "shadow_catcher")
+            others = edges, catches, table.get("group", shape.group)
             looks = (material or shape.material, emission, two_sided, shape.name if name is None else name)
             if shape.transform is None:
                 if matrix is not None:
@@ -267,9 +268,7 @@ class _SceneReader(TableReader):
                 mesh, first = moved(shape.mesh), None
             else:  # an instance in its file: the mesh is shared
                 mesh, first = shape.mesh, after(matrix, shape.transform)
-            result += [
-                Shape(mesh, *looks, after(place, first), deformation, double_sided, edges, catches) for place in places
-            ]
+            result += [Shape(mesh, *looks, after(place, first), deformation, double_sided, *others) for place in places]
         return result
 
     def makers(self) -> dict[str, Callable[..., Mesh | list[Shape]]]:

@@ -139,6 +139,7 @@ SHAPE: Keys = {
     "double_sided": Key(_OF_SHAPES.get("double_sided", ""), BOOLEAN),
     "shadow_catcher": Key(_OF_SHAPES.get("shadow_catcher", ""), BOOLEAN),
     "edges": Key(_OF_SHAPES.get("edges", ""), BOOLEAN),
+    "group": Key(_OF_SHAPES.get("group", ""), TEXT),
     **TRANSFORM,
     **PLACES,
 }

@@ -14,7 +14,7 @@ from wrt.backend.device import Device
 from wrt.backend.memory import zeros
 from wrt.errors import InputError
 from wrt.scene.exact.analytic import Analytic
-from wrt.scene.mesh import ALL_SIDES, Mesh
+from wrt.scene.mesh import Mesh, sides_of
 from wrt.scene.tangents import tangents_by_edges
 from wrt.upload.arrays import require_countable
 from wrt.values import refuse_masked
@@ -88,9 +88,8 @@ def corner_tangents(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
 
 
 def drawn_sides(meshes: Sequence[Mesh]) -> NDArray[np.int32]:
-    """Return (M,) sides of the triangles of all meshes that are edges, see ALL_SIDES; exact shapes have none."""
-    numbers = [0 if isinstance(mesh, Analytic) else ALL_SIDES for mesh in meshes]
-    return numbered(np.array(numbers, np.int32), np.array([len(mesh.faces) for mesh in meshes]))
+    """Return (M,) `Mesh.sides` of all meshes; exact shapes have none."""
+    return np.concatenate([sides_of(mesh) * np.int32(not isinstance(mesh, Analytic)) for mesh in meshes])
 
 
 def numbered(numbers: NDArray[np.int32], counts: NDArray[np.int64]) -> NDArray[np.int32]:
