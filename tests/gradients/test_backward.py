@@ -234,6 +234,16 @@ def test_values_of_scenes(name: str, report: Report) -> None:
             assert not derivatives[chosen].any(), key
 
 
+def test_devices_agree(device: str) -> None:
+    """A GPU rounds otherwise; from run to run its sums have the same bits."""
+    found, again = (gradients(renderer_of(box(), device), 4) for _ in range(2))
+    expected = gradients(renderer_of(box()), 4)
+    for key in KEYS:
+        np.testing.assert_array_equal(found[key], again[key])
+        limit = 1e-3 * np.abs(expected[key]).max(initial=1e-9)
+        np.testing.assert_allclose(found[key], expected[key], rtol=0.0, atol=limit)
+
+
 def test_bits_do_not_depend_on_threads_or_launches(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = box()
     found = gradients(renderer_of(scene))
