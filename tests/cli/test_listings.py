@@ -14,7 +14,7 @@ from wrt.describe.materials import WIDTH, explain_material, parameters_of
 from wrt.describe.scene import MOST_ROWS, scene_text
 from wrt.scene.materials import MATERIALS
 
-COMMON = {"opacity", "normal_map"}
+COMMON = {"opacity", "normal_map", "name"}
 
 
 def sections(text: str) -> dict[str, list[str]]:

@@ -18,7 +18,7 @@ from wrt.io.safe_read import PathLike
 from wrt.rendering import checkpoint
 from wrt.rendering.catchers import Catchers, Caught, any_catchers
 from wrt.rendering.film import Film
-from wrt.rendering.film_aovs import material_numbers
+from wrt.rendering.film_aovs import Labels, labels_of
 from wrt.rendering.guides import Guides
 from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
@@ -577,11 +577,8 @@ class Renderer(Picture):
         """
         return self.film.variance()
 
-    def _materials(self) -> list[int]:
-        return material_numbers([shape.material for shape in self.scene.shapes])
-
-    def _object_names(self) -> list[str]:
-        return [shape.name for shape in self.scene.shapes]
+    def _labels(self) -> Labels:
+        return labels_of(self.scene.shapes)
 
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""

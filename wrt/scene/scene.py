@@ -66,7 +66,7 @@ class Shape(Description):
         emission: radiance from its front, per channel, W·sr⁻¹·m⁻², also an image or vertex colours; 0 for the
             material's.
         two_sided_emission: whether its back emits too.
-        name: for messages.
+        name: for messages, and for layers of objects; shapes of one name are one object of a cryptomatte.
         transform: a (4, 4) affine matrix from the mesh's space to the world, or a `Motion`. Shapes with a transform
             that share a mesh are instances. A mirroring one keeps the mesh's front.
         deformation: keyframes of the vertices.
