@@ -55,8 +55,8 @@ GROUPS: dict[str, str] = {
     "Media": "Medium DensityGrid",
     "Textures": "ImageTexture VertexColor NormalMap",
     "Rays": "Intersector Hits",
-    "Files and pictures": "load_image save_image develop_image show save_video turntable save_scene load_density "
-    "load_measurement",
+    "Files and pictures": "load_image save_image cryptomatte_mask develop_image show save_video turntable save_scene "
+    "load_density load_measurement",
     "Errors": "InputError InputWarning",
 }
 """The public names by subject, in the order in which a reader meets them."""

@@ -38,6 +38,7 @@ from wrt.scene.camera import FisheyeCamera as FisheyeCamera
 from wrt.scene.camera import OrthographicCamera as OrthographicCamera
 from wrt.scene.camera import PanoramaCamera as PanoramaCamera
 from wrt.scene.camera import PerspectiveCamera as PerspectiveCamera
+from wrt.scene.cryptomatte import cryptomatte_mask as cryptomatte_mask
 from wrt.scene.deformation import Deformation as Deformation
 from wrt.scene.environment import ConstantEnvironment as ConstantEnvironment
 from wrt.scene.environment import ImageEnvironment as ImageEnvironment

@@ -86,7 +86,7 @@ def device_memory(
         SceneMemory(PreparedScene(each), is_cpu=device == "cpu", texture_coordinates=coordinates) for each in scenes
     ]
     x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
-    pixels, of_layers = (x1 - x0) * (y1 - y0), [bytes_per_pixel(film) for film in films]
+    pixels, of_layers = (x1 - x0) * (y1 - y0), [bytes_per_pixel(film, scene.light_groups) for film in films]
     film = pixels * BYTES_PER_PIXEL * len(films) * (1 + settings.denoise)
     of_layers_and_guides = pixels * (sum(of_layers) + len(films) * settings.denoise * bytes_per_pixel(GUIDES))
     kept = sum(each.lasting for each in of_scenes) + film + of_layers_and_guides

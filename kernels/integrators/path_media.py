@@ -11,8 +11,9 @@ from wrt.kernels.core.rays import RECEIVES_ANYWHERE
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
+from wrt.kernels.integrators.light_groups import make_add_to_chosen_group
 from wrt.kernels.integrators.next_event import make_light_in_medium
-from wrt.kernels.integrators.path_state import PathSettings, PathState, begin_indirect
+from wrt.kernels.integrators.path_state import PathSettings, PathState, make_begin_indirect
 from wrt.kernels.media.grids import make_fly_in_grid
 from wrt.kernels.media.medium import emitted, fly, make_extinction, medium_of, phase, sample_phase, transmittance
 from wrt.kernels.media.skin import make_skin_near
@@ -115,13 +116,16 @@ def make_place_in_medium(features: Features) -> wp.Function:
     return place_in_medium
 
 
-@specialised("clamped", "regularized", *make_place_in_medium.fields, *make_light_in_medium.fields)
+@specialised(
+    "clamped", "regularized", "light_tree", "light_groups", *make_place_in_medium.fields, *make_light_in_medium.fields
+)
 def make_scatter_in_medium(features: Features) -> wp.Function:
     """Return the stage (scene, path, segment, hit, u_light, u_phase, settings) -> PathState.
 
     It moves the path to the point of a segment at which it scatters, samples a light there, and a new direction.
     """
     place_in_medium, light_in_medium = make_place_in_medium(features), make_light_in_medium(features)
+    begin_indirect, add_to_chosen_group = make_begin_indirect(features), make_add_to_chosen_group(features.light_tree)
 
     @wp.func
     @inline_stage
@@ -143,7 +147,10 @@ def make_scatter_in_medium(features: Features) -> wp.Function:
         if scene.lights.shape[0] > 0:
             light = light_in_medium(scene, path, segment.g, u_light, settings.strategy)
             path.rays += light.rays
-            path.radiance += wp.cw_mul(path.throughput, light.radiance)
+            radiance = wp.cw_mul(path.throughput, light.radiance)
+            path.radiance += radiance
+            if wp.static(features.light_groups):
+                path.groups = add_to_chosen_group(scene, path.groups, path.receiver, u_light, radiance)
 
         # Phase function sampling
         forward = path.ray.direction

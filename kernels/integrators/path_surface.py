@@ -20,8 +20,9 @@ from wrt.kernels.geometry.surface import (
     make_surface_at,
 )
 from wrt.kernels.geometry.triangles import WIDELY
+from wrt.kernels.integrators.light_groups import add_to_group
 from wrt.kernels.integrators.next_event import emitter_hit_weight
-from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, begin_indirect
+from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, make_begin_indirect
 from wrt.kernels.integrators.sides import shines_for
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import make_hit_pdf
@@ -163,7 +164,7 @@ def make_emission_weight(features: Features) -> wp.Function:
     return emission_weight
 
 
-@specialised(*make_emission_weight.fields)
+@specialised(*make_emission_weight.fields, "light_groups")
 def make_surface_emission(features: Features) -> wp.Function:
     """Return the stage (scene, path, vertex, strategy) -> PathState that adds the emission of the surface."""
     emission_weight, emission_at = make_emission_weight(features), make_lights(features).emission_at
@@ -173,8 +174,11 @@ def make_surface_emission(features: Features) -> wp.Function:
     def surface_emission(scene: SceneData, path: PathState, vertex: SurfaceVertex, strategy: int) -> PathState:
         weight = emission_weight(scene, path, vertex, strategy)
         if weight >= 0.0:
-            emission = emission_at(scene, scene.shapes[vertex.surface.shape], vertex.surface)
-            path.radiance += wp.cw_mul(path.throughput, emission) * weight
+            shape = scene.shapes[vertex.surface.shape]
+            emission = wp.cw_mul(path.throughput, emission_at(scene, shape, vertex.surface)) * weight
+            path.radiance += emission
+            if wp.static(features.light_groups):
+                path.groups = add_to_group(scene, path.groups, shape.first_light, emission)
         return path
 
     return surface_emission
@@ -337,7 +341,7 @@ def make_sample_bsdf(features: Features) -> wp.Function:
     A path that goes straight through a pane passes it, as if it were not there.
     """
     panes = bool(models_with(features.models, "straight"))
-    bsdf_sample = make_bsdf(features.models).sample
+    bsdf_sample, begin_indirect = make_bsdf(features.models).sample, make_begin_indirect(features)
     scatter_at_surface = make_scatter_at_surface(features)
 
     @wp.func

@@ -12,12 +12,14 @@ from support.films_of_devices import FILMS, OPTIONS, film_cases
 
 import wrt
 import wrt.kernels
+from wrt.backend.adjoints import adjoints_of
 from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.bsdf import models_with
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.core.features import Features
+from wrt.kernels.gradients.gradient_pass import make_gradient_kernel
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
@@ -33,6 +35,7 @@ FACTORIES = {
     ("wrt.kernels.render", "make_render_kernel"),
     ("wrt.kernels.regeneration", "make_regenerating_kernel"),
     ("wrt.kernels.media.bodies", "make_count_crossings"),
+    ("wrt.kernels.gradients.gradient_pass", "make_gradient_kernel"),
     *((f.__module__, f.__name__) for f in TABLE_KERNELS),
 }
 """Functions that make kernels; each is called below."""
@@ -52,6 +55,7 @@ THREE = [
         media="scattering",
         grid_media=True,
         nested=True,
+        light_groups=True,
     ),
     # One loop that begins paths together.
     Features(
@@ -94,7 +98,8 @@ def compile_for_cuda(module: wp.Module, folder: Path, mode: str = "release") -> 
     usual = module.options["mode"]
     module.options["mode"] = mode
     try:
-        paths = wp.compile_aot_module(module, arch=ARCHITECTURE, module_dir=folder, use_ptx=True)
+        with adjoints_of(module):
+            paths = wp.compile_aot_module(module, arch=ARCHITECTURE, module_dir=folder, use_ptx=True)
     finally:
         module.options["mode"] = usual
     assert [path.suffix for path in paths] == [".ptx"]
@@ -115,6 +120,16 @@ def test_render_kernels_compile(features, tmp_path):
     assert f".visible .entry {kernel.get_mangled_name()}" in text
     assert "div.approx.ftz.f32" in text
     assert "div.rn.f32" not in text
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("features", THREE[:2], ids=("loop", "one-loop"))
+def test_gradient_kernels_compile(features, tmp_path):
+    """The sums are of 64-bit integers, added atomically."""
+    kernel = make_gradient_kernel(replace(features, clamped=False, aovs=False))
+    text = compile_for_cuda(kernel.module, tmp_path, mode="debug")
+    assert f".visible .entry {kernel.get_mangled_name()}" in text
+    assert re.search(r"(atom|red)\.(global\.)?add\.u64", text)
 
 
 @pytest.mark.machinery

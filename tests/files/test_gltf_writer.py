@@ -69,11 +69,12 @@ def again(scene: wrt.Scene, path: Path) -> tuple[wrt.Scene, list[str]]:
 @pytest.mark.parametrize("name", EXACT)
 def test_materials_come_back(name, tmp_path):
     scene = wrt.Scene()
-    scene.add(QUAD, material=MATERIALS[name])
+    scene.add(QUAD, material=MATERIALS[name].named("paint"))
     found, messages = again(scene, tmp_path / "a.glb")
     assert messages == []
     (read,), material = found.shapes, scene.shapes[0].material
     values = {field.name: getattr(material, field.name) for field in dataclasses.fields(material)}
+    assert values.pop("name") == read.material.name
     images = {key: value for key, value in values.items() if isinstance(value, wrt.ImageTexture)}
     for key, image in images.items():
         back = getattr(read.material, key)

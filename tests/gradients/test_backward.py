@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from conftest import Report
 from numpy.typing import NDArray
+from warp._src.context import ModuleBuilder
 
 import wrt
+from wrt.backend.adjoints import adjoints_of
+from wrt.backend.warp_start import initialize_warp
 from wrt.errors import InputError
 from wrt.gradients.backward import KEYS, Backward
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.core.features import Features
 from wrt.kernels.core.scene_data import LIGHT_TRIANGLE
+from wrt.kernels.gradients.gradient_pass import make_gradient_kernel
+from wrt.kernels.render import make_render_kernel
 
 SIZE, SPP = 24, 16
 
@@ -225,6 +234,16 @@ def test_values_of_scenes(name: str, report: Report) -> None:
             assert not derivatives[chosen].any(), key
 
 
+def test_devices_agree(device: str) -> None:
+    """A GPU rounds otherwise; from run to run its sums have the same bits."""
+    found, again = (gradients(renderer_of(box(), device), 4) for _ in range(2))
+    expected = gradients(renderer_of(box()), 4)
+    for key in KEYS:
+        np.testing.assert_array_equal(found[key], again[key])
+        limit = 1e-3 * np.abs(expected[key]).max(initial=1e-9)
+        np.testing.assert_allclose(found[key], expected[key], rtol=0.0, atol=limit)
+
+
 def test_bits_do_not_depend_on_threads_or_launches(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = box()
     found = gradients(renderer_of(scene))
@@ -233,6 +252,28 @@ def test_bits_do_not_depend_on_threads_or_launches(monkeypatch: pytest.MonkeyPat
     assert set(found) == set(KEYS)
     for key in KEYS:
         np.testing.assert_array_equal(found[key], again[key])
+
+
+def code_of(module: wp.Module) -> str:
+    """Return the C++ that Warp generates for a module."""
+    return str(ModuleBuilder(module, module.resolve_options(wp.config), target=None).codegen("cpu"))
+
+
+def test_adjoint_code_is_in_the_modules_of_gradients_alone() -> None:
+    """Warp leaves adjoints empty that no `wp.grad` is the first to need, and would keep the others in all modules."""
+    initialize_warp()
+    features = Features(("oren_nayar",), False, "none")
+    render, of_gradients = make_render_kernel(features).module, make_gradient_kernel(features).module
+    before = code_of(render)
+    adjoint = rf"void adj_{re.escape(model_of('oren_nayar').evaluate.native_func)}\(.*?\n}}"
+    empty = re.search(adjoint, code_of(of_gradients), re.DOTALL)
+    with adjoints_of(of_gradients):
+        whole = re.search(adjoint, code_of(of_gradients), re.DOTALL)
+    assert empty is not None
+    assert whole is not None
+    assert "reverse mode disabled" in empty[0]
+    assert "reverse mode disabled" not in whole[0]
+    assert code_of(render) == before
 
 
 def test_what_has_no_gradients_is_refused() -> None:

@@ -16,7 +16,7 @@ import wrt
 from wrt.backend.device import Device
 from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.bsdf import make_bsdf
-from wrt.kernels.core.bsdf import Bsdf, slot_values
+from wrt.kernels.core.bsdf import MAX_SLOTS, Bsdf, slot_values
 from wrt.kernels.core.features import identifier
 from wrt.kernels.gradients.bsdf import make_weighted
 
@@ -118,30 +118,34 @@ def kernels_of(model: str) -> Kernels:
         wo: wp.vec3,
         wi: wp.array(dtype=wp.vec3),
         weight: wp.vec3,
-        out: wp.array(dtype=slot_values),
+        out: wp.array(dtype=float),
     ):
         i = first + wp.tid()
         # As in a path: the value itself comes before its derivative.
         value = evaluate(bsdf, wo, wi[i])
         by_value, _0, _1, _2 = wp.grad(weighted_value)(bsdf, wo, wi[i], weight)
         by_lobes, _3, _4, _5 = wp.grad(weighted_lobes)(bsdf, wo, weight, weight * 0.5)
-        out[i] = by_value.slots + by_lobes.slots + slot_values() * value[0]
+        found = by_value.slots + by_lobes.slots + slot_values() * value[0]
+        for k in range(MAX_SLOTS):
+            for c in range(3):
+                out[3 * (MAX_SLOTS * i + k) + c] = found[k, c]
 
     return Kernels(values, gradients)
 
 
 def launch(case: Case, values: NDArray, wi: NDArray, device: Device, *, gradients: bool) -> NDArray[np.float64]:
-    """Return the sum over directions of the weighted value, or of its derivative by each slot, (16, 3)."""
+    """Return the weighted value in each direction, summed over channels, or its derivative by each slot, (16, 3)."""
     backend = device.backend
     bsdf = case.record(device.name)
     bsdf.slots = slot_values(*values.astype(np.float32).ravel().tolist())
     kernel = kernels_of(case.name)
-    out = backend.zeros(len(wi), "mat16x3" if gradients else "vec3", device.name)
+    numbers = 3 * MAX_SLOTS * len(wi)
+    out = backend.zeros(numbers, float, device.name) if gradients else backend.zeros(len(wi), "vec3", device.name)
     wo = wp.vec3(*viewer(40.0).tolist())
     inputs = [bsdf, wo, backend.array(wi, "vec3", device.name), wp.vec3(*WEIGHT.tolist()), out]
     device.launch(kernel.gradients if gradients else kernel.values, len(wi), inputs)
     found = np.asarray(backend.fetch(out), np.float64)
-    return found if gradients else found.sum(axis=-1)
+    return found.reshape(-1, MAX_SLOTS, 3) if gradients else found.sum(axis=-1)
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def test_nothing_is_changed_where_no_shadow_falls(kind, device):
     light = wrt.PointLight((-3.0, 3.0, 0.5), intensity=20.0)
     scene = table(BALLS[kind], light=light)
     renderer = wrt.Renderer(
-        scene, width=64, height=48, max_depth=2, device=device, layers=("shadow", "position", "alpha")
+        scene, width=64, height=48, max_depth=2, device=device, layers=("shadow", "position", "alpha", "material")
     )
     finish(renderer, 3)
     half = (np.arange(64 * 48) % 2).astype(bool)

@@ -22,7 +22,7 @@ from wrt.distributed.spread import Pass, windows_of_pass
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
 
-SIZE = {"width": 20, "height": 30, "max_depth": 3, "layers": ("albedo", "depth", "object", "material")}
+SIZE = {"width": 20, "height": 30, "max_depth": 3, "layers": ("albedo", "depth", "object", "crypto_material")}
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of Dask, at its end

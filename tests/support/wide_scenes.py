@@ -224,7 +224,7 @@ def clouds() -> wrt.Scene:
     turned = np.array([[0.7, 0.2, 0.0, 0.2], [-0.2, 0.9, 0.0, 0.4], [0.0, 0.1, 0.8, -0.3], [0.0, 0.0, 0.0, 1.0]])
     varied = wrt.DensityGrid(noise(9, 10).transpose(2, 0, 1), transform=turned, factor=3.0, albedo=noise(10)[None])
     scene = room(wrt.Diffuse(0.5), wrt.Diffuse(0.2))
-    scene.environment = wrt.ConstantEnvironment((0.4, 0.5, 0.7))
+    scene.environment = wrt.ConstantEnvironment((0.4, 0.5, 0.7), group="sky")
     scene.medium = wrt.Medium(0.05, 0.1, density=wrt.DensityGrid(noise(11), (-3, 0, -3), (3, 4, 3)))
     for grid, medium in (
         (density, wrt.Medium(0.3, (9.0, 6.0, 3.0), g=0.6)),

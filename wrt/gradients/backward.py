@@ -50,7 +50,9 @@ class Backward:
         if renderer.settings.clamp_indirect is not None:
             raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
         self._renderer, self._device = renderer, renderer.device
-        features = dataclasses.replace(renderer._kernel.features, aovs=False, guides=False, edges="none")
+        features = dataclasses.replace(
+            renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False
+        )
         self._kernel = self._device.backend.call(
             "wrt.kernels.gradients.gradient_pass", "make_gradient_kernel", features
         )

@@ -19,8 +19,10 @@ from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
 from wrt.rendering.catchers import Caught
 from wrt.rendering.film import Film
+from wrt.rendering.film_aovs import Labels
+from wrt.scene.cryptomatte import TYPES, metadata_of
 from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure
-from wrt.scene.layers import NOISY, SHADOW
+from wrt.scene.layers import LIGHT_GROUPS, NOISY, SHADOW, group_layer
 from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import linear_from_srgb
 
@@ -141,7 +143,9 @@ class Picture(ABC):
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
 
-        They are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
+        "light_groups" are several: "light_" and the name of each group, whose sum is `image`, and "light_rest". Layers
+        are float32, or uint32 for object and material numbers, which count from 1; 0 is the background. Ranked
+        coverage is (H, W, 6, 2), pairs of id and coverage; see `wrt.cryptomatte_mask`.
 
         Raises:
             InputError: before the first pass.
@@ -152,18 +156,29 @@ class Picture(ABC):
         layers = self._film_layers()
         if (picture := self._caught()) is not None:
             layers |= {"alpha": picture.alpha, SHADOW: picture.shadow}
-        return {name: layers[name] for name in self.settings.layers}
+        of_groups = [name for name in layers if name.startswith(group_layer(""))]
+        names = [name for name in self.settings.layers if name != LIGHT_GROUPS]
+        return {name: layers[name] for name in (*names, *of_groups)}
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
-        return self.film.aovs.arrays(self.film.counts, self._materials())
+        return self.film.aovs.arrays(self.film.counts, self._labels())
 
     @abstractmethod
-    def _materials(self) -> list[int]:
-        """Return the number of each shape's material."""
+    def _labels(self) -> Labels:
+        """Return what the numbers of the film's layers stand for."""
 
-    def _object_names(self) -> list[str]:
-        """Return the name of each object number from 1; none if they are unknown."""
-        return []
+    def _names_for(self, path: Path) -> dict[str, str]:
+        """Return metadata of a file that name the objects and materials of its layers."""
+        labels, names = self._labels(), {}
+        for layer, key, listed in (
+            ("object", "Objects", labels.objects),
+            ("material", "Materials", labels.material_names),
+        ):
+            if layer in self.settings.layers and path.suffix.lower() in (".exr", ".png"):
+                names[key] = json.dumps(dict(enumerate(listed, 1)))
+            if f"crypto_{layer}" in self.settings.layers and path.suffix.lower() == ".exr":
+                names |= metadata_of(f"crypto_{layer}", listed)
+        return names
 
     def save(
         self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
@@ -185,9 +200,8 @@ class Picture(ABC):
             "Samples per pixel": self.spp,
             "Seed": self.seed,
             "Render seconds": f"{self.seconds_render:.1f}",
+            **self._names_for(path),
         }
-        if "object" in layers and path.suffix.lower() in (".exr", ".png") and (names := self._object_names()):
-            metadata["Objects"] = json.dumps(dict(enumerate(names, 1)))
         save = functools.partial(save_image, path, metadata=metadata, force=force)
         suffix = path.suffix.lower()
         if not self.has_picture:
@@ -239,7 +253,7 @@ def layer_colors(name: str, values: NDArray[Any]) -> NDArray[np.float32]:
     Albedo, coverage and edges are unchanged. Normals map -1 to 1 to 0 to 255. Depth and z are white at the nearest
     point, black at the farthest. Each coordinate of positions runs from black at its lowest to full at its highest.
     Texture coordinates repeat every 1, in red and green. Zero motion is grey, and the longest reaches the limits. Each
-    object and material has its own colour.
+    object and material has its own colour, weighted by its coverage where that is ranked.
     """
     if name == "albedo":
         shown = np.asarray(values, np.float64)
@@ -247,6 +261,9 @@ def layer_colors(name: str, values: NDArray[Any]) -> NDArray[np.float32]:
         shown = np.repeat(np.asarray(values, np.float64)[..., None], 3, axis=2)
     elif name in ("object", "material"):
         shown = _colors(values)
+    elif name in TYPES:
+        ids, coverage = np.ascontiguousarray(values[..., 0]).view(np.uint32), values[..., 1, None]
+        shown = (_colors(ids) * coverage).sum(axis=2)
     else:
         shown = linear_from_srgb(np.clip(_codes(name, np.asarray(values, np.float64)), 0.0, 1.0))
     return shown.astype(np.float32)

@@ -18,14 +18,14 @@ from wrt.io.safe_read import PathLike
 from wrt.rendering import checkpoint
 from wrt.rendering.catchers import Catchers, Caught, any_catchers
 from wrt.rendering.film import Film
-from wrt.rendering.film_aovs import material_numbers
+from wrt.rendering.film_aovs import Labels, labels_of
 from wrt.rendering.guides import Guides
 from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
-from wrt.scene.layers import CATCHER, SHADOW
+from wrt.scene.layers import CATCHER, LIGHT_GROUPS, SHADOW
 from wrt.scene.scene import RenderSettings, Scene, Shape, require_scene
 from wrt.studio.framing import with_camera
 from wrt.upload.camera import CropWindow, build_camera, filter_table, outside_cameras
@@ -167,6 +167,8 @@ class Renderer(Picture):
         self.integrator = choose_integrator(scene, settings)
         self._has_catchers = self.renders_light and any_catchers(scene)
         if self._has_catchers:
+            if LIGHT_GROUPS in settings.layers:
+                raise InputError("a picture with shadow catchers has no layers of light groups; leave one of them out")
             self.settings = dataclasses.replace(settings, transparent=True)
         elif SHADOW in settings.layers:
             raise InputError("the layer 'shadow' needs light, and a shape with shadow_catcher = true")
@@ -176,7 +178,7 @@ class Renderer(Picture):
     def _start_film(self) -> None:
         x0, y0, x1, y1 = self.crop
         layers = (*self.settings.film_layers, *((CATCHER,) if self._has_catchers else ()))
-        self.film = Film(x1 - x0, y1 - y0, self.device, layers)
+        self.film = Film(x1 - x0, y1 - y0, self.device, layers, self.scene.light_groups)
         self.film.aovs.data.edge_width = self.settings.edge_width
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
@@ -575,11 +577,8 @@ class Renderer(Picture):
         """
         return self.film.variance()
 
-    def _materials(self) -> list[int]:
-        return material_numbers([shape.material for shape in self.scene.shapes])
-
-    def _object_names(self) -> list[str]:
-        return [shape.name for shape in self.scene.shapes]
+    def _labels(self) -> Labels:
+        return labels_of(self.scene.shapes)
 
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""

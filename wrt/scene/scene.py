@@ -16,11 +16,11 @@ from wrt.errors import InputError, did_you_mean
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.deformation import Deformation
-from wrt.scene.description import Check, Description, Flag, instance_of, optional, word_of
+from wrt.scene.description import Check, Description, Flag, GroupName, instance_of, optional, word_of
 from wrt.scene.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
-from wrt.scene.layers import SHADOW, layer_names
+from wrt.scene.layers import REST, SHADOW, layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material, Unlit
 from wrt.scene.materials.body import bodies_of
@@ -66,7 +66,7 @@ class Shape(Description):
         emission: radiance from its front, per channel, W·sr⁻¹·m⁻², also an image or vertex colours; 0 for the
             material's.
         two_sided_emission: whether its back emits too.
-        name: for messages.
+        name: for messages, and for layers of objects; shapes of one name are one object of a cryptomatte.
         transform: a (4, 4) affine matrix from the mesh's space to the world, or a `Motion`. Shapes with a transform
             that share a mesh are instances. A mirroring one keeps the mesh's front.
         deformation: keyframes of the vertices.
@@ -75,6 +75,7 @@ class Shape(Description):
         edges: whether `RenderSettings.edges` and `wireframe` draw lines on it.
         shadow_catcher: whether the camera sees of it only what the other shapes do to its light: their shadows, and
             light that they send there. The picture is transparent then; see docs/first-pictures.md.
+        group: name of the light group of its emission.
     """
 
     mesh: _Mesh
@@ -87,6 +88,7 @@ class Shape(Description):
     double_sided: Flag = True
     edges: Flag = True
     shadow_catcher: Flag = False
+    group: GroupName = None
 
     def _label(self, name: str) -> str:
         return f"{self.name}: {name}"
@@ -423,6 +425,13 @@ class Scene:
         """The media of the scene and its bodies."""
         insides = [body.interior for shape in self.shapes for body in bodies_of(shape.material)]
         return [medium for medium in (self.medium, *insides) if medium is not None]
+
+    @property
+    def light_groups(self) -> tuple[str, ...]:
+        """Names of the groups of its lights in order of first use, without "rest"."""
+        emitting = [shape for shape in self.shapes if shape.emits]
+        names = dict.fromkeys(each.group for each in (*emitting, *self.lights, self.environment) if each is not None)
+        return tuple(name for name in names if name not in (None, REST))
 
     @property
     def bounds(self) -> NDArray[np.float64]:

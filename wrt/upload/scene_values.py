@@ -122,7 +122,8 @@ class SceneValues:
         """Upload the lights and the records of the shapes, and return their part of the features."""
         scene, materials = prepared.scene, prepared.materials
         slots = dict(zip(prepared.textures, materials.emission_slots[len(scene.shapes) :], strict=True))
-        table = LightTable(scene.shapes, prepared.lights, prepared.layout, self._first_triangles, flux, slots)
+        groups = scene.light_groups, None if scene.environment is None else scene.environment.group
+        table = LightTable(scene.shapes, prepared.lights, prepared.layout, self._first_triangles, flux, slots, *groups)
         has_tree = upload_lights(data, table, self._device, self._light_choice)
         records = _shape_records(scene, materials, bodies, table, self._first_triangles)
         if data is not self._data:  # vertices may have got normals since

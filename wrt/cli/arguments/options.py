@@ -220,6 +220,10 @@ def make_parser() -> argparse.ArgumentParser:
             _add(added, word, changes.get(word.removeprefix("--").lower(), {}))
         return added
 
+    one_camera = {
+        "help": "take the camera of transforms.json, or of a folder with COLMAP's cameras.txt and images.txt: the "
+        "first, or the one that --camera names"
+    }
     command("scenes", "", "list the built-in scenes")
     command("schema", "", "print the JSON schema of scene files|, for editors")
     command("materials", "NAME --presets", "list the materials and their parameters, or describe one")
@@ -231,10 +235,11 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "convert",
-        f"SCENE OUT.toml --force {READING}",
+        f"SCENE OUT.toml --force --cameras {READING}",
         "convert any scene or mesh to a scene file or GLB|, with its arrays in a folder beside it. Both render to "
         "bit-identical pictures",
         force={"help": "overwrite existing files"},
+        cameras=one_camera,
     )
     command(
         "develop",
@@ -257,7 +262,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "compile",
-        f"INPUT --general --denoise {STUDIO} --device --threads {INTEGRATION} {READING}",
+        f"INPUT --general --denoise {STUDIO} --device --threads {INTEGRATION} --cameras {READING}",
         "compile the kernels that renders of scenes need|, so that no render waits for a compiler: for images of "
         "containers and for clusters",
         input={"nargs": "*", "metavar": "SCENE", "help": f"{ARGUMENTS['SCENE']['help']}, like the options below"},
@@ -265,9 +270,10 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "view",
-        f"SCENE --watch --no-browser --port --spp --size --device --threads --seed {READING}",
+        f"SCENE --watch --no-browser --port --spp --size --device --threads --seed --cameras {READING}",
         "show a scene in the browser while it converges",
         spp={"help": "samples per pixel at which rendering pauses (default: at least 1024)"},
+        cameras=one_camera,
     )
     render = command(
         "render",

@@ -149,6 +149,8 @@ class _Writer(Store):
         material = nearest(shape.material, self.note)
         two_sided = shape.two_sided_emission or (shape.double_sided and not shines(shape.emission))
         described = self._materials.described(material, shape.emission, two_sided=two_sided)
+        if shape.material.name:
+            described["name"] = shape.material.name
         attributes = {"POSITION": self._accessor(mesh, "POSITION", mesh.vertices)}
         if mesh.normals is not None:
             attributes["NORMAL"] = self._accessor(mesh, "NORMAL", _of_unit_length(mesh.normals))

@@ -224,6 +224,8 @@ class _Writer:
             table["shadow_catcher"] = True
         if not shape.edges:
             table["edges"] = False
+        if shape.group is not None:
+            table["group"] = shape.group
         if isinstance(shape.transform, Motion):
             table["motion"] = self.motion(shape.transform)
         elif shape.transform is not None:
@@ -273,7 +275,7 @@ def _key_of_group(shape: Shape) -> tuple[Any, ...]:
     if shape.transform is None or isinstance(shape.transform, Motion):
         return (id(shape),)
     objects = (id(each) for each in (shape.mesh, shape.material, shape.deformation))
-    flags = (shape.two_sided_emission, shape.double_sided, shape.edges, shape.shadow_catcher)
+    flags = (shape.two_sided_emission, shape.double_sided, shape.edges, shape.shadow_catcher, shape.group)
     return (*objects, shape.name, *flags, shape.emission)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import norm
-from wrt.scene.description import Kind, optional
+from wrt.scene.description import GroupName, Kind, optional
 from wrt.scene.textures import CHANNELS, ImageTexture
 from wrt.values import Vec3, color, text, vector
 
@@ -50,10 +50,12 @@ class Light(Kind):
 
     Attributes:
         name: name of its parameters, see `wrt.parameters`; by default its type.
+        group: name of its light group; lights without one are in the group "rest".
     """
 
     _: KW_ONLY
     name: Annotated[str, text] = ""
+    group: GroupName = None
 
     def record(self) -> dict[str, Any]:
         """Return fields of the LightRecord: `value`, and `place` and `two_sided` where the model reads them."""
