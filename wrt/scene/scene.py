@@ -330,15 +330,18 @@ class Scene:
     def add(self, mesh: Mesh, **options: Any) -> Shape: ...
 
     @overload
+    def add(self, mesh: Light) -> Light: ...
+
+    @overload
     def add(self, mesh: object, **options: Any) -> Shape | list[Shape]: ...
 
-    def add(self, mesh: Any, *, material: Any = None, **options: Any) -> Shape | list[Shape]:
+    def add(self, mesh: Any, *, material: Any = None, **options: Any) -> Shape | list[Shape] | Light:
         """Add a mesh and return the new shape.
 
         Args:
             mesh: a Mesh, the path of a mesh file, or an object of trimesh, PyVista, Open3D, or with `vertices` and
                 `faces`. Files and objects bring their materials and may have several parts, whose shapes are returned
-                in a list.
+                in a list. A light is added as by `add_light`, and takes no options.
             material: a material, the name of one such as "gold", a colour, or an image file for the texture.
             options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
                 double_sided, edges, shadow_catcher.
@@ -347,6 +350,10 @@ class Scene:
             InputError: if something cannot be used.
             TypeError: if there is no such option.
         """
+        if isinstance(mesh, Light):
+            if material is not None or options:
+                raise InputError("a light without a mesh has no material and no options")
+            return self.add_light(mesh)
         if material is not None:
             options["material"] = _above.objects().material_of(material)
         if isinstance(mesh, Mesh):
