@@ -106,7 +106,7 @@ def test_files_and_scenes_of_several_parts_are_added_where_the_transform_says() 
     assert len(scene.add(several, transform=matrix)) == 2
     assert scene.bounds == pytest.approx(np.array([[-0.5, 6.0, -1.0], [6.0, 8.0, 1.0]]), abs=0.2)
     assert scene.add("meshes/teapot.ply", name="pot").name == "pot"
-    lamp = wrt.PointLight((0.0, 9.0, 0.0))
+    lamp = wrt.PointLight((0.0, 9.0, 0.0), power=9.0)
     assert scene.add(lamp) is lamp is scene.lights[0]
     with pytest.raises(wrt.InputError, match="no material"):
         scene.add(lamp, material="gold")
