@@ -48,6 +48,7 @@ class Features:
             are disks and cylinders, with spheres or without.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
         single_sided: whether any shape is single-sided or unlit (see `kernels/integrators/sides.py`).
+        caustics: whether photons bring the light that smooth surfaces throw (`kernels/integrators/photons.py`).
         gpu: whether the kernel is for GPUs alone. There one loop reads the values of materials for all models, threads
             take the pixels tile by tile, and shadow rays to a hole in a light are traced to nowhere, beside others of
             a warp.
@@ -75,6 +76,7 @@ class Features:
     composite: str = "none"
     exact: str = "none"
     single_sided: bool = False
+    caustics: bool = False
     gpu: bool = False
 
     def covers(self, scene: "Features") -> bool:

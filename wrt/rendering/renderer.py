@@ -21,6 +21,7 @@ from wrt.rendering.film_aovs import material_numbers
 from wrt.rendering.guides import Guides
 from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
+from wrt.rendering.photons import Photons
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
@@ -99,9 +100,14 @@ class Renderer(Picture):
     def _build(self) -> None:
         """Build the scene on the device, and compile its kernel at the same time."""
         has_uv = "uv" in self.settings.layers
-        upload = SceneUpload(self.scene, self.device, texture_coordinates=has_uv, light_choice=self.light_choice)
-        self._choose_kernel(upload.features)
-        with self.device.compiling(self._kernel.to_compile()):
+        caustics = self.settings.caustics
+        upload = SceneUpload(
+            self.scene, self.device, texture_coordinates=has_uv, light_choice=self.light_choice, caustics=caustics
+        )
+        if caustics and upload.casters is None:
+            warn("caustics: no surface is a mirror, smooth glass or smooth plastic, so there are none", UserWarning)
+        self._choose_kernel(upload.features, upload.casters)
+        with self.device.compiling(self._to_compile()):
             self._built = upload.finish(self._kernel.read)
         del upload  # and with it copies of meshes
         self.film.require_memory()  # check again, now that the scene has taken its memory
@@ -119,16 +125,19 @@ class Renderer(Picture):
             settings: fields of `wrt.RenderSettings`, except the filter and the sampler.
 
         Raises:
-            InputError: on unusable settings, or when memory does not suffice for the film.
+            InputError: on unusable settings, on `caustics` if this renderer has none, or when memory does not suffice
+                for the film.
         """
         renderer = Renderer.__new__(Renderer)
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
             setattr(renderer, name, getattr(self, name))
         renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
+        if renderer.settings.caustics and not self.settings.caustics:
+            raise InputError("caustics must be chosen before the scene is built; make a new Renderer")
         renderer._start_film()
         renderer._guides = None
-        renderer._choose_kernel(self._built.features, self._built.read)
-        with self.device.compiling(renderer._kernel.to_compile()):
+        renderer._choose_kernel(self._built.features, self._built.casters, self._built.read)
+        with self.device.compiling(renderer._to_compile()):
             renderer._start_kernel()
         renderer._kernel.share_wide(self._kernel)
         return renderer
@@ -145,11 +154,18 @@ class Renderer(Picture):
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
 
-    def _choose_kernel(self, features: Any, read: Any = None) -> None:
+    def _choose_kernel(self, features: Any, casters: Any, read: Any = None) -> None:
         """Choose the kernel for a scene with these features; `read` are those for which it was uploaded, if it was."""
         of_picture = {"sampler": self.settings.sampler, "cameras": outside_cameras(self.scene.camera)}
         features = integrator_features(dataclasses.replace(features, **of_picture), self.integrator, self.settings)
         self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height, read=read)
+        self._photons: Photons | None = None
+        if features.caustics:
+            self._photons = Photons(self.device, features, casters, self.seed, self.width, self.height)
+            self._photons.look_from(self.camera)
+
+    def _to_compile(self) -> list[Any]:
+        return [*self._kernel.to_compile(), *(self._photons.kernels if self._photons else ())]
 
     def _start_kernel(self) -> None:
         path = path_settings(self.scene, self.settings, self.integrator)
@@ -287,7 +303,15 @@ class Renderer(Picture):
         return seconds, paths
 
     def _launch(self, target: int, seconds_left: float) -> None:
-        self._kernel.launch([target, *self._inputs], seconds_left)
+        if self._photons is None:
+            self._kernel.launch([target, *self._inputs], seconds_left)
+            return
+        _, _, scene, path = self._shared_inputs
+        for sample in range(self.film.tally().least, target):
+            self._photons.provide(sample, scene, path, self.camera.shutter_open)
+            self._kernel.launch([sample + 1, *self._inputs], seconds_left)
+            if self.device.cancelled.is_set():
+                return
 
     @property
     def lanes(self) -> int:
@@ -347,6 +371,8 @@ class Renderer(Picture):
             raise InputError("the camera must have the same shutter times as before; make a new Renderer")
         self.scene.camera = camera
         self._built.look_from(camera)
+        if self._photons is not None:
+            self._photons.look_from(camera)
         self._shared_inputs[0] = self._device_camera()
         self._clear()
 
@@ -375,6 +401,8 @@ class Renderer(Picture):
     def _clear(self) -> None:
         self.film.clear()
         self.noise_estimate = NoiseEstimate(self.film)
+        if self._photons is not None:
+            self._photons.forget()
         if self._guides is not None:
             self._guides.clear()
 

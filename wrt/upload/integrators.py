@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 WITHOUT_LIGHT = ("ao", "aov")
 """Integrators that can render a scene without light."""
 
+WITH_PHOTONS = ("path", "volpath")
+"""Integrators whose paths gather photons."""
+
 DIRECT_DEPTH = 2
 """Segments of a path with direct lighting only."""
 
@@ -34,10 +37,12 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     """Return the integrator's name, by default "volpath" if media scatter, otherwise "path".
 
     Raises:
-        InputError: for an unlimited ray tree.
+        InputError: for an unlimited ray tree, or caustics that the integrator cannot render.
     """
     scatters = any(medium.scatters for medium in scene.media)
     name = settings.integrator or ("volpath" if scatters else "path")
+    if settings.caustics and name not in WITH_PHOTONS:
+        raise InputError(f"integrator {name!r} cannot render caustics by photons; use 'path' or 'volpath'")
     if name in ("path", "direct", "whitted") and scatters:
         warn(f"integrator {name!r} ignores scattering in media; use 'volpath' for it", UserWarning)
     bodies = (body for shape in scene.shapes for body in bodies_of(shape.material))
@@ -60,6 +65,8 @@ def integrator_features(features: Features, integrator: str, settings: RenderSet
     """Return the features of a scene as an integrator and the settings need them."""
     if settings.film_layers:
         features = dataclasses.replace(features, aovs=True)
+    if features.caustics and not (settings.caustics and integrator in WITH_PHOTONS):
+        features = dataclasses.replace(features, caustics=False)
     if integrator in ("path", "direct", "whitted") and features.media == "scattering":
         features = dataclasses.replace(features, media="absorbing")
     if integrator == "direct":

@@ -20,6 +20,7 @@ from wrt.upload.accel.geometry import corner_tangents, joined, numbered, upload,
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
 from wrt.upload.bodies import BodyTable, set_camera_bodies
+from wrt.upload.casters import CasterTable, upload_casters
 from wrt.upload.lights.choice import upload_lights
 from wrt.upload.lights.environment import environment_kind, upload_environment
 from wrt.upload.lights.table import LightTable
@@ -43,6 +44,7 @@ class BuiltScene:
         world: the meshes in the world's tree, whose vertices can be updated between frames.
         bodies: the bodies and media.
         device: the device.
+        casters: what photons are aimed at, if anything.
     """
 
     data: Any
@@ -51,6 +53,7 @@ class BuiltScene:
     world: WorldMeshes
     bodies: BodyTable
     device: Device
+    casters: CasterTable | None
 
     def look_from(self, camera: Camera) -> None:
         """Find the bodies around a camera, in which its paths begin."""
@@ -79,10 +82,17 @@ class SceneUpload:
 
     Attributes:
         features: the features of the scene, which choose its kernel. That can be compiled while `finish` runs.
+        casters: what photons are aimed at, if anything.
     """
 
     def __init__(
-        self, scene: Scene, device: Device, *, texture_coordinates: bool = False, light_choice: str = "auto"
+        self,
+        scene: Scene,
+        device: Device,
+        *,
+        texture_coordinates: bool = False,
+        light_choice: str = "auto",
+        caustics: bool = False,
     ) -> None:
         """Upload all but the meshes.
 
@@ -91,9 +101,11 @@ class SceneUpload:
             device: the device.
             texture_coordinates: whether to upload these even if no material needs them.
             light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
+            caustics: whether to list what photons are aimed at.
 
         Raises:
-            InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
+            InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count, or moves
+                and is to have caustics.
         """
         scene_data = current_backend().kernels("wrt.kernels.core.scene_data")
 
@@ -115,6 +127,9 @@ class SceneUpload:
         light_tree = upload_lights(data, table, device, light_choice)
         records = _shape_records(scene, materials, bodies, table, places.of_shapes)
         data.shapes = current_backend().array(records, scene_data.ShapeRecord, device.name)
+        self.casters: CasterTable | None = None
+        if caustics:
+            self.casters = upload_casters(scene, layout, places.of_shapes, device.name)
 
         self.features = Features(
             materials.models,
@@ -133,6 +148,7 @@ class SceneUpload:
             mipmapped=materials.mipmapped,
             exact=prepared.exact,
             single_sided=bool((records["single_sided"] | records["unlit"]).any()),
+            caustics=self.casters is not None,
         )
 
     def finish(self, read: Any = None) -> BuiltScene:
@@ -150,7 +166,7 @@ class SceneUpload:
             data.aligns_tangents = 2
             data.tangents = upload(corner_tangents(places.faces), "vec4", device.name)
         world = _build_trees(data, layout, places, device)
-        built = BuiltScene(data, self.features, read, world, self._bodies, device)
+        built = BuiltScene(data, self.features, read, world, self._bodies, device, self.casters)
         if self._prepared.scene.camera is not None:
             built.look_from(self._prepared.scene.camera)
         return built
