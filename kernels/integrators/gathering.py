@@ -46,8 +46,9 @@ def bucket_of(cell: wp.vec3i, buckets: int) -> int:
 
 
 @wp.func
-def key_of(bucket: int, photon: int) -> wp.int64:
+def key_of(photon_map: PhotonMap, position: wp.vec3, photon: int) -> wp.int64:
     """Return the key by which photons are sorted: no two are equal, so their order depends on nothing else."""
+    bucket = bucket_of(cell_of(position, photon_map.radius), photon_map.starts.shape[0] - 1)
     return (wp.int64(bucket) << wp.int64(32)) | wp.int64(photon)
 
 

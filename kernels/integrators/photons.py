@@ -21,7 +21,7 @@ from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.quadrics import DISK, NO_QUADRIC, disk_area, front_of, make_quadric_of, point_of
 from wrt.kernels.geometry.spheres import make_sphere_of
 from wrt.kernels.geometry.triangles import make_triangle_of, triangle_normal, twice_area
-from wrt.kernels.integrators.gathering import NO_PHOTON, bucket_of, cell_of, key_of
+from wrt.kernels.integrators.gathering import NO_PHOTON, key_of
 from wrt.kernels.integrators.path import make_begin_path
 from wrt.kernels.integrators.path_media import make_traverse_medium
 from wrt.kernels.integrators.path_state import PathSettings
@@ -237,7 +237,6 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
         scene: SceneData,
         settings: PathSettings,
         casters: Casters,
-        buckets: int,
         photons_out: wp.array(dtype=Photon),
         keys_out: wp.array(dtype=wp.int64),
     ):
@@ -291,8 +290,7 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
                     photon.power = wp.cw_mul(path.throughput, departure.power) * scale
                     photon.turns = turns
                     photons_out[i] = photon
-                    cell = cell_of(photon.position, settings.photon_map.radius)
-                    keys_out[i] = key_of(bucket_of(cell, buckets), i)
+                    keys_out[i] = key_of(settings.photon_map, photon.position, i)
                     break
                 path.throughput = path.throughput / (1.0 - stays)
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))

@@ -40,29 +40,34 @@ def squared_shrinkage(number: int) -> float:
 
 
 class Photons:
-    """The photons of the current set."""
+    """The photons of the current set.
+
+    Attributes:
+        kernels: the kernels that follow and arrange photons.
+    """
 
     def __init__(self, device: Device, features: Any, casters: CasterTable, seed: int, width: int, height: int) -> None:
-        """Take what photons are aimed at, and the size of the whole picture in pixels."""
+        """Take what photons are aimed at, and the size of the whole picture in pixels.
+
+        Raises:
+            InputError: when memory does not suffice.
+        """
         backend = device.backend
-        self.kernel = backend.call("wrt.kernels.integrators.photons", "make_photon_kernel", features)
-        self._gathering = backend.kernels("wrt.kernels.integrators.gathering")
+        self.kernels = [
+            backend.call("wrt.kernels.integrators.photons", "make_photon_kernel", features),
+            backend.kernels("wrt.kernels.integrators.gathering").arrange_photons,
+        ]
         self._device, self._casters, self._seed = device, casters, seed
         self._size = width, height
         self._count = min(max(width * height, FEWEST), MOST)
-        self._buckets = 1 << (self._count - 1).bit_length()
         photon = backend.kernels("wrt.kernels.core.photon_map").Photon
-        device.require_memory(self._count * (2 * photon.numpy_dtype().itemsize + 16), "a set of photons")
-        self._found, self._sorted = (backend.empty(self._count, photon, device.name) for _ in range(2))
+        device.require_memory(2 * self._count * photon.numpy_dtype().itemsize, "a set of photons")
+        self._found, self._arranged = (backend.empty(self._count, photon, device.name) for _ in range(2))
         self._keys = backend.empty(self._count, "int64", device.name)
-        self._starts = backend.empty(self._buckets + 1, "int32", device.name)
+        buckets = 1 << (self._count - 1).bit_length()
+        self._starts = backend.empty(buckets + 1, "int32", device.name)
         self._number: int | None = None
         self._first_radius = 0.0
-
-    @property
-    def kernels(self) -> list[Any]:
-        """The kernels to compile."""
-        return [self.kernel, self._gathering.arrange_photons]
 
     def look_from(self, camera: Camera) -> None:
         """Choose the first radius for a camera."""
@@ -82,12 +87,11 @@ class Photons:
         if self._number == number:
             return
         self._number = None
-        device, backend, photon_map = self._device, self._device.backend, settings.photon_map
+        photon_map, backend, (follow, arrange) = settings.photon_map, self._device.backend, self.kernels
+        photon_map.photons, photon_map.starts = self._arranged, self._starts
         photon_map.radius = self._first_radius * math.sqrt(squared_shrinkage(number))
-        inputs = [number, self._seed, time, scene, settings, self._casters.data, self._buckets]
-        device.launch(self.kernel, self._count, [*inputs, self._found, self._keys])
-        keys = backend.array(np.sort(backend.fetch(self._keys)), "int64", device.name)
-        arranged = [keys, self._found, self._sorted, self._starts]
-        device.launch(self._gathering.arrange_photons, self._count + 1, arranged)
-        photon_map.photons, photon_map.starts = self._sorted, self._starts
+        inputs = [number, self._seed, time, scene, settings, self._casters.data, self._found, self._keys]
+        self._device.launch(follow, self._count, inputs)
+        keys = backend.array(np.sort(backend.fetch(self._keys)), "int64", self._device.name)
+        self._device.launch(arrange, self._count + 1, [keys, self._found, self._arranged, self._starts])
         self._number = number
