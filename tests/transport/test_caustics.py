@@ -71,23 +71,29 @@ def deviation(a: np.ndarray, b: np.ndarray | float, bias: float = 0.0) -> float:
 # --- The light is right ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("degrees", [0.0, 60.0])
-def test_a_slab_lets_through_what_fresnel_says(degrees: float, report: Report) -> None:
-    """Inner reflections included, (1 − R) / (1 + R) of the light arrive; the path tracer finds none of it."""
+@pytest.mark.parametrize(("what", "degrees"), [("slab", 0.0), ("slab", 60.0), ("water", 60.0)])
+def test_light_comes_through_as_fresnel_says(what: str, degrees: float, report: Report) -> None:
+    """Below a slab, with inner reflections, (1 − R) / (1 + R) of the light arrive, below a single surface 1 − R.
+
+    The path tracer finds none of it.
+    """
     angle = np.radians(degrees)
     sun = wrt.DirectionalLight((np.sin(angle), -np.cos(angle), 0.0), 1.0)
 
     def make() -> wrt.Scene:
         # A dark floor: of its light the slab would reflect some back.
-        slab = wrt.Shape(wrt.box((-2.0, 0.6, -2.0), (2.0, 0.8, 2.0)), wrt.Dielectric(ior=1.5))
-        scene = scene_of(floor(wrt.Diffuse(1e-3), 2.0), slab, sun)
+        mesh = wrt.box((-2.0, 0.6, -2.0), (2.0, 0.8, 2.0))
+        if what == "water":
+            mesh = wrt.quad((-2.0, 0.6, 2.0), (4.0, 0.0, 0.0), (0.0, 0.0, -4.0))
+        scene = scene_of(floor(wrt.Diffuse(1e-3), 0.8), wrt.Shape(mesh, wrt.Dielectric(ior=1.5)), sun)
         scene.camera = wrt.PerspectiveCamera((0.0, 0.5, 0.01), (0.0, 0.0, 0.0), fov_degrees=60.0)
         return scene
 
     reflectance = float(by_angles(max(np.cos(angle), 1e-6) if degrees else 1.0 - 1e-9, 1.5))
-    expected = 1e-3 / np.pi * np.cos(angle) * (1.0 - reflectance) / (1.0 + reflectance)
+    inner = reflectance if what == "slab" else 0.0
+    expected = 1e-3 / np.pi * np.cos(angle) * (1.0 - reflectance) / (1.0 + inner)
     found = means(make, 48, caustics=True, max_depth=20)
-    report("irradiance below a slab", found.mean() / expected, 1.0)
+    report(f"irradiance below {what}", found.mean() / expected, 1.0)
     assert found.std() < 0.03 * expected
     assert deviation(found, expected) < 3.5
     assert means(make, 8, 1)[0] == 0.0
