@@ -52,7 +52,6 @@ from wrt.kernels.sampling.warps import (
     square_to_triangle,
 )
 
-
 FIRST_PIXEL = wp.constant(wp.uint32(2**31))
 """Photons of set k have the random numbers of this pixel + k, which no picture has: one sample for each photon."""
 

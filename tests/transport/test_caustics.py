@@ -9,17 +9,21 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Report
+from numpy.typing import NDArray
 from support.fresnel import by_angles
 from support.small_scenes import finish, image_of
 from support.statistics import two_sample_z
 
 import wrt
-from wrt.kernels.bsdf import BSDFS, smooth_lobes
+from wrt.kernels.bsdf import smooth_lobes
 from wrt.rendering.part import Part
+
+Array = NDArray[np.floating[Any]]
 
 SIZE = 16
 SEEDS = 8
@@ -37,11 +41,14 @@ def lamp() -> wrt.Shape:
     return wrt.Shape(wrt.quad((0.2, 3.0, -0.8), (1.6, 0.0, 0.0), (0.0, 0.0, 1.6)), wrt.Diffuse(0.0), emission=2.5)
 
 
-def scene_of(*parts: wrt.Shape | wrt.Light, environment: wrt.Environment | None = None) -> wrt.Scene:
+def scene_of(*parts: wrt.Shape | wrt.Light, environment: Any = None) -> wrt.Scene:
     camera = wrt.PerspectiveCamera((0.0, 3.0, 4.0), (0.0, 0.3, 0.0), fov_degrees=40.0)
     scene = wrt.Scene(environment=environment, camera=camera)
     for part in parts:
-        (scene.shapes if isinstance(part, wrt.Shape) else scene.lights).append(part)  # type: ignore[attr-defined]
+        if isinstance(part, wrt.Shape):
+            scene.shapes.append(part)
+        else:
+            scene.lights.append(part)
     return scene
 
 
@@ -53,13 +60,13 @@ def ball(material: wrt.Material | None = None, *, exact: bool = False) -> wrt.Sh
     return wrt.Shape(wrt.sphere((0.0, 0.9, 0.0), 0.6, subdivisions=2, exact=exact), material or wrt.Dielectric())
 
 
-def means(make: Callable[[], wrt.Scene], spp: int, seeds: int = SEEDS, **options: object) -> np.ndarray:
+def means(make: Callable[[], wrt.Scene], spp: int, seeds: int = SEEDS, **options: Any) -> Array:
     """Return the mean radiance of renders with as many seeds."""
     options = {"width": SIZE, "height": SIZE, "sampler": "independent", "max_depth": 10, **options}
     return np.array([image_of(wrt.Renderer(make(), seed=seed, **options), spp).mean() for seed in range(seeds)])
 
 
-def deviation(a: np.ndarray, b: np.ndarray | float, bias: float = 0.0) -> float:
+def deviation(a: Array, b: Array | float, bias: float = 0.0) -> float:
     """Return how far the means of renders are apart beyond a relative bias, in standard errors."""
     other = np.atleast_1d(b)
     spread = other.var(ddof=1) / len(other) if len(other) > 1 else 0.0
@@ -167,7 +174,9 @@ def fog() -> wrt.Scene:
     return scene_of(floor(), lamp(), box, block(wrt.Dielectric()))
 
 
-@pytest.mark.parametrize("name", [name if name == "block" else pytest.param(name, marks=pytest.mark.slow) for name in SCENES])
+@pytest.mark.parametrize(
+    "name", [name if name == "block" else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
+)
 def test_photons_bring_the_light_that_long_paths_find(name: str, report: Report) -> None:
     spp = 32 if name == "block" else 128
     ours, theirs = means(SCENES[name], spp, caustics=True), means(SCENES[name], 16 * spp)
@@ -181,31 +190,35 @@ def test_photons_bring_the_light_that_long_paths_find(name: str, report: Report)
 def test_a_path_is_as_long_with_photons_as_without(report: Report) -> None:
     """Of the light through two sides of a block, which takes four segments, a depth of three shows nothing."""
     for depth in (3, 4):
-        ours, theirs = (means(SCENES["block"], spp, max_depth=depth, caustics=c) for c, spp in ((True, 32), (False, 512)))
+        ours, theirs = (
+            means(SCENES["block"], spp, max_depth=depth, caustics=c) for c, spp in ((True, 32), (False, 512))
+        )
         report(f"mean radiance at depth {depth}", ours.mean() / theirs.mean(), 1.0)
         assert deviation(ours, theirs, BIAS) < 3.5
 
 
 def test_models_say_what_turns_light() -> None:
-    found = {name: smooth_lobes(name) for name in ("diffuse", "null", "mirror", "dielectric", "thin_dielectric", "plastic")}
+    found = {
+        name: smooth_lobes(name) for name in ("diffuse", "null", "mirror", "dielectric", "thin_dielectric", "plastic")
+    }
     assert list(found.values()) == ["none", "none", "all", "all", "all", "some"]
-    assert {name for name in BSDFS.families if name == "glossy" and smooth_lobes(name) != "none"} == set()
 
 
 # --- Bits ------------------------------------------------------------------------------------------
 
 
-def renderer(**options: object) -> wrt.Renderer:
+def renderer(**options: Any) -> wrt.Renderer:
     options = {"width": 24, "height": 16, "seed": 3, "caustics": True, "max_depth": 10, **options}
     return wrt.Renderer(SCENES["block"](), **options)
 
 
 @pytest.fixture(scope="module")
-def expected() -> np.ndarray:
-    return image_of(renderer(), 6)
+def expected() -> Array:
+    image: Array = image_of(renderer(), 6)
+    return image
 
 
-def test_threads_slices_passes_and_seeds(expected: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_threads_slices_passes_and_seeds(expected: Array, monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(image_of(renderer(threads=3), 6), expected)
     np.testing.assert_array_equal(image_of(renderer(), 1, 2, 5, 6), expected)
     assert (image_of(renderer(seed=4), 6) != expected).any()
@@ -213,7 +226,7 @@ def test_threads_slices_passes_and_seeds(expected: np.ndarray, monkeypatch: pyte
     np.testing.assert_array_equal(image_of(renderer(), 6), expected)
 
 
-def test_crops_parts_and_resumed_pictures(expected: np.ndarray, tmp_path: Path) -> None:
+def test_crops_parts_and_resumed_pictures(expected: Array, tmp_path: Path) -> None:
     cropped = image_of(renderer(crop=(5, 3, 17, 12)), 6)
     np.testing.assert_array_equal(cropped, expected[3:12, 5:17])
     finish(renderer(), 4).save_checkpoint(tmp_path / "a.ckpt")
@@ -226,12 +239,12 @@ def test_crops_parts_and_resumed_pictures(expected: np.ndarray, tmp_path: Path) 
         renderer(caustics=False).load_checkpoint(tmp_path / "a.ckpt")
 
 
-def test_an_interrupted_pass_goes_on_where_it_was(expected: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_pass_goes_on_where_it_was(expected: Array, monkeypatch: pytest.MonkeyPatch) -> None:
     half = renderer(threads=2)
     backend = half.device.backend
     launch, launches = backend.launch, itertools.count()
 
-    def interrupted(*args: object, **kwargs: object) -> None:
+    def interrupted(*args: Any, **kwargs: Any) -> None:
         if next(launches) == 40:
             raise KeyboardInterrupt
         launch(*args, **kwargs)
@@ -244,7 +257,7 @@ def test_an_interrupted_pass_goes_on_where_it_was(expected: np.ndarray, monkeypa
     np.testing.assert_array_equal(image_of(half, 6), expected)
 
 
-def test_pixels_that_stop_before_others(expected: np.ndarray) -> None:
+def test_pixels_that_stop_before_others(expected: Array) -> None:
     """Those of an adaptive render have the samples of their counts."""
     adaptive = renderer(width=64, height=32)
     finish(adaptive, noise=0.25, adaptive=True)
@@ -254,7 +267,7 @@ def test_pixels_that_stop_before_others(expected: np.ndarray) -> None:
         np.testing.assert_array_equal(adaptive.image()[counts == count], whole[counts == count])
 
 
-def test_another_camera_and_a_shared_scene(expected: np.ndarray) -> None:
+def test_another_camera_and_a_shared_scene(expected: Array) -> None:
     moved = finish(renderer(), 2)
     moved.set_camera(wrt.PerspectiveCamera((0.0, 5.0, 4.0), (0.0, 0.3, 0.0)))
     moved.set_camera(SCENES["block"]().camera)
@@ -276,7 +289,7 @@ def test_what_cannot_be_rendered_is_said_before() -> None:
             renderer(integrator=name)
     scene = SCENES["block"]()
     scene.camera = wrt.PerspectiveCamera((0.0, 3.0, 4.0), (0.0, 0.3, 0.0), shutter_open=0.0, shutter_close=1.0)
-    moves = wrt.Motion([0.0, 1.0], [np.eye(4), np.diag([2.0, 1.0, 1.0, 1.0])])
+    moves = wrt.Motion.translation((1.0, 0.0, 0.0))
     scene.shapes.append(wrt.Shape(wrt.box(), transform=moves))
     with pytest.raises(wrt.InputError, match="must stand still while the shutter is open"):
         wrt.Renderer(scene, caustics=True)
