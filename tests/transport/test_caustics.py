@@ -103,7 +103,7 @@ def test_light_comes_through_as_fresnel_says(what: str, degrees: float, report: 
     report(f"irradiance below {what}", found.mean() / expected, 1.0)
     assert found.std() < 0.03 * expected
     assert deviation(found, expected) < 3.5
-    assert means(make, 8, 1)[0] == 0.0
+    assert means(make, 8, 1)[0] < 1e-4 * expected
 
 
 def smooth_normals() -> wrt.Scene:
