@@ -14,8 +14,9 @@ from wrt.kernels.camera.models import make_camera_sample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.film.film import is_finite_color
+from wrt.kernels.integrators.light_groups import add_to_layers
 from wrt.kernels.integrators.path import make_begin_path, make_follow_path
-from wrt.kernels.integrators.path_state import PathState, path_result
+from wrt.kernels.integrators.path_state import PathState, make_path_result
 from wrt.kernels.native import include
 from wrt.kernels.render import CUDA_BOUNDS, gpu_module, make_render_kernel, of_pass, pixel_of_thread
 from wrt.kernels.sampling.sampler import make_sampler_of_pixel
@@ -63,7 +64,7 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features, which takes the arguments of `make_render_kernel`."""
     camera_sample = make_camera_sample(features)
     begin_path, advance_path = make_begin_path(features), make_follow_path(features, in_rounds=True)
-    sampler_of_pixel = make_sampler_of_pixel(features.sampler)
+    sampler_of_pixel, path_result = make_sampler_of_pixel(features.sampler), make_path_result(features)
     module = gpu_module(make_regenerating_kernel.module_name(features))
 
     @wp.kernel(module=module, enable_backward=False, launch_bounds=CUDA_BOUNDS)
@@ -100,6 +101,8 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
                     value = wp.vec3d(result.radiance)
                     film.total[pixel] = film.total[pixel] + value
                     film.total_of_squares[pixel] = film.total_of_squares[pixel] + wp.cw_mul(value, value)
+                    if wp.static(features.light_groups):
+                        add_to_layers(aovs.sums, pixel, aovs.light_groups, result.groups)
                 else:
                     film.rejected[pixel] = film.rejected[pixel] + 1
             unfinished = votes(lanes, index < target_count)

@@ -13,7 +13,8 @@ from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import pixel_kernel
 from wrt.kernels.film.film import FilmData, is_finite_color
 from wrt.kernels.integrators.aovs import AovData, make_add_aovs
-from wrt.kernels.integrators.path_state import PathResult, PathSettings
+from wrt.kernels.integrators.light_groups import GroupTotals, read_totals, write_totals
+from wrt.kernels.integrators.path_state import PathSettings, result_type
 from wrt.kernels.integrators.registry import make_trace
 from wrt.kernels.sampling.sampler import make_sampler_of_pixel
 
@@ -64,7 +65,7 @@ def pixel_of_thread(thread: int, width: int, height: int) -> int:
 def make_render_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features."""
     camera_sample, trace, add_aovs = make_camera_sample(features), make_trace(features), make_add_aovs(features)
-    sampler_of_pixel = make_sampler_of_pixel(features.sampler)
+    sampler_of_pixel, Result = make_sampler_of_pixel(features.sampler), result_type(features.light_groups)
     name = make_render_kernel.module_name(features)
     module = gpu_module(name) if features.gpu else wp.get_module(name)
 
@@ -80,27 +81,33 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         y = camera.crop_y + pixel // camera.crop_width
         total = film.total[pixel]
         squares = film.total_of_squares[pixel]
+        if wp.static(features.light_groups):
+            by_group = read_totals(aovs.sums, pixel, aovs.light_groups)
         rays = int(0)
         sampler = sampler_of_pixel(seed, x, y, camera.width)
         for index in range(film.count[pixel], target_count):
             sampler.index = wp.uint32(index)
             sample = camera_sample(camera, filter_table, sampler, x, y)
             camera_ray = sample.seen
-            result = PathResult()
+            result = Result()
             if camera_ray.visible:
                 result = trace(scene, camera_ray.ray, camera_ray.footprint, sampler, settings)
                 if wp.static(features.aovs):
                     offset = sample.position - wp.vec2(float(x) + 0.5, float(y) + 0.5)
-                    rays += add_aovs(scene, camera, camera_ray, sampler, aovs, pixel, offset)
+                    rays += add_aovs(scene, camera, camera_ray, sampler, aovs, pixel, offset, result.radiance)
             rays += result.rays
             if is_finite_color(result.radiance):
                 value = wp.vec3d(result.radiance)
                 total += value
                 squares += wp.cw_mul(value, value)
+                if wp.static(features.light_groups):
+                    by_group += GroupTotals(result.groups)
             else:
                 film.rejected[pixel] = film.rejected[pixel] + 1
         film.total[pixel] = total
         film.total_of_squares[pixel] = squares
+        if wp.static(features.light_groups):
+            write_totals(aovs.sums, pixel, aovs.light_groups, by_group)
         film.count[pixel] = wp.max(film.count[pixel], target_count)
         film.rays[pixel] = film.rays[pixel] + wp.int64(rays)
 

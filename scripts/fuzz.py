@@ -115,6 +115,8 @@ def readers(kind: str) -> list[Reader]:
         return [with_material]
     if kind == "json":
         return [wrt.load_cameras]
+    if kind == "txt":
+        return [lambda path: wrt.load_cameras(_dataset(path))]
     if kind == "ckpt":
         return [read_checkpoint]
     if kind == "wrt":
@@ -126,6 +128,16 @@ def readers(kind: str) -> list[Reader]:
     if kind in ("png", "jpg", "bmp", "exr", "hdr", "npy"):
         return [load_image, lambda path: load_image(path, linear=True), load_environment, as_textures]
     return [loaded]
+
+
+def _dataset(path: Path) -> Path:
+    """Return a folder with a dataset of COLMAP, one of whose two files is replaced."""
+    folder = path.with_suffix("")
+    folder.mkdir(exist_ok=True)
+    replaced = "images.txt" if b"IMAGE_ID" in path.read_bytes() else "cameras.txt"
+    for name in ("images.txt", "cameras.txt"):
+        shutil.copy(path if name == replaced else path.with_name(name), folder / name)
+    return folder
 
 
 _TRIANGLES = """\

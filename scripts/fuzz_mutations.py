@@ -343,7 +343,7 @@ def _member(rng: Random, data: bytes, siblings: Sequence[bytes]) -> bytes:
 
 _DAMAGES = {
     **dict.fromkeys(("3mf", "npz", "ckpt", "wrt", "usdz"), (*_BINARY, *(_member,) * 20)),
-    **dict.fromkeys(("obj", "mtl", "off", "usda"), (*_TEXT, _bom)),
+    **dict.fromkeys(("obj", "mtl", "off", "usda", "txt"), (*_TEXT, _bom)),
     "usdc": _BINARY,
     **dict.fromkeys(("ply", "stl", "hdr", "npy"), _MIXED),
     **dict.fromkeys(("gltf", "json"), (*_TEXT, *(_json,) * 12, _json_copies, _bom)),

@@ -43,8 +43,8 @@ def _names(classes: Mapping[str, type]) -> str:
 
 
 GROUPS: dict[str, str] = {
-    "Loading and rendering": "load render render_views View Renderer Progress precompile Precompiled device_memory "
-    "DeviceMemory",
+    "Loading and rendering": "load render render_views View Renderer Progress parameters precompile Precompiled "
+    "device_memory DeviceMemory",
     "Several machines": "Part merge Merged",
     "Scenes": "Scene Shape RenderSettings",
     "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon",
@@ -55,8 +55,8 @@ GROUPS: dict[str, str] = {
     "Media": "Medium DensityGrid",
     "Textures": "ImageTexture VertexColor NormalMap",
     "Rays": "Intersector Hits",
-    "Files and pictures": "load_image save_image develop_image show save_video turntable save_scene load_density "
-    "load_measurement",
+    "Files and pictures": "load_image save_image cryptomatte_mask develop_image show save_video turntable save_scene "
+    "load_density load_measurement",
     "Errors": "InputError InputWarning",
 }
 """The public names by subject, in the order in which a reader meets them."""

@@ -38,6 +38,7 @@ def _module(name: str) -> object:
     return importlib.import_module(name)
 
 
+_above.gradients = lambda: _module("wrt.gradients.renderers")
 _above.objects = lambda: _module("wrt.io.objects")
 _above.pictures = lambda: _module("wrt.pictures")
 _above.scene_files = lambda: _module("wrt.io.toml.writer")

@@ -7,6 +7,7 @@ from wrt.api import load as load
 from wrt.develop.picture import develop_image as develop_image
 from wrt.errors import InputError as InputError
 from wrt.errors import InputWarning as InputWarning
+from wrt.gradients.parameters import parameters as parameters
 from wrt.io.camera_files import FileCamera as FileCamera
 from wrt.io.camera_files import load_cameras as load_cameras
 from wrt.io.camera_files import save_cameras as save_cameras
@@ -37,6 +38,7 @@ from wrt.scene.camera import FisheyeCamera as FisheyeCamera
 from wrt.scene.camera import OrthographicCamera as OrthographicCamera
 from wrt.scene.camera import PanoramaCamera as PanoramaCamera
 from wrt.scene.camera import PerspectiveCamera as PerspectiveCamera
+from wrt.scene.cryptomatte import cryptomatte_mask as cryptomatte_mask
 from wrt.scene.deformation import Deformation as Deformation
 from wrt.scene.environment import ConstantEnvironment as ConstantEnvironment
 from wrt.scene.environment import ImageEnvironment as ImageEnvironment

@@ -6,6 +6,9 @@
 from collections.abc import Callable
 from typing import Any
 
+gradients: Callable[[], Any]
+"""`wrt.gradients.renderers`."""
+
 objects: Callable[[], Any]
 """`wrt.io.objects`."""
 

@@ -50,6 +50,7 @@ def load(
     material: Material | ColorLike | PathLike | None = None,
     environment: Environment | PathLike | None = None,
     transparent: bool = False,
+    shadow_catcher: bool = False,
     double_sided: bool = False,
     aspect: float | None = None,
     time: float | None = None,
@@ -86,6 +87,8 @@ def load(
         material: replaces the materials of a mesh: a material, a colour, an image file, or a text such as "gold".
         environment: replaces the studio's light or the scene's environment: an environment, an image file, or "sky".
         transparent: leave out the studio's backdrop, and set `RenderSettings.transparent`.
+        shadow_catcher: whether a mesh in the studio stands on flat ground that shows only its shadow, in place of the
+            backdrop; the picture is transparent (docs/first-pictures.md).
         double_sided: whether everything is seen from behind, also what a file calls single-sided.
         aspect: width of the picture over its height, for framing; by default from the scene's settings.
         time: seconds, in the first animation of a glTF file or after the first time code of a USD file; by default the
@@ -101,11 +104,13 @@ def load(
         raise InputError("a view replaces the source's camera; choose a view or a camera")
     if up is not None and (cameras is not None or isinstance(camera, Camera)):
         raise InputError("an up axis would turn the source, but not a camera that is not its own")
-    others = _other_cameras(camera, cameras)
+    others = _other_cameras(camera, cameras, confined)
     reading = _reading(triangles, up, parameters, None if others else camera, smooth_degrees, point_radius)
     if frame is None and view is None and (others or camera is not None):
         frame = False  # a camera that was chosen is kept
-    stage = Stage(view, frame, material, environment, transparent, aspect, time, cameras=others)
+    stage = Stage(
+        view, frame, material, environment, transparent, aspect, time, cameras=others, shadow_catcher=shadow_catcher
+    )
     return _loaded(source, reading, stage, strict, confined, double_sided, file_type)
 
 
@@ -126,7 +131,7 @@ def load_contents(
     return _loaded(source, reading, Stage(is_bare=True), strict, confined, double_sided, None)
 
 
-def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None) -> dict[str, Camera]:
+def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None, confined: bool) -> dict[str, Camera]:
     """Return the cameras that replace those of a source by their names, the one in use first."""
     if cameras is None:
         return {"camera": camera} if isinstance(camera, Camera) else {}
@@ -135,7 +140,7 @@ def _other_cameras(camera: Camera | int | str | None, cameras: PathLike | None) 
 
     if isinstance(camera, Camera):
         raise InputError("choose a camera or a file of cameras")
-    found = {name: each.camera for name, each in load_cameras(cameras).items()}
+    found = {name: each.camera for name, each in load_cameras(cameras, confined=confined).items()}
     first = list(found)[0 if camera is None else number_of(cameras, list(found), camera)]
     return {first: found[first], **found}
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from wrt.api import load
 from wrt.backend import current_backend
+from wrt.rendering.catchers import any_catchers, without_others
 from wrt.rendering.film import BYTES_PER_PIXEL
 from wrt.rendering.film_aovs import bytes_per_pixel
 from wrt.rendering.guides import LAYERS as GUIDES
+from wrt.scene.layers import CATCHER
 from wrt.studio.framing import with_camera
 from wrt.upload.memory import SceneMemory
 from wrt.upload.prepare import PreparedScene
@@ -27,7 +30,7 @@ class DeviceMemory:
         trees: the ray trees.
         materials: materials, images, normal maps, the environment and grids of media.
         lights: the table of lights and the tree over them.
-        film: sums of samples for each pixel, also those of guides for denoising.
+        film: sums of samples for each pixel, also those of guides for denoising and of shadow catchers.
         layers: layers besides radiance.
         kept: all of these, for as long as the renderer lives.
         peak: the most at once, while trees are built.
@@ -73,25 +76,34 @@ def device_memory(
     scene = load(source)
     settings = scene.settings.changed(width=width, height=height, layers=layers, denoise=denoise)
     scene = with_camera(scene, settings.width / settings.height)
+    scenes, films = [scene], [settings.film_layers]
+    if any_catchers(scene) and settings.integrator != "aov" and not settings.wireframe:
+        scenes.append(without_others(scene))
+        seen = settings.changed(transparent=True)
+        films = [(*each.film_layers, CATCHER) for each in (seen, dataclasses.replace(seen, layers=()))]
     coordinates = "uv" in settings.layers
-    of_scene = SceneMemory(PreparedScene(scene), is_cpu=device == "cpu", texture_coordinates=coordinates)
+    of_scenes = [
+        SceneMemory(PreparedScene(each), is_cpu=device == "cpu", texture_coordinates=coordinates) for each in scenes
+    ]
     x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
-    pixels, of_layers = (x1 - x0) * (y1 - y0), bytes_per_pixel(settings.film_layers)
-    film = pixels * BYTES_PER_PIXEL * (1 + settings.denoise)
-    of_layers_and_guides = pixels * (of_layers + settings.denoise * bytes_per_pixel(GUIDES))
-    kept = of_scene.lasting + film + of_layers_and_guides
+    pixels, of_layers = (x1 - x0) * (y1 - y0), [bytes_per_pixel(film, scene.light_groups) for film in films]
+    film = pixels * BYTES_PER_PIXEL * len(films) * (1 + settings.denoise)
+    of_layers_and_guides = pixels * (sum(of_layers) + len(films) * settings.denoise * bytes_per_pixel(GUIDES))
+    kept = sum(each.lasting for each in of_scenes) + film + of_layers_and_guides
     # The film comes before the scene, that of guides after it.
-    building = pixels * (BYTES_PER_PIXEL + of_layers) + of_scene.lasting
+    first, last = of_scenes[0], of_scenes[-1]
+    building = pixels * (BYTES_PER_PIXEL + of_layers[0]) + first.lasting
+    finishing = kept if last is first else kept + last.scratch
     return DeviceMemory(
-        of_scene.geometry,
-        of_scene.trees,
-        of_scene.materials,
-        of_scene.lights,
+        sum(each.geometry for each in of_scenes),
+        sum(each.trees for each in of_scenes),
+        sum(each.materials for each in of_scenes),
+        sum(each.lights for each in of_scenes),
         film,
         of_layers_and_guides,
         kept,
-        peak=max(kept, building + of_scene.scratch),
-        peak_if_cut=max(kept, building + of_scene.scratch_if_cut),
+        peak=max(finishing, building + first.scratch),
+        peak_if_cut=max(finishing, building + first.scratch_if_cut),
     )
 
 

@@ -75,7 +75,7 @@ def render(
     layers = renderer.layers()
     if not layers:
         return image
-    return {"image": image, **layers} if renderer.renders_light else layers
+    return {"image": image, **layers} if renderer.has_picture else layers
 
 
 def show(source: Any, **options: Any) -> None:

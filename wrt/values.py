@@ -76,6 +76,13 @@ def boolean(value: object, name: str) -> bool:
     return value
 
 
+def text(value: object, name: str) -> str:
+    """Return `value` if it is text, or raise InputError naming `name`."""
+    if not isinstance(value, str):
+        raise InputError(f"{name} must be text, not {_shown(value)}")
+    return value
+
+
 def one_of(value: object, choices: Sequence[str], name: str) -> str:
     """Return `value` if it is among `choices`, or raise InputError naming `name` and the choices."""
     if not isinstance(value, str) or value not in choices:

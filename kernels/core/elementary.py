@@ -48,6 +48,12 @@ def logarithm(x: float) -> float:
     return wp.where(x > 0.0, (y + tail) + power * _LOG2_FIRST, -wp.inf)
 
 
+@wp.func_grad(logarithm)
+def _logarithm_adjoint(x: float, adj_ret: float):
+    # Warp's own adjoint would end at the bits of x, and be 0.
+    wp.adjoint[x] += adj_ret / x
+
+
 _TWO_OVER_PI = wp.constant(0.6366197723675814)
 # π/2 in three parts, the first two so short that their products with a small integer are exact.
 _HALF_PI_FIRST = wp.constant(1.5703125)
@@ -116,6 +122,15 @@ def log1p_ratio(x: float) -> float:
     return logarithm(y) / (y - 1.0)
 
 
+@wp.func_grad(log1p_ratio)
+def _log1p_ratio_adjoint(x: float, adj_ret: float):
+    # The quotient rule would divide rounding errors by x².
+    slope = 2.0 / 3.0 * x - 0.5 - 0.75 * x * x
+    if wp.abs(x) > 0.02:
+        slope = (1.0 / (1.0 + x) - log1p_ratio(x)) / x
+    wp.adjoint[x] += adj_ret * slope
+
+
 @wp.func
 def log1p(x: float) -> float:
     """Return ln(1 + x) for x > −1."""
@@ -131,6 +146,14 @@ def expm1_ratio(x: float) -> float:
     if wp.abs(x) > 1.0:
         return (y - 1.0) / x
     return (y - 1.0) / logarithm(y)
+
+
+@wp.func_grad(expm1_ratio)
+def _expm1_ratio_adjoint(x: float, adj_ret: float):
+    slope = 0.5 + x * (1.0 / 3.0 + 0.125 * x)
+    if wp.abs(x) > 0.02:
+        slope = (exponential(x) - expm1_ratio(x)) / x
+    wp.adjoint[x] += adj_ret * slope
 
 
 @wp.func

@@ -124,7 +124,9 @@ class ShapeRecord:
     two_sided: int
     single_sided: int  # see `kernels/integrators/sides.py`
     unlit: int
+    edges: int  # whether lines are drawn on it
     body: int  # the body that it bounds; −1 for none
+    catches_shadows: int
 
 
 MOST_BODIES = 8
@@ -285,6 +287,7 @@ class SceneData:
     tangents: wp.array(dtype=wp.vec4)  # three a triangle (`wrt.scene.tangents.tangents_by_edges`)
     uv2_alpha: wp.array(dtype=wp.vec3)  # second texture coordinates, alpha of colours; if Features.uv2_alpha
     triangle_shape: wp.array(dtype=int)
+    edges: wp.array(dtype=int)  # sides of triangles that are drawn (`kernels/integrators/edges.py`); if Features.edges
     # Materials
     shapes: wp.array(dtype=ShapeRecord)
     materials: wp.array(dtype=MaterialRecord)
@@ -311,4 +314,5 @@ class SceneData:
     light_shapes: wp.array(dtype=LightShape)  # the ones that rays can hit, suns, spots
     solid_light_shapes: int
     sun_light_shapes: int  # index of the first one after the suns
+    light_groups: wp.array(dtype=int)  # of what is no light of the table, of each light there, and of the environment
     environment: EnvironmentData

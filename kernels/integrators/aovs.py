@@ -19,6 +19,7 @@ from wrt.kernels.geometry.quadrics import NO_QUADRIC, in_unit_shape, make_quadri
 from wrt.kernels.geometry.spheres import make_sphere_axes, make_sphere_of
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
 from wrt.kernels.geometry.triangles import make_triangle_of
+from wrt.kernels.integrators.edges import make_find_line
 from wrt.kernels.integrators.first_surface import FirstSurface, make_first_surface, make_follow_specular
 from wrt.kernels.materials.values import make_bsdf_at
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, vertex_block
@@ -29,24 +30,31 @@ class AovData:
     """A film's layers, (pixels, channels), and the first channel of each in its array, −1 for disabled layers.
 
     `sums` are over all samples; `nearest`, `object_number` (0 for a miss) and `off_middle` (the squared distance in
-    pixels) belong to the sample nearest to the pixel's centre.
+    pixels) belong to the sample nearest to the pixel's centre. `coverage` has pairs of an object's number and its
+    samples in each of the `slots` of a pixel, 0 and 0 where a slot is empty.
     """
 
     sums: wp.array2d(dtype=wp.float64)
     nearest: wp.array2d(dtype=wp.float32)
     object_number: wp.array(dtype=wp.int32)
     off_middle: wp.array(dtype=wp.float32)
+    coverage: wp.array2d(dtype=wp.int32)
+    slots: int
     # In `sums`
     albedo: int
     normal: int
     geometric_normal: int
     alpha: int
+    catcher: int
+    edges: int
+    light_groups: int  # the last ones
     # In `nearest`
     depth: int
     z: int
     position: int
     uv: int
     motion: int
+    edge_width: float  # of lines, pixels
 
 
 @wp.func
@@ -63,6 +71,30 @@ def set_numbers(nearest: wp.array2d(dtype=wp.float32), pixel: int, first: int, c
     if first >= 0:
         for k in range(count):
             nearest[pixel, first + k] = value[k]
+
+
+@wp.func
+def add_coverage(coverage: wp.array2d(dtype=wp.int32), slots: int, pixel: int, object_number: int):
+    """Count a sample of an object.
+
+    Where all slots are taken, it replaces the last object that has a single sample, or is lost. Of 41 objects in a
+    pixel, one that covers a fifth is then lost in 1 % of pixels of 64 samples instead of in 15 %.
+    """
+    chosen = int(-1)
+    single = int(-1)
+    for k in range(slots):
+        held = coverage[pixel, 2 * k]
+        if chosen < 0 and (held == object_number or held == 0):
+            chosen = k
+        if coverage[pixel, 2 * k + 1] == 1:
+            single = k
+    if chosen < 0:
+        chosen = single
+    if chosen >= 0:
+        if coverage[pixel, 2 * chosen] != object_number:
+            coverage[pixel, 2 * chosen] = object_number
+            coverage[pixel, 2 * chosen + 1] = 0
+        coverage[pixel, 2 * chosen + 1] = coverage[pixel, 2 * chosen + 1] + 1
 
 
 @specialised("models", *make_bsdf_at.fields)
@@ -134,25 +166,39 @@ def make_motion_on_film(features: Features) -> wp.Function:
 
 
 @specialised(
-    "guides", "cameras", *make_follow_specular.fields, *make_directional_albedo.fields, *make_motion_on_film.fields
+    *("guides", "cameras", *make_follow_specular.fields, *make_directional_albedo.fields),
+    *(*make_motion_on_film.fields, *make_find_line.fields),
 )
 def make_add_aovs(features: Features) -> wp.Function:
-    """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset) -> rays traced.
+    """Return the device function (scene, camera, seen, sampler, aovs, pixel, offset, radiance) -> rays traced.
 
-    It adds one sample, of the camera ray `seen` through the point `offset` from the pixel's centre.
+    It adds one sample, of the camera ray `seen` through the point `offset` from the pixel's centre, along which the
+    integrator has found a `radiance`.
     """
     first_surface = make_first_surface(features)
     follow_specular, directional_albedo = make_follow_specular(features), make_directional_albedo(features)
     motion_on_film, sample_4d = make_motion_on_film(features), make_sample_4d(features.sampler)
-    along_axis = make_camera(features.cameras).along_axis
+    along_axis, find_line = make_camera(features.cameras).along_axis, make_find_line(features)
     has_coordinates = features.textured or features.tangents
     add_texture_coordinates = make_add_texture_coordinates(False, features.has_exact)
 
     @wp.func
     def add_aovs(
-        scene: SceneData, camera: Camera, seen: CameraRay, sampler: Sampler, aovs: AovData, pixel: int, offset: wp.vec2
+        scene: SceneData,
+        camera: Camera,
+        seen: CameraRay,
+        sampler: Sampler,
+        aovs: AovData,
+        pixel: int,
+        offset: wp.vec2,
+        radiance: wp.vec3,
     ) -> int:
         first = first_surface(scene, seen.ray, seen.footprint, sampler)
+        if wp.static(features.edges != "none"):
+            line = find_line(scene, camera, seen, first, aovs.edge_width)
+            if line.is_met:
+                aovs.sums[pixel, aovs.edges] = aovs.sums[pixel, aovs.edges] + wp.float64(1.0)
+            first.rays = first.rays + line.rays
         direction = seen.ray.direction
         tint = wp.vec3(1.0)
         if wp.static(features.guides):
@@ -165,8 +211,14 @@ def make_add_aovs(features: Features) -> wp.Function:
         if is_hit:
             add_color(aovs.sums, pixel, aovs.normal, surface.frame.n)
             add_color(aovs.sums, pixel, aovs.geometric_normal, surface.normal)
+            if aovs.slots > 0:
+                add_coverage(aovs.coverage, aovs.slots, pixel, surface.shape + 1)
             if aovs.alpha >= 0:
                 aovs.sums[pixel, aovs.alpha] = aovs.sums[pixel, aovs.alpha] + wp.float64(1.0)
+            if aovs.catcher >= 0 and scene.shapes[surface.shape].catches_shadows != 0:
+                add_color(aovs.sums, pixel, aovs.catcher, radiance)
+                share = aovs.catcher + 3
+                aovs.sums[pixel, share] = aovs.sums[pixel, share] + wp.float64(1.0)
             if aovs.albedo >= 0:
                 u = sample_4d(sampler, vertex_block(1, BLOCK_BSDF))
                 albedo = directional_albedo(scene, surface, first.material, direction, u)

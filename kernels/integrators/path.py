@@ -16,10 +16,17 @@ from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage, path_function
 from wrt.kernels.integrators.gathering import make_gather
+from wrt.kernels.integrators.light_groups import NO_LIGHT_OF_TABLE, add_to_group, make_add_to_chosen_group
 from wrt.kernels.integrators.next_event import make_light_at_surface
 from wrt.kernels.integrators.path_escape import make_escape
 from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_traverse_medium
-from wrt.kernels.integrators.path_state import PathResult, PathSettings, PathState, begin_indirect, path_result
+from wrt.kernels.integrators.path_state import (
+    PathSettings,
+    PathState,
+    make_begin_indirect,
+    make_path_result,
+    result_type,
+)
 from wrt.kernels.integrators.path_surface import (
     make_place_receiver,
     make_prepare_bsdf,
@@ -47,6 +54,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
     place_receiver, light_at_surface = make_place_receiver(features), make_light_at_surface(features)
     scattering, panes = features.media == "scattering", bool(models_with(features.models, "straight"))
     receives_light, gather = make_receives_light(features.models), make_gather(features)
+    begin_indirect, add_to_chosen_group = make_begin_indirect(features), make_add_to_chosen_group(features.light_tree)
     draws_more = features.mixed or panes or scattering or features.grid_media
 
     @wp.func
@@ -77,6 +85,9 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             # ---- Medium
             if wp.static(features.media != "none"):
                 segment = traverse_medium(scene, path, hit, wp.vec2(u_more[3], u_more[2]), settings.max_scatterings)
+                if wp.static(features.light_groups):
+                    emission = segment.radiance - path.radiance
+                    path.groups = add_to_group(scene, path.groups, NO_LIGHT_OF_TABLE, emission)
                 path.radiance = segment.radiance
                 path.throughput = segment.throughput
                 if wp.static(scattering):
@@ -144,10 +155,14 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             # ---- Shadow ray, last, when little of the surface's state is still live
             if wp.static(can_attenuate_shadows(features)):
                 path.radiance += shadow_radiance
+                if wp.static(features.light_groups):
+                    path.groups = add_to_chosen_group(scene, path.groups, path.receiver, u_light, shadow_radiance)
             else:
                 blocked = occluded(scene, light.shadow_ray, light.t_max)
                 if not blocked:
                     path.radiance += shadow_radiance
+                    if wp.static(features.light_groups):
+                        path.groups = add_to_chosen_group(scene, path.groups, path.receiver, u_light, shadow_radiance)
             if path.is_done:
                 break
         if wp.static(in_rounds):
@@ -183,12 +198,13 @@ def make_begin_path(features: Features) -> wp.Function:
 def make_trace_path(features: Features) -> wp.Function:
     """Return the device function that follows one path, with only what `features` names."""
     begin_path, follow_path = make_begin_path(features), make_follow_path(features)
+    path_result, Result = make_path_result(features), result_type(features.light_groups)
 
     @wp.func
     @path_function
     def trace_path(
         scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
-    ) -> PathResult:
+    ) -> Result:
         path = begin_path(scene, camera_ray, pixel_footprint)
         path = follow_path(scene, path, sampler, settings)
         result = path_result(path, settings.clamp_indirect)

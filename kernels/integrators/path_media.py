@@ -11,8 +11,9 @@ from wrt.kernels.core.rays import RECEIVES_ANYWHERE
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
+from wrt.kernels.integrators.light_groups import make_add_to_chosen_group
 from wrt.kernels.integrators.next_event import make_light_in_medium
-from wrt.kernels.integrators.path_state import PathSettings, PathState, begin_indirect
+from wrt.kernels.integrators.path_state import PathSettings, PathState, make_begin_indirect
 from wrt.kernels.media.grids import make_fly_in_grid
 from wrt.kernels.media.medium import emitted, fly, make_extinction, medium_of, phase, sample_phase, transmittance
 from wrt.kernels.media.skin import make_skin_near
@@ -92,14 +93,41 @@ def make_traverse_medium(features: Features) -> wp.Function:
     return traverse_medium
 
 
-@specialised("instances", "exact", "clamped", "regularized", "caustics", *make_light_in_medium.fields)
+@specialised("instances", "exact")
+def make_place_in_medium(features: Features) -> wp.Function:
+    """Return the stage (scene, path, segment, hit) -> PathState, with path and receiver where the path scatters."""
+    skin_near = make_skin_near(features.geometry)
+
+    @wp.func
+    @inline_stage
+    def place_in_medium(scene: SceneData, path: PathState, segment: MediumSegment, hit: Hit) -> PathState:
+        distance = wp.max(segment.distance - path.origin_gap, 0.0)
+        path.skin = skin_near(scene, path.ray, distance, hit, path.previous_hit)
+        path.ray.origin = path.ray.origin + path.ray.direction * distance
+        path.previous_hit.triangle = NO_HIT
+        path.origin_gap = 0.0
+        path.passed_distance = 0.0
+        path.footprint = wp.vec2(0.0)
+        if scene.lights.shape[0] > 0:
+            path.receiver.position = path.ray.origin
+            path.receiver.receives = RECEIVES_ANYWHERE
+        return path
+
+    return place_in_medium
+
+
+@specialised(
+    *("clamped", "regularized", "caustics", "light_tree", "light_groups"),
+    *make_place_in_medium.fields,
+    *make_light_in_medium.fields,
+)
 def make_scatter_in_medium(features: Features) -> wp.Function:
     """Return the stage (scene, path, segment, hit, u_light, u_phase, settings) -> PathState.
 
     It moves the path to the point of a segment at which it scatters, samples a light there, and a new direction.
     """
-    skin_near = make_skin_near(features.geometry)
-    light_in_medium = make_light_in_medium(features)
+    place_in_medium, light_in_medium = make_place_in_medium(features), make_light_in_medium(features)
+    begin_indirect, add_to_chosen_group = make_begin_indirect(features), make_add_to_chosen_group(features.light_tree)
 
     @wp.func
     @inline_stage
@@ -115,23 +143,16 @@ def make_scatter_in_medium(features: Features) -> wp.Function:
         if wp.static(features.clamped):
             path = begin_indirect(path, path.depth + path.medium_scatterings >= 1)
         path.medium_scatterings += 1
-
-        # The point at which the path scatters
-        distance = wp.max(segment.distance - path.origin_gap, 0.0)
-        path.skin = skin_near(scene, path.ray, distance, hit, path.previous_hit)
-        path.ray.origin = path.ray.origin + path.ray.direction * distance
-        path.previous_hit.triangle = NO_HIT
-        path.origin_gap = 0.0
-        path.passed_distance = 0.0
-        path.footprint = wp.vec2(0.0)
+        path = place_in_medium(scene, path, segment, hit)
 
         # Direct lighting
         if scene.lights.shape[0] > 0:
-            path.receiver.position = path.ray.origin
-            path.receiver.receives = RECEIVES_ANYWHERE
             light = light_in_medium(scene, path, segment.g, u_light, settings.strategy)
             path.rays += light.rays
-            path.radiance += wp.cw_mul(path.throughput, light.radiance)
+            radiance = wp.cw_mul(path.throughput, light.radiance)
+            path.radiance += radiance
+            if wp.static(features.light_groups):
+                path.groups = add_to_chosen_group(scene, path.groups, path.receiver, u_light, radiance)
 
         # Phase function sampling
         forward = path.ray.direction

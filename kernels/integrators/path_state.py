@@ -1,14 +1,19 @@
 """The state of a path between vertices and at one, and the arguments and results of all integrators."""
 
+from typing import Any
+
 import warp as wp
 
 from wrt.kernels.core.bsdf import Bsdf
+from wrt.kernels.core.features import Features
 from wrt.kernels.core.photon_map import PhotonMap
 from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import Ray, Receiver
 from wrt.kernels.core.scene_data import BodyStack
+from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.geometry.surface import Surface
+from wrt.kernels.integrators.light_groups import GroupSums
 from wrt.kernels.materials.choice import MOST_PASSED
 from wrt.kernels.media.skin import Skin
 
@@ -42,6 +47,15 @@ class PathResult:
 
 
 @wp.struct
+class GroupedResult:
+    """A PathResult, with the radiance by groups of lights."""
+
+    radiance: wp.vec3
+    rays: int
+    groups: GroupSums
+
+
+@wp.struct
 class PathState:
     """A path between two vertices.
 
@@ -53,9 +67,10 @@ class PathState:
     at the surface. `footprint` is the width of the camera ray's cone, and its growth; 0 once the path was scattered.
     `depth` counts the surfaces that scattered the path, and `medium_scatterings` the points in media.
     While indirect light is clamped, `direct_radiance` keeps the light of at most two segments once there may be more;
-    the path then `is_indirect`. It `was_blurred` if anything that is not smooth scattered it, where `Features` ask for
-    it. It `has_gathered` if photons were gathered where it was last scattered by what is not smooth. It `is_done` once
-    it has ended, for whatever reason.
+    the path then `is_indirect`. If Features.light_groups, `groups` and `direct_groups` have the same light by groups.
+    It `was_blurred` if anything that is not smooth scattered it, where `Features` ask for it. It `has_gathered` if
+    photons were gathered where it was last scattered by what is not smooth. It `is_done` once it has ended, for
+    whatever reason.
     """
 
     ray: Ray
@@ -79,6 +94,8 @@ class PathState:
     skin: Skin
     previous_hit: Hit
     is_done: bool
+    groups: GroupSums
+    direct_groups: GroupSums
 
 
 @wp.struct
@@ -126,25 +143,57 @@ def pass_hidden_light(path: PathState, hit: Hit) -> PathState:
     return path
 
 
-@wp.func
-@inline_stage
-def begin_indirect(path: PathState, has_two_segments: bool) -> PathState:
-    """Keep the radiance of a path's first two segments as direct light; only what follows is clamped."""
-    if has_two_segments and not path.is_indirect:
-        path.direct_radiance = path.radiance
-        path.radiance = wp.vec3(0.0)
-        path.is_indirect = True
-    return path
+@specialised("light_groups")
+def make_begin_indirect(features: Features) -> wp.Function:
+    """Return the stage (path, has_two_segments) -> PathState that keeps what there is as direct light.
+
+    Only the radiance that follows is clamped.
+    """
+
+    @wp.func
+    @inline_stage
+    def begin_indirect(path: PathState, has_two_segments: bool) -> PathState:
+        if has_two_segments and not path.is_indirect:
+            path.direct_radiance = path.radiance
+            path.radiance = wp.vec3(0.0)
+            path.is_indirect = True
+            if wp.static(features.light_groups):
+                path.direct_groups = path.groups
+                path.groups = GroupSums()
+        return path
+
+    return begin_indirect
 
 
 @wp.func
-@inline_stage
-def path_result(path: PathState, clamp_indirect: float) -> PathResult:
-    """Return the radiance of a path, with every channel of its indirect part at most `clamp_indirect`."""
-    result = PathResult()
-    result.radiance = path.radiance
-    result.rays = path.rays
-    if path.is_indirect:
-        scale = wp.min(1.0, clamp_indirect / wp.max(wp.max(path.radiance), 1.0e-30))
-        result.radiance = path.direct_radiance + path.radiance * scale
-    return result
+def clamping_scale(radiance: wp.vec3, clamp_indirect: float) -> float:
+    """Return the factor, 1 at most, by which every channel of indirect radiance is at most `clamp_indirect`."""
+    return wp.min(1.0, clamp_indirect / wp.max(wp.max(radiance), 1.0e-30))
+
+
+@specialised("light_groups")
+def make_path_result(features: Features) -> wp.Function:
+    """Return the stage (path, clamp_indirect) -> PathResult or GroupedResult, with the indirect part clamped."""
+    Result = result_type(features.light_groups)
+
+    @wp.func
+    @inline_stage
+    def path_result(path: PathState, clamp_indirect: float) -> Result:
+        result = Result()
+        result.radiance = path.radiance
+        result.rays = path.rays
+        if wp.static(features.light_groups):
+            result.groups = path.groups
+        if path.is_indirect:
+            scale = clamping_scale(path.radiance, clamp_indirect)
+            result.radiance = path.direct_radiance + path.radiance * scale
+            if wp.static(features.light_groups):
+                result.groups = path.direct_groups + path.groups * scale
+        return result
+
+    return path_result
+
+
+def result_type(light_groups: bool) -> Any:
+    """Return the result of a path for Features.light_groups."""
+    return GroupedResult if light_groups else PathResult

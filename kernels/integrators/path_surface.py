@@ -20,8 +20,9 @@ from wrt.kernels.geometry.surface import (
     make_surface_at,
 )
 from wrt.kernels.geometry.triangles import WIDELY
+from wrt.kernels.integrators.light_groups import add_to_group
 from wrt.kernels.integrators.next_event import emitter_hit_weight
-from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, begin_indirect
+from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, make_begin_indirect
 from wrt.kernels.integrators.sides import shines_for
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import make_hit_pdf
@@ -137,27 +138,47 @@ def pass_through(path: PathState, vertex: SurfaceVertex) -> PathState:
 
 
 @specialised(*make_lights.fields, "single_sided")
-def make_surface_emission(features: Features) -> wp.Function:
-    """Return the stage (scene, path, vertex, strategy) -> PathState that adds the emission of the surface."""
+def make_emission_weight(features: Features) -> wp.Function:
+    """Return the stage (scene, path, vertex, strategy) -> float: the weight of the surface's emission, −1 if none."""
     lights, hit_pdf = make_lights(features), make_hit_pdf(features.geometry)
 
     @wp.func
     @inline_stage
-    def surface_emission(scene: SceneData, path: PathState, vertex: SurfaceVertex, strategy: int) -> PathState:
+    def emission_weight(scene: SceneData, path: PathState, vertex: SurfaceVertex, strategy: int) -> float:
+        weight = float(-1.0)
         shape = scene.shapes[vertex.surface.shape]
         shines = shape.first_light >= 0
         if wp.static(features.single_sided):
             shines = shines_for(shape, not path.was_blurred)
         if shines:
             if vertex.surface.front or shape.two_sided != 0:
-                weight = float(1.0)
+                weight = 1.0
                 if path.scatter_pdf > 0.0:
                     distance = path.passed_distance + vertex.hit.t
                     light_pdf = hit_pdf(scene, path.receiver, vertex.surface, vertex.hit, path.ray.direction, distance)
                     light_number = shape.first_light + vertex.hit.triangle - shape.first_triangle
                     light_pdf *= lights.choice_probability(scene, path.receiver, light_number)
                     weight = emitter_hit_weight(strategy, path.scatter_pdf, light_pdf)
-                path.radiance += wp.cw_mul(path.throughput, lights.emission_at(scene, shape, vertex.surface)) * weight
+        return weight
+
+    return emission_weight
+
+
+@specialised(*make_emission_weight.fields, "light_groups")
+def make_surface_emission(features: Features) -> wp.Function:
+    """Return the stage (scene, path, vertex, strategy) -> PathState that adds the emission of the surface."""
+    emission_weight, emission_at = make_emission_weight(features), make_lights(features).emission_at
+
+    @wp.func
+    @inline_stage
+    def surface_emission(scene: SceneData, path: PathState, vertex: SurfaceVertex, strategy: int) -> PathState:
+        weight = emission_weight(scene, path, vertex, strategy)
+        if weight >= 0.0:
+            shape = scene.shapes[vertex.surface.shape]
+            emission = wp.cw_mul(path.throughput, emission_at(scene, shape, vertex.surface)) * weight
+            path.radiance += emission
+            if wp.static(features.light_groups):
+                path.groups = add_to_group(scene, path.groups, shape.first_light, emission)
         return path
 
     return surface_emission
@@ -331,7 +352,7 @@ def make_sample_bsdf(features: Features, *, of_photons: bool = False) -> wp.Func
     A path that goes straight through a pane passes it, as if it were not there.
     """
     panes = bool(models_with(features.models, "straight"))
-    bsdf_sample = make_bsdf(features.models).sample
+    bsdf_sample, begin_indirect = make_bsdf(features.models).sample, make_begin_indirect(features)
     scatter_at_surface = make_scatter_at_surface(features, of_photons=of_photons)
 
     @wp.func

@@ -29,18 +29,10 @@ def can_attenuate_shadows(features: Features) -> bool:
     return features.has_holes or features.nested or bool(models_with(features.models, "straight"))
 
 
-@specialised(
-    *("instances", "exact", "composite", "media", "grid_media", "nested", "light_shapes", "tangents", "single_sided"),
-    *make_share_passed.fields,
-)
-def make_transmission(features: Features) -> wp.Function:
-    """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""
-    meets_others = features.gpu and not features.bodies  # of its warp
-    light_shapes = make_light_shapes(features.light_shapes)
-    intersect, surface_at = make_intersect(features.geometry), make_surface_at(features.geometry)
+@specialised("tangents", "uv2_alpha", "exact", "textured")
+def make_mapped(features: Features) -> wp.Function:
+    """Return (scene, hit, surface, direction) -> Surface with texture coordinates and the normal of its normal map."""
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
-    share_passed, share_of_holes = make_share_passed(features), make_share_passed(features, holes_only=True)
-    shadow_in_media = make_shadow_in_media(features)
 
     @wp.func
     def mapped(scene: SceneData, hit: Hit, at: Surface, direction: wp.vec3) -> Surface:
@@ -53,6 +45,22 @@ def make_transmission(features: Features) -> wp.Function:
             if scene.materials[material].kind == MATERIAL_MODEL:
                 surface = apply_normal_map(scene, material, hit, surface, direction, 0.0)
         return surface
+
+    return mapped
+
+
+@specialised(
+    *("instances", "exact", "composite", "media", "grid_media", "nested", "light_shapes", "single_sided"),
+    *(*make_mapped.fields, *make_share_passed.fields),
+)
+def make_transmission(features: Features) -> wp.Function:
+    """Return the visibility through surfaces that let a part of the light pass; see `make_visibility`."""
+    meets_others = features.gpu and not features.bodies  # of its warp
+    light_shapes = make_light_shapes(features.light_shapes)
+    intersect, surface_at = make_intersect(features.geometry), make_surface_at(features.geometry)
+    mapped = make_mapped(features)
+    share_passed, share_of_holes = make_share_passed(features), make_share_passed(features, holes_only=True)
+    shadow_in_media = make_shadow_in_media(features)
 
     @wp.func
     def passed_at(scene: SceneData, hit: Hit, at: Surface, direction: wp.vec3) -> wp.vec3:

@@ -180,7 +180,7 @@ def _make_load_in_loop(names: tuple[str, ...], textured: bool, uv2_alpha: bool, 
 
     On CUDA the kernel of eight textured models is a third shorter so, and spills a half (docs/notes/cuda.md).
     """
-    slot_count = _make_slot_count(names)
+    slot_count = make_slot_count(names)
     slot_value = make_slot_value(uv2_alpha, mipmapped)
 
     @wp.func
@@ -198,12 +198,12 @@ def _make_load_in_loop(names: tuple[str, ...], textured: bool, uv2_alpha: bool, 
 
 
 @specialised()
-def _make_slot_count(names: tuple[str, ...]) -> wp.Function:
+def make_slot_count(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (model) -> the number of values that it reads."""
     if not names:
         return _no_slots
     number, count = model_number(names[0]), model_of(names[0]).slots
-    next_count = _make_slot_count(names[1:])
+    next_count = make_slot_count(names[1:])
 
     @wp.func
     def slot_count(model: int) -> int:

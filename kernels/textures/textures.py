@@ -99,16 +99,31 @@ def neighbors(i: int, size: int, mode: int) -> wp.vec2i:
 
 
 @wp.func
-def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
-    """Return the filtered colour at texture coordinates; v points up, row 0 is the top."""
+def place_in_image(image: ImageRecord, uv: wp.vec2) -> wp.vec2:
+    """Return column and row of the texel centre at texture coordinates; v points up, row 0 is the top."""
     u = image.to_u[0] * uv[0] + image.to_u[1] * uv[1] + image.to_u[2]
     v = image.to_v[0] * uv[0] + image.to_v[1] * uv[1] + image.to_v[2]
     # Wrap first: large coordinates would overflow an int.
     x = wrapped(u, image.wrap_u) * float(image.width) - 0.5
     y = (1.0 - wrapped(v, image.wrap_v)) * float(image.height) - 0.5
+    return wp.vec2(x, y)
+
+
+@wp.func
+def filtered_place(image: ImageRecord, uv: wp.vec2) -> wp.vec2:
+    """Return the same, and for an image without a filter the nearest texel's."""
+    place = place_in_image(image, uv)
     if image.nearest != 0:
-        x = wp.floor(x + 0.5)
-        y = wp.floor(y + 0.5)
+        return wp.vec2(wp.floor(place[0] + 0.5), wp.floor(place[1] + 0.5))
+    return place
+
+
+@wp.func
+def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
+    """Return the filtered colour at texture coordinates."""
+    place = filtered_place(image, uv)
+    x = place[0]
+    y = place[1]
     first_column = wp.floor(x)
     first_row = wp.floor(y)
     columns = neighbors(int(first_column), image.width, image.wrap_u)
@@ -122,10 +137,9 @@ def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
 @wp.func
 def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec2:
     """Return how the red of `image_color` changes along u and along v."""
-    u = image.to_u[0] * uv[0] + image.to_u[1] * uv[1] + image.to_u[2]
-    v = image.to_v[0] * uv[0] + image.to_v[1] * uv[1] + image.to_v[2]
-    x = wrapped(u, image.wrap_u) * float(image.width) - 0.5
-    y = (1.0 - wrapped(v, image.wrap_v)) * float(image.height) - 0.5
+    place = place_in_image(image, uv)
+    x = place[0]
+    y = place[1]
     first_column = wp.floor(x)
     first_row = wp.floor(y)
     columns = neighbors(int(first_column), image.width, image.wrap_u)
@@ -151,19 +165,24 @@ def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec2
 
 
 @wp.func
+def mip_height(image: ImageRecord, footprint: wp.vec4) -> float:
+    """Return the mip level for a footprint, 0 for the image itself; between two levels it is not whole."""
+    if image.levels > 0:
+        texels = texels_across(footprint, image)
+        if texels > 1.0:
+            return wp.min(wp.log2(texels), float(image.levels))
+    return 0.0
+
+
+@wp.func
 def filtered_color(scene: SceneData, image: ImageRecord, uv: wp.vec2, footprint: wp.vec4) -> wp.vec3:
     """Return the colour around texture coordinates, between the two mip levels nearest to the footprint.
 
     Williams (1983), "Pyramidal parametrics". If a texel is wider than the footprint it is `image_color`.
     """
-    level = int(0)
-    share = float(0.0)
-    if image.levels > 0:
-        texels = texels_across(footprint, image)
-        if texels > 1.0:
-            height = wp.min(wp.log2(texels), float(image.levels))
-            level = int(height)
-            share = height - float(level)
+    height = mip_height(image, footprint)
+    level = int(height)
+    share = height - float(level)
     # A loop, so that the kernel contains the lookup once: two copies cost more, by code size, than the lookup.
     color = wp.vec3(0.0)
     weight = 1.0 - share

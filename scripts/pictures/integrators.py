@@ -62,7 +62,10 @@ def shown_by(integrator: str, spp: int, **options: Any) -> Picture:
     return Picture(make_scene, 480, 288, spp, {"integrator": integrator, **options})
 
 
-ALL_LAYERS = {"integrator": "aov", "layers": tuple(name for name in LAYERS if name != "z")}  # z looks like depth
+ALL_LAYERS = {
+    "integrator": "aov",
+    "layers": tuple(name for name in LAYERS if name not in ("z", "edges")),
+}  # z looks like depth
 PICTURES: dict[str, Drawing] = {
     "integrator-whitted": shown_by("whitted", 128, max_depth=12),
     "integrator-path": shown_by("path", 256, max_depth=32),

@@ -14,7 +14,7 @@ from wrt.describe.materials import WIDTH, explain_material, parameters_of
 from wrt.describe.scene import MOST_ROWS, scene_text
 from wrt.scene.materials import MATERIALS
 
-COMMON = {"opacity", "normal_map"}
+COMMON = {"opacity", "normal_map", "name"}
 
 
 def sections(text: str) -> dict[str, list[str]]:
@@ -126,4 +126,4 @@ def test_info_convert_and_view_load_like_render(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("wrt.view.session.Session", lambda open_scene, **_: open_scene())
     assert main(["view", "lost.obj", "--strict", *chosen]) != 0  # there is no scene to render
     expected = {"parameters": {"a": "1"}, "camera": "b", "confined": True, "strict": True, "up": "z"}
-    assert loaded == [expected | {"smooth_degrees": 3, "double_sided": True, "point_radius": None}]
+    assert loaded == [expected | {"smooth_degrees": 3, "double_sided": True, "point_radius": None, "cameras": None}]

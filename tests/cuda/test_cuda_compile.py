@@ -12,12 +12,14 @@ from support.films_of_devices import FILMS, OPTIONS, film_cases
 
 import wrt
 import wrt.kernels
+from wrt.backend.adjoints import adjoints_of
 from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.bsdf import models_with
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.core.features import Features, identifier
+from wrt.kernels.gradients.gradient_pass import make_gradient_kernel
 from wrt.kernels.integrators.photons import make_photon_kernel
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
@@ -35,6 +37,7 @@ FACTORIES = {
     ("wrt.kernels.regeneration", "make_regenerating_kernel"),
     ("wrt.kernels.media.bodies", "make_count_crossings"),
     ("wrt.kernels.integrators.photons", "make_photon_kernel"),
+    ("wrt.kernels.gradients.gradient_pass", "make_gradient_kernel"),
     *((f.__module__, f.__name__) for f in TABLE_KERNELS),
 }
 """Functions that make kernels; each is called below."""
@@ -54,6 +57,7 @@ THREE = [
         media="scattering",
         grid_media=True,
         nested=True,
+        light_groups=True,
     ),
     # One loop that begins paths together.
     Features(
@@ -108,7 +112,8 @@ def compile_for_cuda(module: wp.Module, folder: Path, mode: str = "release") -> 
     usual = module.options["mode"]
     module.options["mode"] = mode
     try:
-        paths = wp.compile_aot_module(module, arch=ARCHITECTURE, module_dir=folder, use_ptx=True)
+        with adjoints_of(module):
+            paths = wp.compile_aot_module(module, arch=ARCHITECTURE, module_dir=folder, use_ptx=True)
     finally:
         module.options["mode"] = usual
     assert [path.suffix for path in paths] == [".ptx"]
@@ -129,6 +134,16 @@ def test_render_kernels_compile(features, tmp_path):
     assert f".visible .entry {kernel.get_mangled_name()}" in text
     assert "div.approx.ftz.f32" in text
     assert "div.rn.f32" not in text
+
+
+@pytest.mark.machinery
+@pytest.mark.parametrize("features", THREE[:2], ids=("loop", "one-loop"))
+def test_gradient_kernels_compile(features, tmp_path):
+    """The sums are of 64-bit integers, added atomically."""
+    kernel = make_gradient_kernel(replace(features, clamped=False, aovs=False))
+    text = compile_for_cuda(kernel.module, tmp_path, mode="debug")
+    assert f".visible .entry {kernel.get_mangled_name()}" in text
+    assert re.search(r"(atom|red)\.(global\.)?add\.u64", text)
 
 
 @pytest.mark.machinery
@@ -185,7 +200,7 @@ def test_every_feature_is_compiled(render_kernels_when_launched):
     for name in FILMS:
         options = OPTIONS.get(name, films[name].options)
         renderer = wrt.Renderer(films[name].make(), **{**options, "width": 8, "height": 8, "device": "cpu"})
-        made.append(renderer._kernel._features)
+        made.append(renderer._kernel.features)
     pairs = {(name, value) for name, values in VALUES.items() for value in values}
     pairs |= {(name, value) for name in FLAGS for value in (False, True)}
     assert set().union(*map(values_of, made)) >= pairs

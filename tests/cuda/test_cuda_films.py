@@ -16,6 +16,7 @@ from support.films_of_devices import FILMS, OPTIONS, film_cases, films_of
 
 import wrt
 from wrt.rendering.render_kernel import REGENERATE
+from wrt.scene.layers import LIGHT_GROUPS
 
 pytestmark = pytest.mark.machinery
 
@@ -44,8 +45,8 @@ def assert_agrees(name: str, case: Case, gpu: EmulatedBackend, report: Report, *
 
 @pytest.mark.parametrize("name", FILMS)
 def test_films_agree(name, gpu, report):
-    layers = "layers" in OPTIONS.get(name, CASES[name].options)
-    assert_agrees(name, CASES[name], gpu, report, regenerates=not layers)
+    layers = OPTIONS.get(name, CASES[name].options).get("layers", ())
+    assert_agrees(name, CASES[name], gpu, report, regenerates=set(layers) <= {LIGHT_GROUPS})
 
 
 @pytest.mark.parametrize("name", [FILMS[0], "models-fisheye"])

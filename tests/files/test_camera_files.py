@@ -154,6 +154,40 @@ def test_pictures_of_all_cameras_of_a_file(tmp_path, monkeypatch, capsys):
         assert error.count("\n") == 1
 
 
+@pytest.mark.filterwarnings("always")
+def test_other_commands_take_a_camera_of_a_file(tmp_path, monkeypatch, capsys):
+    """A scene that is converted renders as with the options; each model of camera is compiled; a view has its size."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.obj").write_text("v -0.5 -0.5 0.2\nv 0.5 -0.5 0\nv 0 0.5 0\nf 1 2 3\n")
+    far = [[1, 0, 0, 0.5], [0, 1, 0, 0.25], [0, 0, 1, 5], [0, 0, 0, 1]]
+    frames = [
+        {"file_path": "left.png", "transform_matrix": np.diag([1.0, 1.0, 1.0, 1.0]).tolist()},
+        {"file_path": "right.png", "transform_matrix": far, "k1": -0.1},
+    ]
+    transforms(tmp_path / "t.json", frames, w=24, h=16, fl_x=30)
+    chosen = ["--cameras", "t.json", "--camera", "right"]
+    assert main(["convert", "a.obj", "b.toml", *chosen]) == 0
+    assert main(["render", "b.toml", "--spp", "1", "--quiet", "-o", "b.npy"]) == 0
+    assert main(["render", "a.obj", *chosen, "--spp", "1", "--quiet", "-o", "a.npy"]) == 0
+    np.testing.assert_array_equal(np.load("a.npy"), np.load("b.npy"))
+    assert np.load("a.npy").shape == (16, 24, 3)
+    capsys.readouterr()
+    assert main(["convert", "a.obj", "c.toml", "--cameras", "t.json"]) == 0
+    assert "of its cameras, 0 'left', 1 'right', the first is taken" in capsys.readouterr().err
+    compiled = []
+    monkeypatch.setattr("wrt.precompiling.precompiled_by", lambda make: compiled.append(make.args[0].camera.model))
+    assert main(["compile", "a.obj", "--cameras", "t.json"]) == 0
+    assert sorted(compiled) == ["distorted_perspective", "perspective"]
+    for command in ("view", "convert", "compile"):
+        output = ["d.toml"] if command == "convert" else []
+        capsys.readouterr()
+        assert main([command, "a.obj", *output, "--cameras", "t.json", "--camera", "top"]) == 2
+        error = capsys.readouterr().err
+        assert "t.json: there is no camera 'top'; it has 0 'left', 1 'right'" in error
+        assert error.count("\n") == 1
+    assert main(["info", "a.obj", "--cameras", "t.json"]) == 2
+
+
 @pytest.mark.parametrize(
     ("keys", "frame", "message"),
     [
@@ -209,6 +243,11 @@ def test_files_without_cameras_are_named(tmp_path):
         ("PINHOLE 640 480 500 510 330 235", "1 1 0 0 0 0 0 0 8 a", "images.txt: a: camera 8 is not in cameras.txt"),
         ("PINHOLE 640 480 500 510 330 235", "1 1 0 0 0 0 0", "images.txt: line 2: an image needs IMAGE_ID"),
         ("PINHOLE 640 480 500 510 330 235", "1 0 0 0 0 0 0 0 7 a", "its quaternion must have the length 1, not 0"),
+        (
+            "PINHOLE 640 480 500 510 330 235",
+            "1 0.8 0 0.6 0 1e200 0 0 7 a",
+            "images.txt: a: camera origin and target must",
+        ),
         ("PINHOLE", "", "cameras.txt: line 2: PINHOLE needs width, height and fx, fy, cx, cy, not 0 numbers"),
     ],
 )

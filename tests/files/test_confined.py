@@ -191,3 +191,26 @@ def test_confinement_refuses_tone_curves_in_files(tmp_path):
         assert wrt.load(path).settings.tone == tone
         with pytest.raises(wrt.InputError, match="names a file") if is_refused else nullcontext():
             wrt.load(path, confined=True)
+
+
+@pytest.mark.parametrize("prefix", ["../outside", "OUTSIDE", "link", "../none"])
+def test_cameras_look_at_pictures_in_their_folder_alone(prefix, folders, capsys):
+    """A frame without a size has that of its picture."""
+    scene, outside = folders
+    (scene / "link").symlink_to(outside)
+    (scene / "a.ply").write_text(PLY)
+    prefix = prefix.replace("OUTSIDE", str(outside))
+    for suffix in (".png", ""):  # a name may lack it
+        frames = [{"file_path": f"{prefix}/a{suffix}", "transform_matrix": np.eye(4).tolist()}]
+        (scene / "t.json").write_text(json.dumps({"fl_x": 5.0, "frames": frames}))
+        if prefix != "../none":
+            assert wrt.load_cameras(scene / "t.json")["a"].width == 4
+        for read in (wrt.load_cameras, lambda path, **options: wrt.load(scene / "a.ply", cameras=path, **options)):
+            with pytest.raises(wrt.InputError, match="outside the scene's folder"):
+                read(scene / "t.json", confined=True)
+        assert main(["render", str(scene / "a.ply"), "--cameras", str(scene / "t.json"), "--confined"]) == 2
+        assert "outside the scene's folder" in capsys.readouterr().err
+    (scene / "link").unlink()
+    outside.rename(scene / "inside")
+    (scene / "t.json").write_text((scene / "t.json").read_text().replace(prefix, "inside"))
+    assert wrt.load_cameras(scene / "t.json", confined=True)["a"].width == 4

@@ -81,7 +81,8 @@ CHANGES: dict[str, dict[str, Change]] = {
         "two-sided": of_shape(0, two_sided_emission=True),
         "emission of another shape": of_shape(1, emission=1.0),
     },
-    "sides": {"single-sided": of_shape(0, double_sided=False)},
+    "sides and edges": {"single-sided": of_shape(0, double_sided=False), "no lines": of_shape(0, edges=False)},
+    "shadow catchers": {"one": of_shape(0, shadow_catcher=True)},
     "lights": {
         "kind": with_field("lights", [wrt.DirectionalLight((0, 2, 0), 3.0)]),
         "one more": lambda s: s.lights.append(wrt.DirectionalLight((0, -1, 0))),

@@ -14,6 +14,7 @@ from support.mesh_files import check_refused
 from support.meshes import area, write
 
 import wrt
+from wrt.errors import InputWarning
 from wrt.io.load_mesh import load_file
 from wrt.scene.srgb import linear_from_srgb
 
@@ -268,6 +269,32 @@ def test_collada_names_its_up_axis(tmp_path, axis, height):
     kept = wrt.load(tmp_path / "a.dae", camera=camera)
     assert kept.shapes[0].bounds == pytest.approx(load_file(tmp_path / "a.dae").shapes[0].bounds)
     assert kept.camera is camera
+
+
+@pytest.mark.filterwarnings("ignore:.*none.png")
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (">0 0 0 1 0", ">0,5 0 0 1 0", "'0,5' in a float_array is not a number; numbers have decimal points"),
+        ("0 1 2 3<", "0 1 x 3<", "'x' in a p is not a number"),
+        ("0 1 2 3<", "0 1 2 4<", "go beyond the limits"),
+        ("0 0 7<", "0 0 7,5<", "'7,5' in a translate is not a number; numbers have decimal points"),
+        ("0 0 7<", "0 7<", "a translate has 2 numbers, not 3"),
+    ],
+)
+def test_collada_geometry_that_cannot_be_read_is_told(tmp_path, old, new, message):
+    """The library passes over it, and over transforms."""
+    pytest.importorskip("collada")
+    text = GEOMETRY.replace(old, new)
+    path = write(tmp_path, "a.dae", text)
+    check_refused(message, load_file, path)
+    if "float_array" in message:  # with another geometry, which stays
+        start, end = GEOMETRY.index("<geometry "), GEOMETRY.index("</library_geometries>")
+        other = re.sub('([="#])(g|p|a|v)"', r'\1\g<2>2"', GEOMETRY[start:end])
+        text = text.replace("</library_geometries>", f"{other}</library_geometries>")
+        text = text.replace("</node>", "<instance_geometry url='#g2'/></node>")
+        with pytest.warns(InputWarning, match=rf"geometry 'g' cannot be read: {message}.*; it is left out"):
+            assert len(load_file(write(tmp_path, "a.dae", text)).shapes) == 1
 
 
 def test_collada_without_its_library_or_end_is_told(tmp_path, monkeypatch):

@@ -69,11 +69,12 @@ def again(scene: wrt.Scene, path: Path) -> tuple[wrt.Scene, list[str]]:
 @pytest.mark.parametrize("name", EXACT)
 def test_materials_come_back(name, tmp_path):
     scene = wrt.Scene()
-    scene.add(QUAD, material=MATERIALS[name])
+    scene.add(QUAD, material=MATERIALS[name].named("paint"))
     found, messages = again(scene, tmp_path / "a.glb")
     assert messages == []
     (read,), material = found.shapes, scene.shapes[0].material
     values = {field.name: getattr(material, field.name) for field in dataclasses.fields(material)}
+    assert values.pop("name") == read.material.name
     images = {key: value for key, value in values.items() if isinstance(value, wrt.ImageTexture)}
     for key, image in images.items():
         back = getattr(read.material, key)
@@ -132,7 +133,7 @@ def test_geometry_lights_and_camera_come_back(tmp_path):
         quad = dataclasses.replace(QUAD, normals=np.tile(np.float32([0, 0, 1]), (4, 1)))
         scene.add(quad, material=paint, transform=place + k * np.eye(4, k=3), name="placed")
     scene.lights = [
-        wrt.PointLight((0, 1, 2), intensity=(1.0, 2.0, 4.0)),
+        wrt.PointLight((0, 1, 2), intensity=(1.0, 2.0, 4.0), name="key"),
         wrt.SpotLight((0, 1, 2), (1, 2, 3), intensity=7.0, falloff="gltf", inner_degrees=10.0, outer_degrees=35.0),
         wrt.DirectionalLight((1, 2, 3), irradiance=(0.5, 1.0, 0.25)),
     ]

@@ -192,6 +192,13 @@ REFUSED: list[tuple[str, str | bytes, str]] = [
     ("a.off", OFF + "3 0 1 3\n", "names vertex 3, but there are 3"),
     # No triangles
     ("a.obj", SQUARE + "f 1 1 2\n", "no triangles"),
+    ("a.obj", "hello\n", "not an OBJ file: none of its lines is a vertex"),
+    ("a.obj", "P 0.3 0.3 0.4 10 1 3\n0 0 0\n1 0 0\n0 1 0\n", "a surface of MNI's neuroimaging tools"),
+    (
+        "a.obj",
+        b"p" + struct.pack(">5fi9f", 0.3, 0.3, 0.4, 10, 1, 3, *range(9)),
+        "a surface of MNI's neuroimaging tools",
+    ),
     ("a.stl", bytes(range(128, 208)) + bytes(4), "no triangles in it"),  # its header is text in no encoding
     # Words and numbers
     ("a.obj", "v 0 0 0\nv 1 a 0\nv 1 1 0\nf 1 2 3\n", "something else where a number of 'v' should be"),

@@ -20,7 +20,9 @@ from wrt.rendering.render_kernel import RenderKernel
 
 pytestmark = pytest.mark.filterwarnings("ignore:the picture is black")
 
-SAVE = "import sys, wrt, numpy; wrt.save_image(sys.argv[1], numpy.full((4, 8, 3), 0.5))"
+SAVE = """import sys, wrt, numpy
+names = {"Objects": "name" * 20_000}  # comes before the name of wrt in an OpenEXR file
+wrt.save_image(sys.argv[1], numpy.full((4, 8, 3), 0.5), metadata=names)"""
 
 
 @pytest.fixture(autouse=True)

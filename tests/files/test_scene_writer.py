@@ -70,8 +70,8 @@ def test_every_kind_of_value_is_kept(tmp_path):
     for number, material in enumerate(materials()):
         mesh = colored if number % 2 else quad
         scene.add(mesh.translated((number, 0, 0)), material=material, name=f"nr {number}")
-    scene.add(quad, emission=WOOD, two_sided_emission=True, double_sided=False, name="screen")
-    scene.add(quad, material=wrt.Diffuse(0.3), transform=PLACE, name="placed")
+    scene.add(quad, emission=WOOD, two_sided_emission=True, double_sided=False, edges=False, name="screen")
+    scene.add(quad, material=wrt.Diffuse(0.3), transform=PLACE, name="placed", shadow_catcher=True)
     for k in range(3):
         scene.add(quad, material=scene.shapes[0].material, transform=PLACE + k * np.eye(4, k=3), name="copies")
     spin = wrt.Motion.rotation((0, 1, 0.3), 500.0, (1.0, 2.0, 1 / 3), (0.0, 0.7), (0, 1, 0))
@@ -94,7 +94,7 @@ def test_lights_cameras_and_environments(tmp_path):
     scene = wrt.Scene()
     scene.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)))
     scene.lights = [
-        wrt.PointLight((0, 1, 2), power=(1.0, 2.0, 1 / 3)),
+        wrt.PointLight((0, 1, 2), power=(1.0, 2.0, 1 / 3), name="key"),
         wrt.SpotLight((0, 1, 2), (1, 2, 3), intensity=7.0, outer_degrees=60.0, texture=WOOD, up=(1, 0, 1 / 3)),
         wrt.ProjectorLight((0, 1, 2), (1, 2, 3), (0, 0, 1 / 3), texture=WOOD, color=(1, 2, 1 / 3), fov_degrees=33.3),
         wrt.DirectionalLight((1, 2, 3), color=0.3, angle_degrees=0.53),

@@ -50,6 +50,7 @@ def test_the_scene_is_in_metres_with_y_up_and_also_in_an_archive(scene, folder):
     np.testing.assert_allclose(square.mesh.uvs[corner], (1, 1))
     material = square.material
     assert isinstance(material, wrt.Principled)
+    assert (material.name, triangle.material.name) == ("/World/Red", "/World/Glossy")
     assert (material.metallic, material.roughness) == (1.0, 0.25)
     assert (material.base_color.scale, material.base_color.wrap) == ((3.0, 2.0), ("mirror", "repeat"))
     assert material.base_color.pixels[0, 0] == pytest.approx((0.5, 0, 0), abs=0.01)

@@ -361,13 +361,18 @@ def test_layers_alone_make_files_without_light(tmp_path, capsys):
         assert wrt.load_image(tmp_path / "a.png").any()
 
 
-def test_files_name_the_objects_of_their_numbers(tmp_path):
+def test_files_name_the_objects_and_materials_of_their_numbers(tmp_path):
     scene = two_panes()
-    scene.shapes[1] = dataclasses.replace(scene.shapes[1], name="pane “é”")
-    expected = {str(number): shape.name for number, shape in enumerate(scene.shapes, 1)}
-    renderer = render(scene, layers=("object",), integrator="aov")
-    renderer.save(tmp_path / "a.exr")
-    renderer.save(tmp_path / "a.png")
-    assert json.loads(OpenEXR.File(str(tmp_path / "a.exr")).header()["Objects"]) == expected
-    with Image.open(tmp_path / "a.png") as picture:
-        assert json.loads(picture.text["Objects"]) == expected
+    red = wrt.Diffuse((0.8, 0.2, 0.1), name="red “é”")
+    scene.shapes[1] = dataclasses.replace(scene.shapes[1], name="pane “é”", material=red)
+    objects = {str(number): shape.name for number, shape in enumerate(scene.shapes, 1)}
+    for layer, key, expected in (
+        ("object", "Objects", objects),
+        ("material", "Materials", {"1": "diffuse 1", "2": "red “é”"}),
+    ):
+        renderer = render(scene, layers=(layer,), integrator="aov")
+        renderer.save(tmp_path / "a.exr")
+        renderer.save(tmp_path / "a.png")
+        assert json.loads(OpenEXR.File(str(tmp_path / "a.exr")).header()[key]) == expected
+        with Image.open(tmp_path / "a.png") as picture:
+            assert json.loads(picture.text[key]) == expected

@@ -64,8 +64,10 @@ def test_keys_and_defaults_are_those_of_the_code(name):
     found, parameters = DEFINITIONS[name], inspect.signature(TABLES[name]).parameters
     keys = {FROM_FILES.get(key, key): parameter for key, parameter in parameters.items()}
     shared = set(scene_keys.SHAPE) if name.startswith("shape-") else {"type"} if "-" in name else set()
-    read_otherwise = {"texture": {"linear"}}.get(name, set())  # and no name of its own
-    assert set(found["properties"]) == (set(keys) - ({"name"} - shared)) | shared | read_otherwise
+    shared = shared | ({"name"} if name.startswith("light-") else set())
+    read_otherwise = {"texture": {"linear"}}.get(name, set())
+    nameless = set() if name.startswith("material-") else {"name"} - shared
+    assert set(found["properties"]) == (set(keys) - nameless) | shared | read_otherwise
     for key in set(keys) & set(found["properties"]) - shared:
         default = keys[key].default
         assert (key in found.get("required", ())) == (default is inspect.Parameter.empty), key

@@ -23,7 +23,7 @@ ARRAYS = {
 
 def renderer_of(scene=None, **options):
     """Return a renderer with layers, so that one kernel serves all tests here."""
-    layers = ("normal", "alpha", "depth", "uv", "object")
+    layers = ("normal", "alpha", "depth", "uv", "object", "crypto_object")
     return wrt.Renderer(
         scene or block_scene(), **{"width": 6, "height": 4, "max_depth": 3, "layers": layers, **options}
     )
@@ -179,6 +179,8 @@ def test_impossible_numbers_are_refused(film, path):
         ("total_of_squares", 1e-9, "do not match their squares"),
         ("layer_sums", 1e6, "the layer '(normal|alpha)' has impossible values"),
         ("layer_object_number", 3, "not one of the scene's 2"),
+        ("layer_coverage", 3, "coverage by objects has impossible values"),
+        ("layer_coverage", 2, "more samples of its objects than samples"),
     ):
         film.save_checkpoint(path)
         before = film.film.state()

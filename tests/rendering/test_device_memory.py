@@ -68,7 +68,10 @@ SCENES = {
     "instances": forest,
     "deforming": deforming,
     "a cloud and an image": cloudy,
-    "layers": lambda: scene_of(wrt.Shape(wrt.box()), layers=("albedo", "normal", "depth", "uv", "object")),
+    "layers": lambda: scene_of(wrt.Shape(wrt.box()), layers=("albedo", "normal", "depth", "uv", "crypto_object")),
+    "a shadow catcher": lambda: scene_of(
+        wrt.Shape(BALL), wrt.Shape(wrt.quad((-9, -1, 9), (18, 0, 0), (0, 0, -18)), shadow_catcher=True)
+    ),
 }
 QUICK = ("a ball", "a cloud and an image")
 

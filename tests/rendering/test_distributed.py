@@ -22,7 +22,7 @@ from wrt.distributed.spread import Pass, windows_of_pass
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
 
-SIZE = {"width": 20, "height": 30, "max_depth": 3, "layers": ("albedo", "depth", "object", "material")}
+SIZE = {"width": 20, "height": 30, "max_depth": 3, "layers": ("albedo", "depth", "object", "crypto_material")}
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of Dask, at its end
@@ -102,6 +102,21 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
         assert_same_arrays(film_of(each, 9), one.film.state())
     assert renderer.rays == one.rays
     assert renderer.noise() == one.noise()
+
+
+def test_shadow_catchers_have_a_second_film_on_the_cluster(client):
+    scene = block_scene()
+    scene.add(wrt.quad((-2, -0.5, 2), (4, 0, 0), (0, 0, -4)), shadow_catcher=True)
+    renderer, one = spread(client, scene, layers=()), wrt.Renderer(scene, **{**SIZE, "layers": ()})
+    other = wrt.PerspectiveCamera((1.0, 1.0, 4.0), (0.0, 0.0, 0.0))
+    for camera in (None, other):
+        for each in (renderer, one):
+            if camera is not None:
+                each.set_camera(camera)
+            finish(each, 3)
+        picture = renderer.finished()
+        np.testing.assert_array_equal(picture, one.finished())
+        assert ((picture[..., 3] > 0.0) & (picture[..., 3] < 1.0)).mean() > 0.1
 
 
 @pytest.mark.slow

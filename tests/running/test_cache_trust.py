@@ -2,6 +2,7 @@
 
 import os
 import stat
+import tempfile
 import warnings
 from pathlib import Path
 
@@ -11,6 +12,14 @@ from wrt.backend import cache_folders
 from wrt.backend.artefacts import Artefacts
 from wrt.backend.cache_folders import digest
 from wrt.backend.kernel_cache import DIGEST
+
+
+@pytest.fixture
+def tmp_path():
+    """A folder that others can search, unlike those above pytest's."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        os.chmod(folder, 0o755)
+        yield Path(folder)
 
 
 @pytest.fixture
@@ -30,9 +39,17 @@ def test_a_new_cache_is_private_and_in_a_shared_folder_each_user_has_one(cache):
             assert cache_folders.warp_folder() == cache / "warp"
             assert cache_folders.wrt_folder() == cache / "wrt"
             cache_folders.require_writable(cache_folders.warp_folder() / "1.0")
+            # It stays usable, although the compiler makes folders in it that only this one protects.
+            assert cache_folders.warp_folder() == cache / "warp"
+            (cache / "warp" / "1.0" / "module").mkdir()
+            assert cache_folders.is_private(cache / "warp" / "1.0" / "module")
     finally:
         os.umask(before)
-    assert stat.S_IMODE((cache / "warp").stat().st_mode) == 0o700
+    assert [stat.S_IMODE(each.stat().st_mode) for each in (cache, cache / "warp")] == [0o700, 0o700]
+    cache.chmod(0o755)
+    (cache / "warp").chmod(0o711)
+    assert not cache_folders.is_private(cache / "warp" / "1.0" / "module")
+    (cache / "warp").chmod(0o700)
     cache.chmod(0o1777)
     assert cache_folders.warp_folder() == cache / f"uid-{os.getuid()}" / "warp"
 

@@ -105,7 +105,7 @@ def test_films_have_the_bits_of_the_scenes_kernel(name, monkeypatch):
     expected = rendered(case)
     render_by(lambda features: general.general_features(features)[-1], monkeypatch)
     general_film = rendered(case)
-    assert general_film._kernel._features != expected._kernel._features
+    assert general_film._kernel.features != expected._kernel.features
     assert film_digest(general_film) == film_digest(expected)
 
 

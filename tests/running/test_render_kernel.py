@@ -85,7 +85,7 @@ def requested(monkeypatch):
 
 def kernel_of(renderer: wrt.Renderer) -> WideKernel:
     """Return the wide kernel of a scene, before anything is known of it."""
-    return WideKernel(renderer.device, renderer._kernel._features, renderer._kernel.records)
+    return WideKernel(renderer.device, renderer._kernel.features, renderer._kernel.records)
 
 
 def test_it_is_compiled_once_and_only_for_long_renders(cache, renderer, requested):

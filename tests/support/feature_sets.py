@@ -56,8 +56,8 @@ FEATURES = [
         Features(("diffuse",), False, "none", instances=instances, sampler=sampler)
         for instances, sampler in zip(("still", "moving", "deforming"), SAMPLERS[1:], strict=True)
     ),
-    Features(("diffuse",), True, "none", instances="moving", exact="spheres", aovs=True),
-    Features(("diffuse",), True, "none", instances="moving", exact="quadrics", aovs=True),
+    Features(("diffuse",), True, "none", instances="moving", exact="spheres", aovs=True, edges="wires"),
+    Features(("diffuse",), True, "none", instances="moving", exact="quadrics", aovs=True, edges="surfaces"),
     Features(("diffuse",), False, "none", exact="quadrics"),
     Features(("diffuse",), False, "none", composite="mixed", aovs=True),
     # Two models with all that a scene can have besides.

@@ -33,6 +33,7 @@ FILMS = (
 OPTIONS: dict[str, dict[str, Any]] = {
     "plain-disk": {"layers": tuple(LAYERS), "clamp_indirect": 2.0, "regularization": 0.2},
     "textures-moving": {},
+    "clouds-perspective": {"sampler": "stratified", "layers": ("light_groups",)},
 }
 """Options that replace those of a case: NVRTC takes three times as long for one kernel of all these features as for two
 kernels."""

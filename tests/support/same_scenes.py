@@ -44,7 +44,7 @@ def differences(first: wrt.Scene, second: wrt.Scene) -> dict[str, float]:
             x, y = (value[_corners(mesh)].astype(float) for value, mesh in zip(values, (one, two), strict=True))
             unit = size if name == "vertices" else 1.0
             note(name, np.inf if x.shape != y.shape else float(np.abs(x - y).max()) / unit)
-        for name in ("material", "emission", "two_sided_emission", "double_sided"):
+        for name in ("material", "emission", "two_sided_emission", "double_sided", "edges", "shadow_catcher"):
             _compare(name, getattr(a, name), getattr(b, name), note)
     return found
 

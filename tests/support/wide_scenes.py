@@ -224,7 +224,7 @@ def clouds() -> wrt.Scene:
     turned = np.array([[0.7, 0.2, 0.0, 0.2], [-0.2, 0.9, 0.0, 0.4], [0.0, 0.1, 0.8, -0.3], [0.0, 0.0, 0.0, 1.0]])
     varied = wrt.DensityGrid(noise(9, 10).transpose(2, 0, 1), transform=turned, factor=3.0, albedo=noise(10)[None])
     scene = room(wrt.Diffuse(0.5), wrt.Diffuse(0.2))
-    scene.environment = wrt.ConstantEnvironment((0.4, 0.5, 0.7))
+    scene.environment = wrt.ConstantEnvironment((0.4, 0.5, 0.7), group="sky")
     scene.medium = wrt.Medium(0.05, 0.1, density=wrt.DensityGrid(noise(11), (-3, 0, -3), (3, 4, 3)))
     for grid, medium in (
         (density, wrt.Medium(0.3, (9.0, 6.0, 3.0), g=0.6)),
@@ -269,7 +269,11 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
     "spectral": (spectral, {"sampler": "independent"}, ("perspective",)),
     "textures": (
         textures,
-        {"layers": tuple(name for name in LAYERS if name != "z"), "clamp_indirect": 2.0, "regularization": 0.2},
+        {
+            "layers": tuple(name for name in LAYERS if name not in ("z", "edges")),
+            "clamp_indirect": 2.0,
+            "regularization": 0.2,
+        },
         ("perspective", "fisheye", "moving"),
     ),
     "sides": (sides, {}, ("perspective",)),
@@ -288,7 +292,7 @@ def wide_kernel(renderer: wrt.Renderer, lanes: int) -> tuple[Any, int]:
     from wrt.spmd.kernel import make_wide_render_kernel
 
     threads = threads_of(renderer.film.width, renderer.film.height, TILE)
-    return make_wide_render_kernel(renderer._kernel._features, lanes), threads
+    return make_wide_render_kernel(renderer._kernel.features, lanes), threads
 
 
 Bits = dict[str, NDArray[Any]]

@@ -6,6 +6,7 @@ seeds.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable
 from pathlib import Path
@@ -293,6 +294,14 @@ def test_what_cannot_be_rendered_is_said_before() -> None:
     scene.shapes.append(wrt.Shape(wrt.box(), transform=moves))
     with pytest.raises(wrt.InputError, match="must stand still while the shutter is open"):
         wrt.Renderer(scene, caustics=True)
+    with pytest.raises(wrt.InputError, match="no layers of light groups"):
+        renderer(layers=("light_groups",))
+    with pytest.raises(wrt.InputError, match="have no derivatives"):
+        renderer().gradients(np.ones((16, 24, 3)))
+    caught = SCENES["block"]()
+    caught.shapes[0] = dataclasses.replace(caught.shapes[0], shadow_catcher=True)
+    with pytest.raises(wrt.InputError, match="do not fall on shadow catchers"):
+        wrt.Renderer(caught, caustics=True)
     with pytest.warns(UserWarning, match="no surface is a mirror"):
         without = wrt.Renderer(scene_of(floor(), lamp()), width=4, height=4, caustics=True)
     assert not without._kernel._features.caustics

@@ -71,6 +71,7 @@ def test_the_same_bits_with_other_numbers_of_lanes(lanes: int) -> None:
         {"width": 3, "height": 33, "max_depth": 3},
         {"crop": (16, 20, 45, 21), "strategy": "light"},
         {"filter": "box", "max_depth": 2, "strategy": "bsdf"},
+        {"layers": ("edges", "depth"), "edge_width": 3.0, "integrator": "direct"},
         {"seed": 2**32 - 1, "spp": (1,)},
         {"width": 21, "height": 18, "spp": (1, 3, 6, 10, 17, 25, 40, 52, 76, 107)},  # 1, 2, 3, 4, 7, 8, 15, 12, 24, 31
     ],

@@ -78,12 +78,13 @@ def warp_folder() -> Path:
 
 
 def make_private(folder: Path) -> None:
-    """Create a folder of the cache that others cannot write to, whatever the umask, unless it exists.
+    """Create a folder of the cache, and those above it, for this user alone whatever the umask, where they are missing.
 
     Raises:
         OSError: if it cannot be created.
     """
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for missing in (*(each for each in reversed(folder.parents) if not each.exists()), folder):
+        missing.mkdir(mode=0o700, exist_ok=True)
 
 
 def is_private(folder: Path) -> bool:
@@ -118,11 +119,12 @@ def _why_untrusted(folder: Path) -> str:
 
     Return "" if it may be. As with sshd's StrictModes, the folder and each above it must belong to the user or to root,
     and others must not be able to write to it, unless it is sticky as /tmp is: there they cannot replace the user's
-    files.
+    files. What lies in a folder that others cannot search is out of their reach.
     """
     resolved = Path(os.path.realpath(folder))
     if not is_utf8(folder) or not is_utf8(resolved):
         return "its path is not UTF-8, which the compiler needs"
+    why = ""
     for place in (resolved, *resolved.parents):
         try:
             status = place.stat()
@@ -130,11 +132,18 @@ def _why_untrusted(folder: Path) -> str:
             continue
         if status.st_uid not in (0, os.getuid()):
             return f"{place} belongs to another user (uid {status.st_uid})"
-        mode = status.st_mode
-        is_writable = mode & stat.S_IWOTH or (mode & stat.S_IWGRP and not _is_private(status.st_gid))
-        if is_writable and (place == resolved or not mode & stat.S_ISVTX):
-            return f"others can write to {place}"
-    return ""
+        if not _others_may(status, stat.S_IXGRP, stat.S_IXOTH):
+            why = ""
+        elif _others_may(status, stat.S_IWGRP, stat.S_IWOTH) and (
+            place == resolved or not status.st_mode & stat.S_ISVTX
+        ):
+            why = why or f"others can write to {place}"
+    return why
+
+
+def _others_may(status: os.stat_result, of_group: int, of_others: int) -> bool:
+    """Return whether a mode gives a permission to others than this user and root."""
+    return bool(status.st_mode & of_others or (status.st_mode & of_group and not _is_private(status.st_gid)))
 
 
 def _is_private(group: int) -> bool:

@@ -142,13 +142,13 @@ def develop(
 def convert(interrupts: Interrupts, *, source: str, output: str, force: bool, **arguments: Any) -> int:
     """Convert a scene or mesh to a scene file."""
     interrupts.unfinished = f"{output} was not written"
-    from wrt.api import load
     from wrt.cli.options import loading_options
+    from wrt.cli.views import load_seen
     from wrt.io.toml.writer import save_scene
     from wrt.progress.bar import short_warnings
 
     with short_warnings(warn):
-        save_scene(output, load(source, **loading_options(arguments)), force=force)
+        save_scene(output, load_seen(source, loading_options(arguments)), force=force)
     return 0
 
 
@@ -160,6 +160,7 @@ def compile(interrupts: Interrupts, *, general: bool, **arguments: Any) -> int:
     """
     interrupts.unfinished = "before everything was compiled"
     from wrt.cli.options import RenderOptions
+    from wrt.cli.views import each_model
     from wrt.errors import InputError
     from wrt.precompiling import compile_general, precompiled_by
     from wrt.progress.bar import short_warnings
@@ -173,8 +174,9 @@ def compile(interrupts: Interrupts, *, general: bool, **arguments: Any) -> int:
         for source in options.inputs:
             name = source if len(options.inputs) > 1 else ""
             try:
-                scene = options.load(source)
-                _print(f"{source}: {precompiled_by(partial(options.make_renderer, scene))}")
+                for view in each_model(options):
+                    scene = view.load(source)
+                    _print(f"{source}: {precompiled_by(partial(view.make_renderer, scene))}")
             except EXPECTED as error:
                 highest = max(highest, failure(error, name=name))
         if general:

@@ -138,15 +138,12 @@ class AnimationRender:
 
         All frames have the exposure of the first: with one of its own for each they would flicker.
         """
-        from wrt.develop.exposure import stops
-        from wrt.develop.picture import covered
-
         if not renderer.renders_light:
             return 0.0
         spp = self._options.limits["spp"] or renderer.settings.spp
         for _ in renderer.passes(spp=min(spp, SAMPLES_FOR_EXPOSURE)):
             pass
-        return stops(covered(renderer.image(), renderer.alpha()), renderer.settings.exposure)
+        return renderer._undeveloped()[2]
 
     def _scenes(self) -> Iterator[Scene]:
         """Yield the scene of each frame."""

@@ -36,8 +36,9 @@ def view(
     **arguments: Any,
 ) -> int:
     """Serve the page of a scene until Ctrl-C."""
-    from wrt.api import is_builtin, load, load_with_settings
+    from wrt.api import is_builtin, load
     from wrt.cli.options import loading_options
+    from wrt.cli.views import chosen_cameras, load_seen
     from wrt.progress.bar import once, short_warnings
     from wrt.view.server import bound_socket, run_server
     from wrt.view.session import Session
@@ -45,15 +46,14 @@ def view(
     loading = loading_options(arguments)
     if not watch and not is_builtin(source) and not os.path.lexists(source):
         load(source)  # raises InputError at once: without --watch a missing file stays missing
+    if loading["cameras"] is not None:
+        chosen_cameras(loading)  # likewise
     bound = bound_socket(port)
 
     def open_scene() -> Renderer:
         from wrt.rendering.renderer import Renderer
 
-        width, height = size or (None, None)
-        settings = {"width": width, "height": height}
-        scene = load_with_settings(source, settings, **loading)
-        return Renderer(scene, device=device, seed=seed, threads=threads)
+        return Renderer(load_seen(source, loading, size), device=device, seed=seed, threads=threads)
 
     def ready(address: str) -> None:
         print(f"{source}: {address}\nCtrl-C ends it.", flush=True)

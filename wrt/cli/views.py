@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ from wrt.cli.options import RenderOptions
 from wrt.cli.output import Output, default_output, folder_for
 from wrt.errors import InputError
 from wrt.io.camera_files import FileCamera, load_cameras
-from wrt.io.cameras import number_of
+from wrt.io.cameras import note_several, number_of
 
 if TYPE_CHECKING:
     from wrt.rendering.renderer import Renderer
@@ -68,6 +69,46 @@ class ViewOptions(RenderOptions):
         return before.sharing(width=scene.settings.width, height=scene.settings.height)
 
 
+def chosen_cameras(loading: Mapping[str, Any]) -> dict[str, FileCamera]:
+    """Return the cameras of the file of --cameras: all, or the one of --camera."""
+    path, choice = loading["cameras"], loading["camera"]
+    cameras = load_cameras(path, confined=loading["confined"])
+    if choice is None:
+        return cameras
+    name = list(cameras)[number_of(path, list(cameras), choice)]
+    return {name: cameras[name]}
+
+
+def load_seen(source: str, loading: Mapping[str, Any], size: tuple[int, int] | None = None) -> Scene:
+    """Return a scene for commands that show one view of it.
+
+    With --cameras it is the one of --camera or the first, with a warning if there are several, in its picture's size.
+
+    Args:
+        source: the input.
+        loading: options of `wrt.load`, among them `cameras`.
+        size: width and height of the picture; by default the camera's, and otherwise the scene's.
+    """
+    from wrt.api import load_with_settings
+
+    width, height = size or (None, None)
+    if loading["cameras"] is not None:
+        cameras = chosen_cameras(loading)
+        note_several(loading["cameras"], list(cameras))
+        name, seen = next(iter(cameras.items()))
+        width, height = size or (seen.width, seen.height)
+        loading = {**loading, "camera": name}
+    return load_with_settings(source, {"width": width, "height": height}, **loading)
+
+
+def each_model(options: RenderOptions) -> list[RenderOptions]:
+    """Return the options of one view for each model of camera; without --cameras the options themselves."""
+    if options.loading["cameras"] is None:
+        return [options]
+    views = [view for _, _, view in views_of(options) if isinstance(view, ViewOptions) and view.seen is not None]
+    return list({view.seen.camera.model: view for view in reversed(views) if view.seen is not None}.values())
+
+
 def views_of(options: RenderOptions) -> list[tuple[str, Output, RenderOptions]]:
     """Return the name, the output and the options of each view of an input.
 
@@ -79,11 +120,8 @@ def views_of(options: RenderOptions) -> list[tuple[str, Output, RenderOptions]]:
     for name in ("turntable", "frames", "part"):
         if getattr(options, name) is not None:
             raise InputError(f"--cameras and --{name} cannot be combined")
-    path, choice = options.loading["cameras"], options.loading["camera"]
-    cameras = load_cameras(path)
+    cameras = chosen_cameras(options.loading)
     names = list(cameras)
-    if choice is not None:
-        names = [names[number_of(path, names, choice)]]
     if options.checkpoint is not None and len(names) > 1:
         raise InputError("--checkpoint is for a single picture; choose a view by --camera")
     shared, pictures = Shared(), set[Path]()

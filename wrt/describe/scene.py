@@ -97,6 +97,7 @@ def _shape_row(shape: Shape, material: int) -> Row:
     mesh = shape.mesh
     attributes = ("colors",) if isinstance(mesh, Analytic) else VERTEX_ATTRIBUTES
     extras = [name for name in attributes if getattr(mesh, name) is not None] + ["emission"] * shape.emits
+    extras += ["shadow-catcher"] * shape.shadow_catcher
     faces, vertices = f"{len(mesh.faces):,}", f"{len(mesh.vertices):,}"
     if isinstance(mesh, Analytic):
         faces, vertices = ", ".join(_count(count, noun) for noun, count in mesh.counts.items()), "-"

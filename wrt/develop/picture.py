@@ -78,30 +78,47 @@ def develop_image(image: ArrayLike, *, tone: str = DEFAULT_TONE, exposure: Expos
     return develop(image, tone=tone, exposure=exposure).codes
 
 
-class OverBackground(np.ndarray[Any, np.dtype[np.float32]]):
-    """(H, W, 3) float32 radiance over a background, which `develop` shows exactly, whatever the tone.
+class Composed(np.ndarray[Any, np.dtype[np.float32]]):
+    """(H, W, 3) or (H, W, 4) float32 radiance with a background or lines, which `develop` shows exactly.
 
     Tone curves compress highlights, so they would make a white background grey. An array that is computed from this
     one, or has been written to, is developed as a whole.
     """
 
-    _parts: tuple[NDArray[np.float32], NDArray[np.float32], ArrayLike] | None
+    _parts: dict[str, Any] | None
 
     @classmethod
-    def of(cls, colors: NDArray[np.float32], alpha: NDArray[np.float32], background: ArrayLike) -> OverBackground:
-        """Return associated colours (H, W, 3), of coverage (H, W), over a linear colour."""
-        behind = (1.0 - alpha[..., None]) * np.asarray(background, np.float32)
-        picture = np.asarray(colors + behind, np.float32).view(cls)
-        picture._parts = colors, alpha, background
+    def of(
+        cls,
+        image: NDArray[np.float32],
+        *,
+        alpha: NDArray[np.float32] | None = None,
+        background: ArrayLike | None = None,
+        lines: NDArray[np.float32] | None = None,
+        line_color: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> Composed:
+        """Return (H, W, 3) colours with what `develop` describes; alpha stays where there is no background."""
+        made: NDArray[Any] = image
+        if lines is not None:
+            share = share_of_lines(lines, alpha)[..., None]
+            drawn = share if alpha is None else share * alpha[..., None]
+            made = made * (1.0 - share) + drawn * np.asarray(line_color, np.float32)
+        if alpha is not None and background is not None:
+            made = made + (1.0 - alpha[..., None]) * np.asarray(background, np.float32)
+        elif alpha is not None:
+            made = np.dstack([made, alpha])
+        picture = np.asarray(made, np.float32).view(cls)
+        kept = {"alpha": alpha, "background": background, "lines": lines, "line_color": line_color}
+        picture._parts = {"image": image, **kept}
         return picture
 
     def __array_finalize__(self, source: object) -> None:
         """Begin as a picture without parts."""
         self._parts = None
 
-    def parts(self) -> tuple[NDArray[np.float32], NDArray[np.float32], ArrayLike] | None:
+    def parts(self) -> dict[str, Any] | None:
         """Return the arguments of `of`; None if this is another picture by now."""
-        return self._parts if self._parts and np.array_equal(self, OverBackground.of(*self._parts), True) else None
+        return self._parts if self._parts and np.array_equal(self, Composed.of(**self._parts), True) else None
 
 
 def colors_and_alpha(image: ArrayLike | None, name: str) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
@@ -150,6 +167,13 @@ def over(codes: NDArray[np.uint8], alpha: NDArray[np.float32], background: Array
     return np.rint(255.0 * srgb_from_linear(linear)).astype(np.uint8)
 
 
+def share_of_lines(lines: NDArray[np.float32], alpha: NDArray[np.float32] | None) -> NDArray[np.float32]:
+    """Return (H, W), the share of what is seen in a pixel that lines cover, which lie on surfaces."""
+    if alpha is None:
+        return np.clip(np.nan_to_num(lines), 0.0, 1.0)
+    return np.divide(lines, alpha, out=np.zeros_like(lines), where=alpha > 0.0).clip(0.0, 1.0)
+
+
 def require_tone(tone: str) -> None:
     """Raise InputError before rendering if a tone does not exist, such as a missing OpenColorIO view."""
     if check_tone(tone) not in CURVES:
@@ -163,6 +187,8 @@ def develop(
     exposure: Exposure = None,
     alpha: NDArray[np.float32] | None = None,
     background: ArrayLike | None = None,
+    lines: NDArray[np.float32] | None = None,
+    line_color: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Developed:
     """Develop linear radiance for a display; see `develop_image`.
 
@@ -172,18 +198,22 @@ def develop(
         exposure: as for `develop_image`.
         alpha: (H, W) coverage, if `image` does not have it.
         background: linear colour behind what has alpha.
+        lines: (H, W) share of each pixel that lines cover.
+        line_color: linear colour of these.
     """
     tone, exposure = check_tone(tone), check_exposure(exposure)
-    if alpha is None and isinstance(image, OverBackground) and (parts := image.parts()):
-        image, alpha, background = parts
+    if alpha is None and isinstance(image, Composed) and (parts := image.parts()):
+        image, alpha, background, lines, line_color = parts.values()
     pixels, coverage = colors_and_alpha(image, "an image")
     alpha = coverage if alpha is None else alpha
     chosen = stops(covered(pixels, alpha), exposure, brighten=False)
     developed = _develop(unassociated(pixels, alpha), tone, chosen)
-    if alpha is None:
-        return developed
-    codes = with_alpha(developed.codes, alpha) if background is None else over(developed.codes, alpha, background)
-    return dataclasses.replace(developed, codes=codes)
+    codes, is_black = developed.codes, developed.black and lines is None
+    if lines is not None:
+        codes = over(codes, 1.0 - share_of_lines(lines, alpha), line_color)
+    if alpha is not None:
+        codes = with_alpha(codes, alpha) if background is None else over(codes, alpha, background)
+    return dataclasses.replace(developed, codes=codes, black=is_black)
 
 
 def _develop(pixels: NDArray[np.float32], tone: str, chosen: float) -> Developed:

@@ -15,6 +15,7 @@ from wrt.distributed.processes import Processes
 from wrt.distributed.spread import Pass, Spread
 from wrt.distributed.worker import Job
 from wrt.errors import InputError
+from wrt.rendering.catchers import Caught
 from wrt.rendering.checkpoint import SETTINGS_OF_PICTURE, identity_of
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera, require_camera
@@ -65,11 +66,11 @@ class DistributedRenderer(Renderer):
         """
         self._cluster = client if isinstance(client, Processes) else DaskCluster(client_of(client))
         self._workers = {"device": device, "threads": threads}
-        self._local: Renderer | None = None
         super().__init__(scene, **options)
 
-    def _build(self) -> None:
+    def _build(self, like: Any = None) -> None:
         self.device.compile(current_backend().kernels("wrt.kernels.film.film").film_noise)
+        self._local: Renderer | None = None
         self.spread = Spread(self._cluster, self.scene)
         self._kernel, self._guides = _Remote(), None  # type: ignore[assignment]
         options = {name: getattr(self.settings, name) for name in SETTINGS_OF_PICTURE}
@@ -83,11 +84,21 @@ class DistributedRenderer(Renderer):
         """Look at the scene through another camera and restart the picture; see `wrt.Renderer.set_camera`."""
         require_camera(camera)
         self.scene.camera = camera
+        if self._catchers is not None:
+            self._catchers.look_from(camera)
         self._clear()
 
     def update_vertices(self, *_: Any, **__: Any) -> None:
         """Raise InputError: each frame of a simulation is a scene of its own here."""
         raise InputError("vertices cannot be updated on a cluster; make a renderer of the next frame's scene")
+
+    def set_parameters(self, *_: Any, **__: Any) -> None:
+        """Raise InputError: workers keep the scene as it was."""
+        raise InputError("parameters cannot be set on a cluster; make a renderer of the changed scene")
+
+    def gradients(self, *_: Any, **__: Any) -> Any:
+        """Raise InputError: derivatives are of one process."""
+        raise InputError("a cluster has no gradients; use wrt.Renderer")
 
     def part(self, *_: Any, **__: Any) -> Any:
         """Raise InputError: the cluster renders the whole picture."""
@@ -95,12 +106,19 @@ class DistributedRenderer(Renderer):
 
     def denoised(self) -> NDArray[np.float32]:
         """Return `image` without most of its noise, see `wrt.Renderer.denoised`; the scene is built here for it."""
+        return self._with_scene().denoised()
+
+    def _caught(self, *, denoised: bool = False) -> Caught | None:
+        return self._with_scene()._caught(denoised=True) if denoised else super()._caught()
+
+    def _with_scene(self) -> Renderer:
+        """Return a renderer on this machine with this film."""
         if self._local is None:
             self._local = Renderer(self.scene, **self._options)
         if self._local.camera != self.camera:
             self._local.set_camera(self.camera)
         self._local.film.restore(self.film.state())
-        return self._local.denoised()
+        return self._local
 
     def _launch(self, target: int, seconds_left: float) -> None:
         job = Job(self._digest, {**self._options, **self._workers}, self.camera)

@@ -7,6 +7,7 @@ count pixels from the corner of the picture, so the middle of the first one is (
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -20,7 +21,7 @@ import numpy as np
 from wrt._version import __version__
 from wrt.errors import InputError, did_you_mean
 from wrt.io.cameras import unique
-from wrt.io.safe_read import PathLike, as_text, naming_file, read_file
+from wrt.io.safe_read import PathLike, as_text, confined_to, naming_file, read_file, require_inside
 from wrt.io.safe_write import Kind, output_path, write_atomically
 from wrt.scene.camera import Camera, FisheyeCamera, PerspectiveCamera
 from wrt.scene.camera_matrices import pose_of_extrinsics, pose_of_matrix
@@ -44,18 +45,22 @@ class FileCamera:
     height: int
 
 
-def load_cameras(path: PathLike) -> dict[str, FileCamera]:
+def load_cameras(path: PathLike, *, confined: bool = False) -> dict[str, FileCamera]:
     """Load the cameras of a dataset of pictures, by the names of the pictures without folder and suffix.
 
     Args:
         path: a file transforms.json of instant-ngp or nerfstudio, or a folder with COLMAP's cameras.txt and images.txt,
             or one of these two files. Places are those of the file: `applied_transform` of nerfstudio, which its
             points have as well, is not undone.
+        confined: refuse to look at pictures outside the file's folder, by whose size frames without w and h are read.
 
     Raises:
         InputError: if it cannot be used; the message names the file and the picture.
     """
     file = Path(path)
+    if confined:
+        with confined_to(file if file.is_dir() else file.parent):
+            return load_cameras(path)
     if file.is_dir() or file.name in ("cameras.txt", "images.txt"):
         folder = file if file.is_dir() else file.parent
         found = list(_of_colmap(folder))
@@ -119,6 +124,7 @@ def _of_transforms(file: Path) -> Iterator[tuple[str, FileCamera]]:
     frames = tree.get("frames") if isinstance(tree, dict) else None
     if not isinstance(frames, list):
         raise InputError("has no list of frames")
+    size_of = functools.cache(_size_of_picture)  # frames may share a picture
     for index, frame in enumerate(frames):
         if not isinstance(frame, dict):
             raise InputError(f"frame {index} is no table")
@@ -127,10 +133,11 @@ def _of_transforms(file: Path) -> Iterator[tuple[str, FileCamera]]:
             if "transform_matrix" not in frame:
                 raise InputError("has no transform_matrix")
             pose = pose_of_matrix(frame["transform_matrix"], "opengl")
-            yield name, _placed(_intrinsics({**tree, **frame}, file.parent / name), pose)
+            placed = _placed(_intrinsics({**tree, **frame}, file.parent / name, size_of), pose)
+        yield name, placed
 
 
-def _intrinsics(values: dict[str, Any], picture: Path) -> FileCamera:
+def _intrinsics(values: dict[str, Any], picture: Path, size_of: Callable[[Path], tuple[int, int]]) -> FileCamera:
     """Return the camera of a frame, given its keys and those of the file, and the path of its picture."""
     default = "OPENCV_FISHEYE" if values.get("is_fisheye") is True else "OPENCV"
     model = str(values.get("camera_model") or default)
@@ -141,7 +148,11 @@ def _intrinsics(values: dict[str, Any], picture: Path) -> FileCamera:
     kind, names = _KINDS[model]
     if other := [name for name in _COEFFICIENTS if name not in names and _number(values, name, 0.0) != 0.0]:
         raise InputError(f"camera_model {model} has no {other[0]}, which is not 0")
-    size = _size(values, picture)
+    if "w" in values and "h" in values:
+        # instant-ngp writes whole numbers with a decimal point.
+        size = _pixels(number(values["w"], "w"), "w"), _pixels(number(values["h"], "h"), "h")
+    else:
+        size = size_of(picture)
     f = []
     for axis, side in zip("xy", size, strict=True):
         if (length := _number(values, f"fl_{axis}")) is None and (angle := _number(values, f"camera_angle_{axis}")):
@@ -160,13 +171,9 @@ def _number(values: dict[str, Any], name: str, default: Any = None) -> Any:
     return default if values.get(name) is None else number(values[name], name)
 
 
-def _size(values: dict[str, Any], picture: Path) -> tuple[int, int]:
-    """Return the size of a frame's picture: as the file has it, or else that of the picture's own file."""
-    if "w" in values and "h" in values:
-        # instant-ngp writes whole numbers with a decimal point.
-        w, h = (number(values[key], key) for key in "wh")
-        return _pixels(w, "w"), _pixels(h, "h")
+def _size_of_picture(picture: Path) -> tuple[int, int]:
     for path in (picture, picture.with_name(f"{picture.name}.png")):
+        require_inside(path)
         if path.is_file():
             from wrt.io.images import load_image
 
@@ -263,10 +270,13 @@ _COLMAP: dict[str, tuple[type[Camera], str]] = {
 
 def _of_colmap(folder: Path) -> Iterator[tuple[str, FileCamera]]:
     cameras = dict(_lines(folder / "cameras.txt", _lens_of, every=1))
-    for name, (camera, pose) in _lines(folder / "images.txt", _image_of, every=2):
-        if camera not in cameras:
-            raise InputError(f"{folder / 'images.txt'}: {name}: camera {camera} is not in cameras.txt")
-        yield name, _placed(cameras[camera], pose)
+    images = folder / "images.txt"
+    for name, (camera, pose) in _lines(images, _image_of, every=2):
+        with _naming(f"{images}: {name}"):
+            if camera not in cameras:
+                raise InputError(f"camera {camera} is not in cameras.txt")
+            placed = _placed(cameras[camera], pose)
+        yield name, placed
 
 
 def _lines(file: Path, read: Callable[[list[str]], tuple[str, Any]], every: int) -> Iterator[tuple[str, Any]]:
@@ -275,7 +285,8 @@ def _lines(file: Path, read: Callable[[list[str]], tuple[str, Any]], every: int)
         raise InputError(
             f"{file}: no such file; 'colmap model_converter --output_type TXT' makes it of {file.stem}.bin"
         )
-    lines = as_text(read_file(file)).splitlines()
+    with naming_file(file):
+        lines = as_text(read_file(file)).splitlines()
     skip = 0
     for count, line in enumerate(lines, 1):
         if line.startswith("#"):

@@ -87,6 +87,11 @@ _KINDS: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
     (rb"<\?xml", "an XML file", (".xml",)),
     (rb"\{.*?\"(asset|scenes|meshes|accessors|bufferViews|buffers)\"\s*:", "a glTF file", (".gltf", ".glb")),
     (rb"(v|vn|vt)[ \t]+[-+.\d]|(mtllib|usemtl|o|g)[ \t]", "an OBJ file", (".obj",)),
+    (
+        rb"P(\s+[-+.\d]\S*){6}\s|p.{3,24}\0",
+        "a surface of MNI's neuroimaging tools; convert it to PLY or Wavefront OBJ",
+        (),
+    ),
     (rb"newmtl\s", "the materials of an OBJ file", (".mtl",)),
     (rb"\[+(settings|camera|environment|lights|media|materials|shapes)\b", "a scene file", (".toml",)),
 )

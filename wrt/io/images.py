@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import math
+import mmap
 import os
 import re
 import warnings
@@ -21,6 +22,7 @@ from wrt.io import memory_limits
 from wrt.io.npy import read_array
 from wrt.io.safe_read import PathLike, first_line, forget_input, is_input, naming_file, read_file, require_file
 from wrt.io.safe_write import Kind, output_path, require_writable, write_atomically
+from wrt.scene.cryptomatte import TYPES, metadata_of
 from wrt.scene.developing import DEFAULT_TONE, DEVELOPED_SUFFIXES, Exposure
 from wrt.scene.environment import ImageEnvironment
 from wrt.scene.layers import channel_names
@@ -50,10 +52,24 @@ def _is_own(path: Path) -> bool:
     if beginning.startswith(b"\xff\xd8\xff"):
         return re.search(rb"\xff\xfe..Software: wrt ", beginning, re.DOTALL) is not None
     if beginning.startswith(b"v/1\x01"):
-        _, found, value = beginning.partition(b"Software\0string\0")
-        return bool(found) and value[4:8] == b"wrt "
+        return _exr_attribute(path, b"Software").startswith(b"wrt ")
     version = bytes(_NPY_VERSION)
     return beginning.startswith(b"\x93NUMPY" + version) and re.search(rb"'<f4'.*, 3\)", beginning[:256]) is not None
+
+
+def _exr_attribute(path: Path, name: bytes) -> bytes:
+    """Return the start of an attribute in the header of an OpenEXR file, or nothing.
+
+    Attributes are in alphabetical order, and those before this one may have megabytes of names.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        at = 8  # after magic number and version
+        while (end := data.find(b"\0", at)) > at and (kind_end := data.find(b"\0", end + 1)) > 0:
+            start = kind_end + 5
+            if data[at:end] == name:
+                return data[start : start + _BEGINNING]
+            at = start + int.from_bytes(data[kind_end + 1 : start], "little")
+    return b""
 
 
 PICTURE = Kind("a picture that wrt has made", _is_own)
@@ -115,12 +131,17 @@ def read_image(file: Path, *, linear: bool | None = None) -> NDArray[np.float32]
 
 
 def load_environment(
-    path: PathLike, *, scale: float = 1.0, rotation_degrees: float = 0.0, rotation_axis: Vec3 = (0.0, 1.0, 0.0)
+    path: PathLike,
+    *,
+    scale: float = 1.0,
+    rotation_degrees: float = 0.0,
+    rotation_axis: Vec3 = (0.0, 1.0, 0.0),
+    group: str | None = None,
 ) -> ImageEnvironment:
     """Read a latitude-longitude image as an environment; see `load_image` and `ImageEnvironment`."""
     pixels = sealed(read_image(Path(path)))
     with naming_file(Path(path)):
-        return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis)
+        return ImageEnvironment(pixels, scale, rotation_degrees, Path(path).name, rotation_axis, group=group)
 
 
 def require_pixels(width: int, height: int) -> None:
@@ -253,6 +274,8 @@ def save_image(
     metadata: Mapping[str, object] | None = None,
     layers: Mapping[str, NDArray[Any]] | None = None,
     background: ColorLike | None = None,
+    edges: NDArray[np.float32] | None = None,
+    edge_color: ColorLike = (0.0, 0.0, 0.0),
     force: bool = False,
 ) -> Developed | None:
     """Write a linear Rec. 709 image as PNG, JPEG, OpenEXR or NumPy array, by its suffix.
@@ -272,6 +295,8 @@ def save_image(
         layers: the result of `wrt.Renderer.layers`, for OpenEXR: 32-bit channels such as `albedo.R`.
         background: linear colour behind a PNG or JPEG with alpha, which then has none. The tone curve leaves it as it
             is.
+        edges: (H, W) share of each pixel that lines cover, to draw them over a PNG or JPEG: the layer of this name.
+        edge_color: linear colour of these lines, likewise exact.
         force: whether to replace a file that wrt did not write.
 
     Returns:
@@ -301,7 +326,15 @@ def save_image(
         behind = None if background is None else color(background, "background", maximum=1.0)
         height, width = np.asarray(image).shape[:2]
         require_room(file, width, height, alpha=bool(cover) and behind is None)
-        developed = develop(source, tone=tone, exposure=exposure, alpha=cover.get("alpha"), background=behind)
+        developed = develop(
+            source,
+            tone=tone,
+            exposure=exposure,
+            alpha=cover.get("alpha"),
+            background=behind,
+            lines=edges,
+            line_color=color(edge_color, "edge_color", maximum=1.0),
+        )
         codes = developed.codes
         notes |= {"Tone": developed.tone, "Exposure": f"{developed.stops:.6g} stops"}
         if suffix == ".png":
@@ -370,7 +403,8 @@ def _write_exr(
         for names, values in parts
         for k, name in enumerate(names)
     }
-    header = {**notes, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    known = {key: value for name in TYPES if name in layers for key, value in metadata_of(name).items()}
+    header = {**known, **notes, "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, channels).write(str(path))
 
 

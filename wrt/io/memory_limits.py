@@ -139,7 +139,7 @@ def take(limit: Limit, size: int) -> None:
 
 def size_of(mesh: Mesh) -> int:
     """Return the bytes that the arrays of a mesh take."""
-    arrays = (mesh.vertices, mesh.faces, mesh.normals, mesh.uvs, mesh.colors, mesh.tangents)
+    arrays = (mesh.vertices, mesh.faces, mesh.normals, mesh.uvs, mesh.colors, mesh.tangents, mesh.sides)
     return sum(array.nbytes for array in arrays if array is not None)
 
 

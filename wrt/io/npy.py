@@ -93,10 +93,10 @@ def read_arrays(file: Path, required: Iterable[str], optional: Iterable[str] = (
 
 
 def read_mesh_arrays(file: Path) -> Mesh:
-    """Return the mesh of the arrays `vertices` and `faces`, with those of VERTEX_ATTRIBUTES that are present."""
+    """Return the mesh of `vertices` and `faces`, with `sides` and those of VERTEX_ATTRIBUTES that are present."""
     from wrt.scene.mesh import VERTEX_ATTRIBUTES, Mesh
 
-    arrays = read_arrays(file, ("vertices", "faces"), VERTEX_ATTRIBUTES)
+    arrays = read_arrays(file, ("vertices", "faces"), (*VERTEX_ATTRIBUTES, "sides"))
     with naming_file(file):
         return Mesh.taking(**arrays, name=file.name)
 

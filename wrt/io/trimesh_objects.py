@@ -245,8 +245,7 @@ class _Reader:
             return self._physical.dressed(part, number, {} if part.uvs is None else {0: part.uvs})
         if isinstance(material, SimpleMaterial):
             if statements := self._statements(material):
-                # Several materials may have the same name.
-                return self._simple.dressed(part, f"{material.name} {id(material)}", statements)
+                return self._simple.dressed(part, str(material.name or ""), statements, number=id(material))
         elif material is not None:
             warn(f"{self._name}: a {type(material).__name__} of {part.name!r} is left out: unknown type of material")
         return part
@@ -264,7 +263,7 @@ class _Reader:
 
         known = {*_IN_PBR, *_BESIDE_PBR, "baseColorFactor", "emissiveFactor", "name"}
         warn_of_unused(self._name, [f"{key} of a material" for key in sorted(set(material._data) - known)], {})
-        described = {"pbrMetallicRoughness": values_of(_IN_PBR), **values_of(_BESIDE_PBR)}
+        described = {"name": material.name, "pbrMetallicRoughness": values_of(_IN_PBR), **values_of(_BESIDE_PBR)}
         if self._type == "dae":  # trimesh's default is that of glTF; COLLADA does not hide backs
             described["doubleSided"] = True
         if material.baseColorFactor is not None:

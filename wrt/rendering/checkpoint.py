@@ -19,6 +19,7 @@ from wrt.errors import InputError
 from wrt.io.npy import read_archive
 from wrt.io.safe_read import PathLike, first_line, forget_input, read_file
 from wrt.io.safe_write import Kind, write_atomically
+from wrt.scene.layers import LIGHT_GROUPS
 from wrt.scene.scene import RenderSettings, Scene
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 SETTINGS_OF_PICTURE = tuple(
     field.name
     for field in dataclasses.fields(RenderSettings)
-    if field.name not in ("spp", "noise", "adaptive", "denoise", "tone", "exposure")
+    if field.name not in ("spp", "noise", "adaptive", "denoise", "tone", "exposure", "edge_color")
 )
 """The fields of `RenderSettings` that change a picture; checkpoints store them."""
 
@@ -154,6 +155,7 @@ def identity_of(renderer: Renderer) -> dict[str, Any]:
         "crop": list(renderer.crop) if renderer.crop != (0, 0, renderer.width, renderer.height) else None,
         "integrator": renderer.integrator,
         "layers": list(renderer.settings.layers),
+        "light_groups": list(renderer.scene.light_groups) if LIGHT_GROUPS in renderer.settings.layers else [],
         "light_choice": renderer.light_choice,
         "scene": scene_fingerprint(renderer.scene),
     }
@@ -164,6 +166,7 @@ def scene_fingerprint(scene: Scene) -> dict[str, str]:
     # Read a mesh that many shapes share only once.
     parts = {id(part): part for shape in scene.shapes for part in (shape.mesh, shape.deformation, shape.transform)}
     digests = {key: _digest(part) for key, part in parts.items()}
+    groups = [each.group for each in (*scene.shapes, *scene.lights, scene.environment) if each is not None]
     return {
         "geometry": _digest(
             [
@@ -173,11 +176,13 @@ def scene_fingerprint(scene: Scene) -> dict[str, str]:
         ),
         "materials": _digest([shape.material for shape in scene.shapes]),
         "emission": _digest([(shape.emission, shape.two_sided_emission) for shape in scene.shapes]),
-        "sides": _digest([shape.double_sided for shape in scene.shapes]),
+        "sides and edges": _digest([(shape.double_sided, shape.edges) for shape in scene.shapes]),
+        "shadow catchers": _digest([shape.shadow_catcher for shape in scene.shapes]),
         "lights": _digest(scene.lights),
         "environment": _digest(scene.environment),
         "camera": _digest(scene.camera),
         "medium": _digest(scene.medium),
+        **({"light groups": _digest(groups)} if scene.light_groups else {}),
     }
 
 
@@ -194,7 +199,7 @@ def _feed(digest: Any, value: Any) -> None:
     if dataclasses.is_dataclass(value):
         digest.update(f"<{type(value).__name__}>".encode())
         for field in dataclasses.fields(value):
-            if field.name != "name":
+            if field.name not in ("name", "group"):
                 digest.update(f".{field.name}=".encode())
                 _feed(digest, getattr(value, field.name))
     elif isinstance(value, np.ndarray):

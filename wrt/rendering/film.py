@@ -59,14 +59,19 @@ class Tally:
 class Film:
     """Sums of samples and of their squares, and sample counts, for each pixel of a picture."""
 
-    def __init__(self, width: int, height: int, device: Device, layers: tuple[str, ...] = ()) -> None:
-        """Start an empty film of width x height pixels on a device, with `layers` besides radiance."""
+    def __init__(
+        self, width: int, height: int, device: Device, layers: tuple[str, ...] = (), groups: tuple[str, ...] = ()
+    ) -> None:
+        """Start an empty film of width x height pixels on a device, with `layers` besides radiance.
+
+        `groups` are the light groups of the scene.
+        """
         self.width, self.height = width, height
         self.pixels = width * height
-        self._per_pixel = bytes_per_pixel(layers)
+        self._per_pixel = bytes_per_pixel(layers, groups)
         self.device, backend = device, device.backend
         self.require_memory(BYTES_PER_PIXEL + self._per_pixel)
-        self.aovs = FilmAovs(layers, width, height, device)
+        self.aovs = FilmAovs(layers, width, height, device, groups)
         self._count_before: Any = None
         self._chosen: tuple[NDArray[np.bool_], Any] | None = None
         self._kept: dict[str, Any] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,44 +11,91 @@ from numpy.typing import NDArray
 
 from wrt.backend.device import Device
 from wrt.errors import InputError
-from wrt.scene.layers import LAYERS, NUMBERS
-from wrt.scene.materials import Material
+from wrt.scene.cryptomatte import RANKS, TYPES, ids_of
+from wrt.scene.layers import CATCHER, FILM_LAYERS, LIGHT_GROUPS, NAMED, NUMBERS, REST, group_layer
+from wrt.scene.scene import Shape
 
 _ARRAYS = ("sums", "nearest", "object_number", "off_middle")
+_COVERAGE = "coverage"
 _PREFIX = "layer_"
 
+_SLOTS = 8
+"""Objects in a pixel whose samples are counted; two more than files hold, as the largest are not the first ones."""
 
-def bytes_per_pixel(names: tuple[str, ...]) -> int:
-    """Return the bytes of layers per pixel."""
-    layers = [LAYERS[name] for name in names if name not in NUMBERS]
-    return sum((8 if layer.averaged else 4) * len(layer.channels) for layer in layers) + 8 if names else 0
+_RANKED_AT_ONCE = 1 << 18
+"""Pixels whose objects are ranked at once, which takes 200 bytes for each."""
 
 
-def material_numbers(materials: Sequence[Material]) -> list[int]:
-    """Return a number for the material of each shape, from 1 in order of first use."""
-    first_seen: dict[int, int] = {}
-    return [first_seen.setdefault(id(material), len(first_seen) + 1) for material in materials]
+def bytes_per_pixel(names: tuple[str, ...], groups: tuple[str, ...] = ()) -> int:
+    """Return the bytes of layers per pixel, in a scene with these light groups."""
+    if not names:
+        return 0
+    layers = [FILM_LAYERS[name] for name in names if name not in (*NAMED, LIGHT_GROUPS)]
+    sizes = sum((8 if layer.averaged else 4) * len(layer.channels) for layer in layers)
+    return sizes + 8 * (1 + _group_channels(names, groups) + _counts_coverage(names) * _SLOTS)
+
+
+def _group_channels(names: tuple[str, ...], groups: tuple[str, ...]) -> int:
+    return 3 * (1 + len(groups)) if LIGHT_GROUPS in names else 0
+
+
+def _counts_coverage(names: tuple[str, ...]) -> bool:
+    return not TYPES.keys().isdisjoint(names)
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What the numbers in a film's layers stand for.
+
+    Attributes:
+        materials: the number of each shape's material, from 1 in order of first use.
+        objects: the name of each shape.
+        material_names: the name of each material.
+    """
+
+    materials: Sequence[int] = ()
+    objects: Sequence[str] = ()
+    material_names: Sequence[str] = ()
+
+    def ids(self, layer: str) -> NDArray[np.uint32]:
+        """Return the Cryptomatte id of each object number from 0, in one of the layers of ranked coverage."""
+        if layer == "crypto_object":
+            return np.append(np.uint32(0), ids_of(self.objects))
+        return np.append(np.uint32(0), ids_of(self.material_names))[[0, *self.materials]]
+
+
+def labels_of(shapes: Sequence[Shape]) -> Labels:
+    """Return the numbers and the names of a scene's shapes and their materials."""
+    numbers: dict[int, int] = {}
+    materials = [numbers.setdefault(id(shape.material), len(numbers) + 1) for shape in shapes]
+    names = {number: shape.material.label(number) for number, shape in zip(materials, shapes, strict=True)}
+    return Labels(materials, [shape.name for shape in shapes], list(names.values()))
 
 
 class FilmAovs:
     """The selected layers of a film; without any it takes no memory."""
 
-    def __init__(self, names: tuple[str, ...], width: int, height: int, device: Device) -> None:
-        """Start empty layers for a picture of width x height pixels on a device."""
+    def __init__(
+        self, names: tuple[str, ...], width: int, height: int, device: Device, groups: tuple[str, ...] = ()
+    ) -> None:
+        """Start empty layers for a picture of width x height pixels on a device, of a scene with these light groups."""
         backend = device.backend
         aovs = backend.kernels("wrt.kernels.integrators.aovs")
 
         self.names, self.width, self.height, self.device = names, width, height, device
+        self._groups = groups
         self.data = aovs.AovData()
         self._first: dict[str, int] = {}
         counts = {True: 0, False: 0}
-        for name, layer in LAYERS.items():
-            if name in NUMBERS:
+        for name, layer in FILM_LAYERS.items():
+            if name in NAMED:
                 continue
             self._first[name] = counts[layer.averaged] if name in names else -1
             setattr(self.data, name, self._first[name])
             if name in names:
                 counts[layer.averaged] += len(layer.channels)
+        self.data.light_groups = counts[True]
+        counts[True] += _group_channels(names, groups)
         if not names:
             return
         pixels = width * height
@@ -56,16 +104,25 @@ class FilmAovs:
         self.data.object_number = backend.zeros(pixels, "int32", device.name)
         self.data.off_middle = backend.empty(pixels, "float32", device.name)
         self.data.off_middle.fill_(float("inf"))
+        self.data.slots = _SLOTS if _counts_coverage(names) else 0
+        self.data.coverage = backend.zeros((pixels, 2 * self.data.slots), "int32", device.name)
+
+    @property
+    def _saved(self) -> tuple[str, ...]:
+        """The arrays that are saved for resuming."""
+        if not self.names:
+            return ()
+        return (*_ARRAYS, _COVERAGE) if self.data.slots else _ARRAYS
 
     def state(self) -> dict[str, Any]:
         """Return the arrays on the device that are saved for resuming, by name."""
-        return {_PREFIX + name: getattr(self.data, name) for name in _ARRAYS} if self.names else {}
+        return {_PREFIX + name: getattr(self.data, name) for name in self._saved}
 
     def clear(self) -> None:
         """Remove all samples."""
+        for name in self._saved:
+            getattr(self.data, name).zero_()
         if self.names:
-            for array in (self.data.sums, self.data.nearest, self.data.object_number):
-                array.zero_()
             self.data.off_middle.fill_(float("inf"))
 
     def check(self, state: dict[str, NDArray[Any]], shapes: int) -> None:
@@ -75,44 +132,86 @@ class FilmAovs:
         sums, nearest, objects, off_middle = (state[_PREFIX + name] for name in _ARRAYS)
         if not np.isfinite(sums).all():
             raise InputError("sums of layers are not finite")
-        for name in self.names:
-            first, channels = self._first.get(name, -1), LAYERS[name].channels
-            if LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a coverage
+        for name in (each for each in self.names if each != LIGHT_GROUPS):
+            first, channels = self._first.get(name, -1), FILM_LAYERS[name].channels
+            if FILM_LAYERS[name].averaged and name != "albedo":  # a mean of unit vectors, or a share
                 means = sums[:, first : first + len(channels)]
-                least = 0.0 if name == "alpha" else -np.inf
+                means = means[:, 3:] if name == CATCHER else means
+                least = 0.0 if means.shape[1] == 1 else -np.inf
                 if (np.abs(means) > state["count"][:, None] * (1.0 + 1e-6)).any() or (means < least).any():
                     raise InputError(f"the layer {name!r} has impossible values")
             # Motion is NaN for a point that moves behind the camera.
-            shown = first >= 0 and not LAYERS[name].averaged and name != "motion"
+            shown = first >= 0 and not FILM_LAYERS[name].averaged and name != "motion"
             if shown and np.isnan(nearest[:, first : first + len(channels)]).any():
                 raise InputError(f"the layer {name!r} has values that are not numbers")
         if ((objects < 0) | (objects > shapes)).any():
             raise InputError(f"an object number is not one of the scene's {shapes}")
         if not (off_middle >= 0.0).all():
             raise InputError("'off_middle' is below 0, or not a number")
+        if self.data.slots:
+            objects, samples = np.moveaxis(state[_PREFIX + _COVERAGE].reshape(len(objects), -1, 2), 2, 0)
+            if ((objects < 0) | (objects > shapes) | (samples < 0) | ((objects > 0) != (samples > 0))).any():
+                raise InputError("its coverage by objects has impossible values")
+            if (samples.sum(axis=1, dtype=np.int64) > state["count"]).any():
+                raise InputError("a pixel has more samples of its objects than samples")
 
-    def arrays(self, counts: NDArray[np.int32], materials: Sequence[int]) -> dict[str, NDArray[Any]]:
-        """Return each layer, (H, W, channels), or (H, W) if it has one channel.
+    def arrays(self, counts: NDArray[np.int32], labels: Labels) -> dict[str, NDArray[Any]]:
+        """Return each layer, (H, W, channels), (H, W) for one channel, or (H, W, ranks, 2) ids and coverage.
+
+        There is a layer for each light group.
 
         Args:
             counts: (H, W) samples in each pixel.
-            materials: numbers of the materials of the scene's shapes, see `material_numbers`.
+            labels: what its numbers stand for.
         """
         if not self.names:
             return {}
         fetch = self.device.backend.fetch
         objects = fetch(self.data.object_number)
-        numbers = [0, *materials]
+        numbers = [0, *labels.materials]
         averages = fetch(self.data.sums) / np.maximum(counts.reshape(-1, 1), 1)
         nearest = fetch(self.data.nearest)
         result: dict[str, NDArray[Any]] = {}
         for name in self.names:
+            if name == LIGHT_GROUPS:
+                lights = averages[:, self.data.light_groups :].astype(np.float32)
+                for number, group in (*enumerate(self._groups, 1), (0, REST)):
+                    radiance = lights[:, 3 * number : 3 * number + 3]
+                    result[group_layer(group)] = radiance.reshape(self.height, self.width, 3)
+                continue
             if name in NUMBERS:
                 values = objects if name == "object" else np.array(numbers)[objects]
                 result[name] = values.astype(np.uint32).reshape(self.height, self.width)
                 continue
-            layer = LAYERS[name]
+            if name in TYPES:
+                ranked = self._ranked(labels.ids(name), counts.reshape(-1))
+                result[name] = ranked.reshape(self.height, self.width, RANKS, 2)
+                continue
+            layer = FILM_LAYERS[name]
             first, count = self._first[name], len(layer.channels)
             values = (averages if layer.averaged else nearest)[:, first : first + count].astype(np.float32)
             result[name] = values.reshape((self.height, self.width, count) if count > 1 else (self.height, self.width))
+        return result
+
+    def _ranked(self, ids: NDArray[np.uint32], counts: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Return (pixels, ranks, 2) ids and coverage, the largest first, of equal ones the one that was met first.
+
+        Args:
+            ids: the id of each object number from 0.
+            counts: (pixels,) samples in each pixel.
+        """
+        pairs = self.device.backend.fetch(self.data.coverage).reshape(len(counts), -1, 2)
+        result = np.empty((len(counts), RANKS, 2), np.float32)
+        for start in range(0, len(counts), _RANKED_AT_ONCE):
+            part = slice(start, start + _RANKED_AT_ONCE)
+            found, samples = ids[pairs[part, :, 0]], pairs[part, :, 1].copy()
+            for later in range(1, _SLOTS):  # objects of one name, or with one material, count together
+                for slot in range(later):
+                    moved = np.where(found[:, slot] == found[:, later], samples[:, later], 0)
+                    samples[:, slot] += moved
+                    samples[:, later] -= moved
+            order = np.argsort(-samples, axis=1, kind="stable")[:, :RANKS]
+            found, samples = (np.take_along_axis(values, order, axis=1) for values in (found, samples))
+            result[part, :, 0] = np.where(samples > 0, found, np.uint32(0)).view(np.float32)
+            result[part, :, 1] = samples / np.maximum(counts[part, None], 1)
         return result

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.rendering.film import Film
+from wrt.rendering.film_aovs import Labels
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.scene import RenderSettings
 from wrt.upload.camera import outside_cameras
@@ -26,7 +27,8 @@ MOST_SAMPLES = 64
 def guide_features(features: Any, settings: RenderSettings) -> Any:
     """Return the features of the kernel for the guides of a scene with these features."""
     guided = dataclasses.replace(features, guides=True)
-    return integrator_features(guided, "aov", dataclasses.replace(settings, layers=LAYERS))
+    of_guides = dataclasses.replace(settings, layers=LAYERS, edges=False, wireframe=False)
+    return integrator_features(guided, "aov", of_guides)
 
 
 class Guides:
@@ -51,7 +53,7 @@ class Guides:
         target = min(max(self._renderer.spp, 1), MOST_SAMPLES)
         if self._film.tally().least < target:
             self._kernel.launch([target, *self._renderer.arguments_for(self._film)], 0.0)
-        arrays = self._film.aovs.arrays(self._film.counts, [])
+        arrays = self._film.aovs.arrays(self._film.counts, Labels())
         return {name: np.ascontiguousarray(arrays[name]) for name in LAYERS}
 
     def clear(self) -> None:

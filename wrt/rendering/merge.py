@@ -16,6 +16,7 @@ from wrt.io.images import picture_path
 from wrt.io.safe_read import PathLike
 from wrt.rendering.checkpoint import write_checkpoint
 from wrt.rendering.film import Film
+from wrt.rendering.film_aovs import Labels
 from wrt.rendering.part import Part
 from wrt.rendering.picture import Picture
 from wrt.rendering.windows import write_windows
@@ -41,9 +42,9 @@ class Merged(Picture):
         self.settings, self._identity = first.settings, first.header["identity"]
         self.integrator, self.seed = str(self._identity["integrator"]), int(self._identity["seed"])
         x0, y0, x1, y1 = first.crop
-        self.film = Film(x1 - x0, y1 - y0, device, self.settings.film_layers)
+        self.film = Film(x1 - x0, y1 - y0, device, self.settings.film_layers, tuple(self._identity["light_groups"]))
         self.seconds_render = 0.0
-        self._numbers: list[int] = first.materials.tolist()
+        self._label = first.labels
 
     @property
     def width(self) -> int:
@@ -59,8 +60,8 @@ class Merged(Picture):
         """Raise InputError, since denoising needs the scene."""
         raise InputError("merged parts are not denoised, which needs the scene; resume from a checkpoint of them")
 
-    def _materials(self) -> list[int]:
-        return self._numbers
+    def _labels(self) -> Labels:
+        return self._label
 
     def save(
         self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
@@ -121,7 +122,7 @@ def merge(parts: Iterable[PathLike | Part]) -> Merged:
     for part in itertools.chain([first], map(_loaded, sources[1:])):
         _add_name(part, first, names)
         try:
-            merged.film.check(part.arrays, len(part.materials), pixels=len(part.arrays["count"]))
+            merged.film.check(part.arrays, len(first.labels.objects), pixels=len(part.arrays["count"]))
         except InputError as error:
             raise InputError(f"{part.name}: damaged, {error}") from None
         for name, array in state.items():
@@ -142,6 +143,8 @@ def _add_name(part: Part, first: Part, names: dict[int, str]) -> None:
     for label, value, expected in (("samples per pixel", part.spp, first.spp), ("number of parts", part.of, first.of)):
         if value != expected:
             raise InputError(f"{part.name}: {what}: {label} ({value}, not {expected})")
+    if part.header["labels"] != first.header["labels"]:
+        raise InputError(f"{part.name}: {what}: names of objects or materials")
     if part.number in names:
         pair = f"{names[part.number]} and {part.name}"
         raise InputError(f"{pair} are the same part, {part.number} of {part.of}; leave one out")

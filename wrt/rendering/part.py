@@ -1,15 +1,15 @@
 """A part of a render: the film of some of its pixels, and a header that identifies the render.
 
 The file has the layout of a checkpoint, with another header: `part` (number and count), `wrt`, `identity` as in
-checkpoints, `arithmetic` (see `wrt.backend.processor`), `developing` (how the picture becomes 8 bits), `spp` and
-`seconds`. The windows of its pixels follow from its number.
+checkpoints, `arithmetic` (see `wrt.backend.processor`), `developing` (how the picture becomes 8 bits), `labels`
+(what numbers in layers stand for), `spp` and `seconds`. The windows of its pixels follow from its number.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,9 +28,10 @@ from wrt.rendering.checkpoint import (
     require_same,
     write_state,
 )
-from wrt.rendering.film_aovs import material_numbers
+from wrt.rendering.film_aovs import Labels, labels_of
 from wrt.rendering.passes import LONGEST_PASS, Progress
 from wrt.rendering.windows import pixels_of, windows_of_part
+from wrt.scene.description import group_name
 from wrt.scene.scene import MAX_SPP, RenderSettings
 from wrt.upload.camera import CropWindow
 from wrt.values import integer, number
@@ -41,11 +42,8 @@ if TYPE_CHECKING:
 PART = kind_of_state("a part", "part")
 """A part replaces only parts, even with `force`."""
 
-DEVELOPING = ("tone", "exposure", "denoise")
+DEVELOPING = ("tone", "exposure", "denoise", "edge_color")
 """Settings by which a picture is developed; parts store them, since they are merged without the scene."""
-
-MATERIALS = "materials"
-"""The name in files of the array with the material numbers of the scene's shapes."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +54,11 @@ class Part:
         name: its file, or its number, for messages.
         header: the header of its file.
         arrays: the arrays of a film, `wrt.rendering.film.Film.state`, for the pixels of its windows in turn.
-        materials: the material numbers of the scene's shapes.
     """
 
     name: str
     header: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
-    materials: NDArray[np.int32]
 
     @property
     def number(self) -> int:
@@ -93,6 +89,11 @@ class Part:
         return settings.crop or (0, 0, settings.width, settings.height)
 
     @property
+    def labels(self) -> Labels:
+        """What the numbers in its layers stand for."""
+        return Labels(**self.header["labels"])
+
+    @property
     def windows(self) -> tuple[CropWindow, ...]:
         """The windows of its pixels, in pixels of the whole picture."""
         return windows_of_part(self.crop, self.number, self.of)
@@ -103,7 +104,7 @@ class Part:
         Raises:
             InputError: when it cannot be written.
         """
-        write_state(path, self.header, {**self.arrays, MATERIALS: self.materials}, PART)
+        write_state(path, self.header, self.arrays, PART)
 
     @classmethod
     def load(cls, path: PathLike) -> Part:
@@ -118,7 +119,7 @@ class Part:
         if header.get("wrt") != __version__:
             raise InputError(f"{path}: a part of wrt {header.get('wrt')}; this is wrt {__version__}")
         try:
-            part = cls(str(path), header, arrays, arrays.pop(MATERIALS))
+            part = cls(str(path), header, arrays)
             part._check()
         except KeyError as error:
             raise InputError(f"{path}: damaged (it has no {error})") from None
@@ -129,7 +130,7 @@ class Part:
     def _check(self) -> None:
         """Raise an error if the header lacks an entry that `render_part` writes, or has an impossible one."""
         header = self.header
-        for key in ("identity", "arithmetic", "developing"):
+        for key in ("identity", "arithmetic", "developing", "labels"):
             if not isinstance(header[key], dict):
                 raise InputError(f"its {key!r} is no table")
         if not isinstance(header["part"], list) or len(header["part"]) != 2:
@@ -138,15 +139,26 @@ class Part:
             integer(value, "the number of a part", minimum=1, maximum=2**31 - 1)
         integer(header["spp"], "its samples per pixel", minimum=1, maximum=MAX_SPP)
         number(header["seconds"], "its seconds", minimum=0.0)
+        for group in header["identity"]["light_groups"]:
+            group_name(group, "the name of a light group")
         integer(header["identity"]["seed"], "its seed", minimum=0, maximum=2**32 - 1)
         pixels = pixels_of(self.windows)
         for name in ("total", "count"):
             if len(self.arrays[name]) != pixels:
                 raise InputError(f"its array {name!r} is not of {pixels} pixels")
-        if self.materials.ndim != 1 or self.materials.dtype != np.int32:
-            raise InputError("its numbers of materials are of another shape")
+        self._check_labels()
         if (self.arrays["count"] != self.spp).any():
             raise InputError(f"not all its pixels have {self.spp} samples")
+
+    def _check_labels(self) -> None:
+        labels = self.labels
+        for names in (labels.objects, labels.material_names):
+            if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+                raise InputError("its names are not a list of text")
+        if not isinstance(labels.materials, list) or len(labels.materials) != len(labels.objects):
+            raise InputError("its objects have not as many materials as names")
+        for each in labels.materials:
+            integer(each, "the number of a material", minimum=1, maximum=len(labels.material_names))
 
     def require_fit(self, header: dict[str, Any], *, what: str, pair: str) -> None:
         """Raise InputError unless its picture and the arithmetic of its digits are those of a header.
@@ -184,6 +196,8 @@ def render_part(
     """
     if renderer.has_updated_vertices:
         raise InputError("no part of a picture whose vertices were updated; make a new Renderer")
+    if renderer._catchers is not None:
+        raise InputError("no part of a picture with shadow catchers: merging would need the scene; render it whole")
     if spp is None and renderer.settings.noise is not None:
         raise InputError("the scene sets a target of noise, which is for whole pictures; give the samples of a part")
     spp = integer(renderer.settings.spp if spp is None else spp, "spp", minimum=1, maximum=MAX_SPP)
@@ -194,6 +208,7 @@ def render_part(
         "identity": identity_of(renderer),
         "arithmetic": arithmetic_of(renderer.device),
         "developing": {name: getattr(renderer.settings, name) for name in DEVELOPING},
+        "labels": asdict(labels_of(renderer.scene.shapes)),
         "spp": spp,
     }
     header = json.loads(json.dumps(header))  # as it will be read
@@ -217,8 +232,7 @@ def render_part(
         films.append(one.film.arrays())
         seconds += one.seconds_render
     arrays = {name: np.concatenate([film[name] for film in films]) for name in films[0]}
-    materials = np.array(material_numbers([shape.material for shape in renderer.scene.shapes]), np.int32)
-    return Part(f"part {number} of {of}", {**header, "seconds": seconds}, arrays, materials)
+    return Part(f"part {number} of {of}", {**header, "seconds": seconds}, arrays)
 
 
 def default_name(source: str, number: int, of: int) -> str:

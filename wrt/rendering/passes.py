@@ -106,11 +106,12 @@ class Limits(Description):
         """
         settings = renderer.settings
         if spp is None and time is None and noise is None:
-            noise = settings.noise
+            noise = None if settings.wireframe else settings.noise
             spp = settings.spp if noise is None else None
         limits = cls(spp, time, noise, settings.adaptive if adaptive is None else adaptive, pass_seconds)
         if noise is not None and not renderer.renders_light:
-            raise InputError("integrator aov renders only layers, which have no target of noise")
+            what = "a wireframe has" if settings.wireframe else "integrator aov renders only layers, which have"
+            raise InputError(f"{what} no target of noise")
         if noise is None and limits.adaptive:
             raise InputError("adaptive sampling needs a target of noise, such as 0.01")
         return limits

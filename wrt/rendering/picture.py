@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 
 from wrt._version import __version__
 from wrt.develop.exposure import stops
-from wrt.develop.picture import Developed, OverBackground, covered
+from wrt.develop.picture import Composed, Developed, covered
 from wrt.errors import InputError
 from wrt.io.images import picture_path, require_room, save_image
 from wrt.io.safe_read import PathLike
+from wrt.rendering.catchers import Caught
 from wrt.rendering.film import Film
+from wrt.rendering.film_aovs import Labels
+from wrt.scene.cryptomatte import TYPES, metadata_of
 from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure
-from wrt.scene.layers import NOISY
+from wrt.scene.layers import LIGHT_GROUPS, NOISY, SHADOW, group_layer
 from wrt.scene.scene import RenderSettings
 from wrt.scene.srgb import linear_from_srgb
 
@@ -51,6 +54,11 @@ class Picture(ABC):
         """True if there is a picture of radiance; integrator "aov" renders only layers."""
         return self.integrator != "aov"
 
+    @property
+    def has_picture(self) -> bool:
+        """True if there is a picture besides the layers: of radiance, or a wireframe."""
+        return self.renders_light or self.settings.wireframe
+
     def image(self) -> NDArray[np.float32]:
         """Return (H, W, 3) float32, the current estimate of linear radiance in the rendered part of the picture.
 
@@ -58,27 +66,56 @@ class Picture(ABC):
             InputError: before the first pass.
         """
         self._require_samples()
-        return self.film.mean()
+        picture = self._caught()
+        return self.film.mean() if picture is None else picture.image
+
+    def _caught(self, *, denoised: bool = False) -> Caught | None:
+        """Return the picture of a scene with shadow catchers, else None."""
+        return None
 
     def finished(self) -> NDArray[np.float32]:
-        """Return `image`, denoised and over its background if the settings say so, with alpha as a fourth channel.
+        """Return `image`, denoised, with lines and over its background if the settings say so; alpha is channel 4.
 
         A picture that is transparent, and has no background, is (H, W, 4); see `alpha`.
         """
-        image, alpha = self._with_background(self._shown(), self.alpha())
-        return image if alpha is None else np.dstack([image, alpha])
+        self._require_samples()
+        return self._composed(self._caught(denoised=self.settings.denoise))
 
-    def _shown(self) -> NDArray[np.float32]:
-        return self.denoised() if self.settings.denoise else self.image()
+    def _shown(self, picture: Caught | None, *, denoised: bool) -> NDArray[np.float32]:
+        if picture is not None:
+            return picture.image
+        return self.denoised() if denoised and self.renders_light else self.image()
 
-    def _with_background(
-        self, image: NDArray[np.float32], alpha: NDArray[np.float32] | None
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Return an image over the background of the settings, then without alpha, or as it is."""
-        background = self.settings.background
-        if alpha is None or background is None:
-            return image, alpha
-        return OverBackground.of(image, alpha, background), None
+    def _composed(self, picture: Caught | None) -> NDArray[np.float32]:
+        image, parts = self._shown(picture, denoised=self.settings.denoise), self._parts(picture)
+        composed = Composed.of(image, **parts)
+        is_plain = parts["lines"] is None and (parts["alpha"] is None or parts["background"] is None)
+        return np.asarray(composed) if is_plain else composed
+
+    def _undeveloped(
+        self, exposure: Exposure = None, *, denoised: bool = False
+    ) -> tuple[NDArray[np.float32], dict[str, Any], float]:
+        """Return what 8-bit codes are developed from: the image, its parts, and the exposure in stops.
+
+        Args:
+            exposure: as for `wrt.develop_image`; by default that of the settings.
+            denoised: whether the image is denoised.
+        """
+        picture = self._caught(denoised=denoised)
+        image, parts = self._shown(picture, denoised=denoised), self._parts(picture)
+        # Shadows do not count.
+        shown = (image, parts["alpha"]) if picture is None else (picture.foreground, picture.coverage)
+        chosen = stops(covered(*shown), self.settings.exposure if exposure is None else exposure)
+        if picture is not None:
+            image, parts["alpha"] = picture.for_codes(2.0**chosen)
+        return image, parts, chosen
+
+    def _parts(self, picture: Caught | None) -> dict[str, Any]:
+        """Return what belongs to the image, as `develop` takes it. Lines come after denoising, so they stay sharp."""
+        settings = self.settings
+        lines = self._film_layers()["edges"] if settings.edges or settings.wireframe else None
+        alpha = lines if settings.wireframe else self._coverage() if picture is None else picture.alpha
+        return {"alpha": alpha, "background": settings.paper, "lines": lines, "line_color": settings.edge_color}
 
     def _require_samples(self) -> None:
         if not self.film.tally().samples:
@@ -91,14 +128,24 @@ class Picture(ABC):
     def alpha(self) -> NDArray[np.float32] | None:
         """Return (H, W) float32 coverage of a transparent picture, 0 to 1, or None.
 
-        It is how much of a pixel shows a surface. `image` holds the radiance of those alone (associated alpha).
+        It is how much of a pixel shows a surface, or a line of a wireframe. `image` holds the radiance of those alone
+        (associated alpha). Shadow catchers count only as far as they are in shadow, and `image` has the light that
+        other shapes send there.
         """
-        return self._film_layers()["alpha"] if self.settings.transparent else None
+        picture = self._caught()
+        return self._coverage() if picture is None else picture.alpha
+
+    def _coverage(self) -> NDArray[np.float32] | None:
+        """Return `alpha` with shadow catchers as surfaces."""
+        name = "edges" if self.settings.wireframe else "alpha"
+        return self._film_layers()[name] if self.settings.transparent else None
 
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
 
-        They are float32, or uint32 for object and material numbers, which count from 1; 0 is the background.
+        "light_groups" are several: "light_" and the name of each group, whose sum is `image`, and "light_rest". Layers
+        are float32, or uint32 for object and material numbers, which count from 1; 0 is the background. Ranked
+        coverage is (H, W, 6, 2), pairs of id and coverage; see `wrt.cryptomatte_mask`.
 
         Raises:
             InputError: before the first pass.
@@ -106,18 +153,32 @@ class Picture(ABC):
         if not self.settings.layers:
             return {}
         self._require_samples()
-        return {name: values for name, values in self._film_layers().items() if name in self.settings.layers}
+        layers = self._film_layers()
+        if (picture := self._caught()) is not None:
+            layers |= {"alpha": picture.alpha, SHADOW: picture.shadow}
+        of_groups = [name for name in layers if name.startswith(group_layer(""))]
+        names = [name for name in self.settings.layers if name != LIGHT_GROUPS]
+        return {name: layers[name] for name in (*names, *of_groups)}
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
-        return self.film.aovs.arrays(self.film.counts, self._materials())
+        return self.film.aovs.arrays(self.film.counts, self._labels())
 
     @abstractmethod
-    def _materials(self) -> list[int]:
-        """Return the number of each shape's material."""
+    def _labels(self) -> Labels:
+        """Return what the numbers of the film's layers stand for."""
 
-    def _object_names(self) -> list[str]:
-        """Return the name of each object number from 1; none if they are unknown."""
-        return []
+    def _names_for(self, path: Path) -> dict[str, str]:
+        """Return metadata of a file that name the objects and materials of its layers."""
+        labels, names = self._labels(), {}
+        for layer, key, listed in (
+            ("object", "Objects", labels.objects),
+            ("material", "Materials", labels.material_names),
+        ):
+            if layer in self.settings.layers and path.suffix.lower() in (".exr", ".png"):
+                names[key] = json.dumps(dict(enumerate(listed, 1)))
+            if f"crypto_{layer}" in self.settings.layers and path.suffix.lower() == ".exr":
+                names |= metadata_of(f"crypto_{layer}", listed)
+        return names
 
     def save(
         self, path: PathLike, *, tone: str | None = None, exposure: Exposure = None, force: bool = False
@@ -130,7 +191,7 @@ class Picture(ABC):
         Raises:
             InputError: see `wrt.save_image`, also for `force`; and when the file cannot hold the layers.
         """
-        path, settings, layers, alpha = picture_path(path), self.settings, self.layers(), self.alpha()
+        path, settings, layers = picture_path(path), self.settings, self.layers()
         check_contents(path, self)
         self._require_samples()
         metadata = {
@@ -139,29 +200,31 @@ class Picture(ABC):
             "Samples per pixel": self.spp,
             "Seed": self.seed,
             "Render seconds": f"{self.seconds_render:.1f}",
+            **self._names_for(path),
         }
-        if "object" in layers and path.suffix.lower() in (".exr", ".png") and (names := self._object_names()):
-            metadata["Objects"] = json.dumps(dict(enumerate(names, 1)))
         save = functools.partial(save_image, path, metadata=metadata, force=force)
         suffix = path.suffix.lower()
-        if not self.renders_light:
+        if not self.has_picture:
             if suffix == ".exr":
                 return save(None, layers=layers)
             ((name, values),) = layers.items()
             return save(layer_colors(name, values), tone="none", exposure=0.0)
-        image = self._shown()
         if suffix not in DEVELOPED_SUFFIXES:
-            if settings.denoise and suffix == ".exr":
+            picture = self._caught(denoised=settings.denoise)
+            if picture is not None and SHADOW in layers:
+                layers[SHADOW] = picture.shadow
+            if settings.denoise and self.renders_light and suffix == ".exr":
                 layers[NOISY] = self.image()
-            image, alpha = self._with_background(image, alpha)
-            return save(image, alpha=alpha, layers=layers)
-        chosen = stops(covered(image, alpha), settings.exposure if exposure is None else exposure)
+            return save(self._composed(picture), layers=layers)
+        image, parts, chosen = self._undeveloped(exposure, denoised=settings.denoise)
         return save(
             image,
-            alpha=alpha,
+            alpha=parts["alpha"],
             tone=settings.tone if tone is None else tone,
             exposure=chosen,
-            background=settings.background,
+            background=settings.paper,
+            edges=parts["lines"],
+            edge_color=settings.edge_color,
         )
 
 
@@ -170,7 +233,7 @@ def check_contents(path: Path, picture: Picture) -> None:
 
     OpenEXR files hold all layers. Without light, as with integrator "aov", a PNG or JPEG may show a single one.
     """
-    layers, has_light = picture.settings.layers, picture.renders_light
+    layers, has_light = picture.settings.layers, picture.has_picture
     if not has_light and not layers:
         raise InputError("integrator aov renders only layers; name some, such as albedo,normal,depth")
     shown = path.suffix.lower() in DEVELOPED_SUFFIXES and not has_light and len(layers) == 1
@@ -180,24 +243,27 @@ def check_contents(path: Path, picture: Picture) -> None:
         path,
         picture.film.width,
         picture.film.height,
-        alpha=picture.settings.transparent and picture.settings.background is None and has_light,
+        alpha=picture.settings.transparent and picture.settings.paper is None and has_light,
     )
 
 
 def layer_colors(name: str, values: NDArray[Any]) -> NDArray[np.float32]:
     """Return a layer as (H, W, 3) float32 linear colours, for an 8-bit picture.
 
-    Albedo and coverage are unchanged. Normals map -1 to 1 to 0 to 255. Depth and z are white at the nearest point and
-    black at the farthest. Each coordinate of positions runs from black at its lowest to full at its highest value.
+    Albedo, coverage and edges are unchanged. Normals map -1 to 1 to 0 to 255. Depth and z are white at the nearest
+    point, black at the farthest. Each coordinate of positions runs from black at its lowest to full at its highest.
     Texture coordinates repeat every 1, in red and green. Zero motion is grey, and the longest reaches the limits. Each
-    object and material has its own colour.
+    object and material has its own colour, weighted by its coverage where that is ranked.
     """
     if name == "albedo":
         shown = np.asarray(values, np.float64)
-    elif name == "alpha":
+    elif name in ("alpha", "edges"):
         shown = np.repeat(np.asarray(values, np.float64)[..., None], 3, axis=2)
     elif name in ("object", "material"):
         shown = _colors(values)
+    elif name in TYPES:
+        ids, coverage = np.ascontiguousarray(values[..., 0]).view(np.uint32), values[..., 1, None]
+        shown = (_colors(ids) * coverage).sum(axis=2)
     else:
         shown = linear_from_srgb(np.clip(_codes(name, np.asarray(values, np.float64)), 0.0, 1.0))
     return shown.astype(np.float32)

@@ -27,6 +27,7 @@ class RenderKernel:
     wide kernel is (see `wrt.compiling.general`).
 
     Attributes:
+        features: the features of the scene.
         scalar: the kernel that runs a thread for each pixel; None while another stands in for it.
         read: the features that the kernels read of the scene, which may have fewer.
         records: its arguments that hold arrays, from `start` on.
@@ -46,7 +47,7 @@ class RenderKernel:
         """
         self.records: tuple[Any, ...] = ()
         self.seconds_after = 0.0
-        self._device, self._features = device, features
+        self._device, self.features = device, features
         self._width, self._height = width, height
         self._stand_in: WideKernel | None = None
         self._is_general_requested = False
@@ -78,9 +79,9 @@ class RenderKernel:
 
         If that is impossible, for instance because an array is too large for it, use the scalar one.
         """
-        self.records, self.wide = records, WideKernel(self._device, self._features, records)
+        self.records, self.wide = records, WideKernel(self._device, self.features, records)
         if self.scalar is None:
-            is_own = self.read == self._features
+            is_own = self.read == self.features
             self._stand_in = self.wide if is_own else WideKernel(self._device, self.read, records)
             self._stand_in.expect(math.inf)
             if self._stand_in.kernel is None:
@@ -104,20 +105,24 @@ class RenderKernel:
 
     def _request_general(self, seconds_left: float) -> None:
         """Have the general kernel compiled that covers this scene, for other scenes."""
-        guides = self._features.guides
+        guides = self.features.guides
         if self._is_general_requested or not (guides or seconds_left > WORTH_SECONDS):
             return
         lanes = lanes_here()
         if self._device.is_cpu and self._device.backend.artefacts.can_launch and lanes > 0:
             self._is_general_requested = True
             lanes = SCALAR if guides else lanes
-            for features in general.general_features(self._features)[:1]:
+            for features in general.general_features(self.features)[:1]:
                 if not is_compiled(features, lanes):
                     later.request(features, lanes)
 
+    def features_for(self, scene: Any) -> Any:
+        """Return the features of this kernel if it can render a scene with the features `scene`, else those."""
+        return self.features if self.features.covers(scene) else scene
+
     def share_wide(self, source: RenderKernel) -> None:
         """Use the wide kernel of `source` if it is for the same features, instead of loading another."""
-        if source._features == self._features:
+        if source.features == self.features:
             self.wide = source.wide
 
     @property

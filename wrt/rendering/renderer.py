@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +16,9 @@ from wrt.develop.denoise import denoise, require_denoiser
 from wrt.errors import InputError, warn
 from wrt.io.safe_read import PathLike
 from wrt.rendering import checkpoint
+from wrt.rendering.catchers import Catchers, Caught, any_catchers
 from wrt.rendering.film import Film
-from wrt.rendering.film_aovs import material_numbers
+from wrt.rendering.film_aovs import Labels, labels_of
 from wrt.rendering.guides import Guides
 from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
@@ -25,6 +26,7 @@ from wrt.rendering.photons import Photons
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
+from wrt.scene.layers import CATCHER, LIGHT_GROUPS, SHADOW
 from wrt.scene.scene import RenderSettings, Scene, Shape, require_scene
 from wrt.studio.framing import with_camera
 from wrt.upload.camera import CropWindow, build_camera, filter_table, outside_cameras
@@ -93,33 +95,57 @@ class Renderer(Picture):
             warn("the scene has no light: the picture will be black", UserWarning)
         self.has_updated_vertices = False
         self.device = Device(device, threads=threads)
+        self._catchers = Catchers(self) if self._has_catchers else None
         self._start_film()
         self._build()
+        if self._catchers is not None:
+            self._catchers.prepare()
         self.device.backend.artefacts.save()
 
-    def _build(self) -> None:
-        """Build the scene on the device, and compile its kernel at the same time."""
+    def _build(self, like: RenderKernel | None = None) -> None:
+        """Build the scene on the device, and compile its kernel at the same time, or use one `like` that if it can."""
         has_uv = "uv" in self.settings.layers
         caustics = self.settings.caustics
         upload = SceneUpload(
-            self.scene, self.device, texture_coordinates=has_uv, light_choice=self.light_choice, caustics=caustics
+            self.scene,
+            self.device,
+            texture_coordinates=has_uv,
+            edges="edges" in self.settings.film_layers,
+            light_choice=self.light_choice,
+            caustics=caustics,
         )
         if caustics and upload.casters is None:
             warn("caustics: no surface is a mirror, smooth glass or smooth plastic, so there are none", UserWarning)
-        self._choose_kernel(upload.features, upload.casters)
+        self._choose_kernel(upload.features, upload.casters, like=like)
         with self.device.compiling(self._to_compile()):
             self._built = upload.finish(self._kernel.read)
         del upload  # and with it copies of meshes
         self.film.require_memory()  # check again, now that the scene has taken its memory
         self._start_kernel()
+        if like is not None:
+            self._kernel.share_wide(like)
         self._guides = Guides(self) if self.settings.denoise and self.renders_light else None
+
+    def _beside(self, scene: Scene) -> Renderer:
+        """Return a renderer of a scene with the size, the seed and the random numbers of this one, for a second film.
+
+        Args:
+            scene: shapes of this renderer's scene, seen by a camera of the same type.
+        """
+        other = type(self).__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.scene, other.has_updated_vertices, other._catchers = scene, False, None
+        other.settings = dataclasses.replace(self.settings, layers=())
+        other._start_film()
+        other._build(self._kernel)
+        return other
 
     def sharing(self, **settings: Any) -> Renderer:
         """Return a renderer with other settings and a film of its own that shares the scene on the device.
 
         The scene is not built again, and nothing is compiled unless the integrator or the layers need another kernel.
-        All renderers of a scene share its camera: after `set_camera` on one, call it on another before that renders
-        again.
+        All renderers of a scene share its camera and parameters: after `set_camera` or `set_parameters` on one, call it
+        on another before that renders again.
 
         Args:
             settings: fields of `wrt.RenderSettings`, except the filter and the sampler.
@@ -132,10 +158,12 @@ class Renderer(Picture):
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
             setattr(renderer, name, getattr(self, name))
         renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
+        if "edges" in renderer.settings.film_layers and not self._built.has_edges:
+            raise InputError("the scene was built without its edges; make a new Renderer")
         if renderer.settings.caustics and not self.settings.caustics:
             raise InputError("caustics must be chosen before the scene is built; make a new Renderer")
         renderer._start_film()
-        renderer._guides = None
+        renderer._guides, renderer._catchers = None, Catchers(renderer) if renderer._has_catchers else None
         renderer._choose_kernel(self._built.features, self._built.casters, self._built.read)
         with self.device.compiling(renderer._to_compile()):
             renderer._start_kernel()
@@ -145,19 +173,36 @@ class Renderer(Picture):
     def _use(self, scene: Scene, settings: RenderSettings) -> None:
         self.settings = settings
         self.integrator = choose_integrator(scene, settings)
+        self._has_catchers = self.renders_light and any_catchers(scene)
+        if self._has_catchers:
+            if LIGHT_GROUPS in settings.layers:
+                raise InputError("a picture with shadow catchers has no layers of light groups; leave one of them out")
+            self.settings = dataclasses.replace(settings, transparent=True)
+        elif SHADOW in settings.layers:
+            raise InputError("the layer 'shadow' needs light, and a shape with shadow_catcher = true")
         if self.width * self.height >= 2**31:
             raise InputError(f"a picture of {self.width}x{self.height} has more than the 2^31 pixels that are possible")
 
     def _start_film(self) -> None:
         x0, y0, x1, y1 = self.crop
-        self.film = Film(x1 - x0, y1 - y0, self.device, self.settings.film_layers)
+        layers = (*self.settings.film_layers, *((CATCHER,) if self._has_catchers else ()))
+        self.film = Film(x1 - x0, y1 - y0, self.device, layers, self.scene.light_groups)
+        self.film.aovs.data.edge_width = self.settings.edge_width
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
 
-    def _choose_kernel(self, features: Any, casters: Any, read: Any = None) -> None:
-        """Choose the kernel for a scene with these features; `read` are those for which it was uploaded, if it was."""
+    def _choose_kernel(self, features: Any, casters: Any, read: Any = None, like: RenderKernel | None = None) -> None:
+        """Choose the kernel for a scene with these features.
+
+        Args:
+            features: the features.
+            casters: what photons are aimed at, if anything.
+            read: those for which the scene was uploaded, if it was.
+            like: another kernel, which is used if it can render the scene.
+        """
         of_picture = {"sampler": self.settings.sampler, "cameras": outside_cameras(self.scene.camera)}
         features = integrator_features(dataclasses.replace(features, **of_picture), self.integrator, self.settings)
+        features = features if like is None else like.features_for(features)
         self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height, read=read)
         self._photons: Photons | None = None
         if features.caustics:
@@ -173,6 +218,8 @@ class Renderer(Picture):
         table = self.device.backend.array(filter_table(self.settings.filter), float, self.device.name)
         self._shared_inputs = [self._device_camera(), table, self._built.data, path]
         self._kernel.start((self._built.data, self.film.data, self.film.aovs.data))
+        if self._photons is not None:
+            self._photons.forget()
 
     def _device_camera(self) -> Any:
         return build_camera(self.camera, self.width, self.height, self.crop, device=self.device.name)
@@ -326,6 +373,8 @@ class Renderer(Picture):
         """
         started = time.perf_counter()
         self._kernel.wide.wait()
+        if self._catchers is not None:
+            self._catchers.prepare().compile()
         return time.perf_counter() - started
 
     def denoised(self) -> NDArray[np.float32]:
@@ -337,9 +386,16 @@ class Renderer(Picture):
             InputError: when Open Image Denoise is not installed, or there is no picture of radiance.
         """
         require_denoiser()
-        threads = self.threads if self.device.is_cpu else None
-        guides = self.denoising_guides()
-        return denoise(self.image(), **guides, threads=threads)
+        guides, picture = self.denoising_guides(), self._caught(denoised=True)
+        return denoise(self.image(), **guides, threads=self._denoising_threads) if picture is None else picture.image
+
+    @property
+    def _denoising_threads(self) -> int | None:
+        """CPU threads of the denoiser; None for all."""
+        return self.threads if self.device.is_cpu else None
+
+    def _caught(self, *, denoised: bool = False) -> Caught | None:
+        return None if self._catchers is None else self._catchers.caught(denoised=denoised)
 
     def denoising_guides(self) -> dict[str, NDArray[np.float32]]:
         """Return what `denoised` is guided by: "albedo" and "normal", (H, W, 3) each; see `wrt.develop.denoise`.
@@ -374,6 +430,8 @@ class Renderer(Picture):
         if self._photons is not None:
             self._photons.look_from(camera)
         self._shared_inputs[0] = self._device_camera()
+        if self._catchers is not None:
+            self._catchers.look_from(camera)
         self._clear()
 
     def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
@@ -394,9 +452,70 @@ class Renderer(Picture):
                 beyond 10^12.
         """
         number = shape_number(self.scene, shape)
+        if self.scene.shapes[number].shadow_catcher:
+            raise InputError("the vertices of a shadow catcher cannot be updated; make a new Renderer")
         self._built.world.update(number, self.scene.shapes[number], vertices, normals)
         self.has_updated_vertices = True
         self._clear()
+
+    def set_parameters(self, values: Mapping[str, Any]) -> None:
+        """Restart the picture with other values of the scene's parameters; geometry, trees and kernels stay.
+
+        The picture then has the same bits as that of a new Renderer of the changed scene, which is `scene` from then
+        on; `wrt.save_scene` writes it.
+
+        Args:
+            values: arrays by name, of the shapes that `wrt.parameters` returns; others keep their values.
+
+        Raises:
+            InputError: when there is no such parameter, a value has another shape, is not finite or out of range, or
+                the values need another kernel; then nothing has changed.
+        """
+        self._change_values(_above.gradients().edited(self.scene, values))
+        self._clear()
+
+    def gradients(
+        self, d_image: Any, names: Iterable[str] | None = None, *, spp: int = 16, seed: int | None = None
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return the derivatives of a loss by parameters of the scene, from its derivative by the picture.
+
+        They are estimates, as the picture is, and without bias for a given `d_image`. A loss that squares the noise of
+        the picture needs other random numbers than the picture's (docs/gradients.md). The picture stays as it is.
+
+        Args:
+            d_image: (H, W, 3), derivative of the loss by the mean radiance of each pixel; see `image`.
+            names: parameters, as `wrt.parameters` names them; by default all.
+            spp: samples per pixel.
+            seed: 0 to 2³² − 1; by default the picture's, whose first `spp` samples are then differentiated.
+
+        Returns:
+            An array for each parameter, of its shape.
+
+        Raises:
+            InputError: on an array of another shape or with values that are not finite, unknown names, or an integrator
+                or caustics that have no derivatives.
+        """
+        if self.settings.caustics:
+            raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
+        found: dict[str, NDArray[np.float32]] = _above.gradients().gradients(self, d_image, names, spp, seed)
+        return found
+
+    def make_texels_editable(self) -> None:
+        """Store the texels of all images as numbers of their own, where they are not yet; the picture stays."""
+        if not self._built.values.materials.is_editable:
+            self._change_values(self.scene)
+
+    def _change_values(self, scene: Scene) -> None:
+        """Upload the values of a scene that differs from this one in values of its parameters alone."""
+        has_environment = scene.environment is not self.scene.environment
+        is_first = not self._built.values.materials.is_editable
+        self._built.values.change(scene)
+        for name in ("shapes", "lights", "environment", "medium"):  # of all renderers that share the scene
+            setattr(self.scene, name, getattr(scene, name))
+        if is_first or (has_environment and self.integrator == "whitted"):
+            self._start_kernel()  # larger arrays, or another ambient light
+        if self._catchers is not None:
+            self._catchers.forget()
 
     def _clear(self) -> None:
         self.film.clear()
@@ -413,6 +532,8 @@ class Renderer(Picture):
         `jax.dlpack.from_dlpack(image)`, and by `__cuda_array_interface__`, or `__array_interface__` on the CPU. On a
         GPU it is made on Warp's current stream.
         """
+        if self._catchers is not None:
+            raise InputError("a picture with shadow catchers is made of two films on the host: call image()")
         return self.film.device_mean()
 
     def device_film(self) -> dict[str, Any]:
@@ -488,11 +609,8 @@ class Renderer(Picture):
         """
         return self.film.variance()
 
-    def _materials(self) -> list[int]:
-        return material_numbers([shape.material for shape in self.scene.shapes])
-
-    def _object_names(self) -> list[str]:
-        return [shape.name for shape in self.scene.shapes]
+    def _labels(self) -> Labels:
+        return labels_of(self.scene.shapes)
 
     def view(self, *, spp: int | None = None) -> Any:
         """Return a live view of the picture for a notebook; see `wrt.Scene.view`."""

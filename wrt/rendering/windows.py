@@ -77,4 +77,6 @@ def write_windows(
 
 def read_windows(picture: NDArray[np.generic], crop: CropWindow, windows: Sequence[CropWindow]) -> NDArray[np.generic]:
     """Return the pixels of each window in turn from `picture`, an array over the film of `crop`."""
-    return np.concatenate([_view(picture, crop, window).reshape(-1, *picture.shape[1:]) for window in windows])
+    shapes = [(pixels_of((window,)), *picture.shape[1:]) for window in windows]
+    views = (_view(picture, crop, window) for window in windows)
+    return np.concatenate([view.reshape(shape) for view, shape in zip(views, shapes, strict=True)])

@@ -78,4 +78,4 @@ class Deformation:
 def _moved(mesh: Mesh, vertices: NDArray[np.float32], normals: NDArray[np.float32] | None) -> Mesh:
     """Return a mesh with other vertices and normals, whose tangents follow them."""
     tangents = None if mesh.tangents is None else following_tangents(mesh, vertices)
-    return Mesh(vertices, mesh.faces, normals, mesh.uvs, mesh.colors, mesh.name, tangents)
+    return Mesh(vertices, mesh.faces, normals, mesh.uvs, mesh.colors, mesh.name, tangents, mesh.sides)

@@ -14,6 +14,9 @@ from typing import Annotated, Any, ClassVar, TypeAlias
 from wrt.errors import InputError
 from wrt.values import ColorLike, Vec3, boolean, color, number, one_of, vector
 
+LONGEST_GROUP = 64
+"""Characters of the longest name of a light group."""
+
 Check: TypeAlias = Callable[[Any, str], Any]
 """Takes the value of a field and its name for messages; returns the value to keep, or raises InputError."""
 
@@ -47,7 +50,15 @@ def instance_of(cls: type, hint: str = "") -> Check:
     return check
 
 
+def group_name(value: Any, name: str) -> str:
+    """Return the name of a light group, or raise InputError: it becomes part of the names of a file's channels."""
+    if not isinstance(value, str) or not 0 < len(value) <= LONGEST_GROUP or not value.isprintable():
+        raise InputError(f"{name} must be a name of 1 to {LONGEST_GROUP} printable characters, not {value!r}")
+    return value
+
+
 Flag = Annotated[bool, boolean]
+GroupName = Annotated[str | None, optional(group_name)]
 Number = Annotated[float, number]
 Positive = Annotated[float, partial(number, above=0.0)]
 NotNegative = Annotated[float, partial(number, minimum=0.0)]

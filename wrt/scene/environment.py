@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import norm, product, weighted_sum
-from wrt.scene.description import Color, Description, Flag, NotNegative, Number, optional
+from wrt.scene.description import Color, Description, Flag, GroupName, NotNegative, Number, optional
 from wrt.scene.lights import DirectionalLight
 from wrt.scene.skies.hosek_wilkie import sky_rgb, sun_rgb
 from wrt.values import ColorLike, Vec3, color, image, number, owned, sealed, vec3, vector
@@ -41,8 +41,19 @@ def _direction(value: Vec3, name: str) -> Vec3:
     return vec3(np.array(axis) / norm(axis))
 
 
+@dataclass(frozen=True, eq=False)
+class _Environment(Description):
+    """Base of all environments.
+
+    Attributes:
+        group: name of its light group; without one it is in the group "rest".
+    """
+
+    group: GroupName = field(default=None, kw_only=True)
+
+
 @dataclass(frozen=True)
-class ConstantEnvironment(Description):
+class ConstantEnvironment(_Environment):
     """The same radiance from every direction.
 
     Attributes:
@@ -53,7 +64,7 @@ class ConstantEnvironment(Description):
 
 
 @dataclass(frozen=True, eq=False)
-class ImageEnvironment(Description):
+class ImageEnvironment(_Environment):
     """Radiance from an image in latitude-longitude layout, importance-sampled by luminance.
 
     Row 0 is straight up (+y). At rotation 0 the centre column is the direction −z and columns to its right turn
@@ -92,7 +103,7 @@ def _coefficients(value: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, eq=False)
-class SphericalHarmonicsEnvironment(Description):
+class SphericalHarmonicsEnvironment(_Environment):
     """Radiance as a sum of real spherical harmonics; negative values count as 0.
 
     The basis is orthonormal, in the world's x, y and z with z as the polar axis, without the Condon-Shortley sign
@@ -121,11 +132,12 @@ class SphericalHarmonicsEnvironment(Description):
         directions = image_directions(height, 2 * height)
         pixels = product(harmonics(self.degree, directions.reshape(-1, 3)), np.asarray(self.coefficients))
         pixels = np.maximum(pixels, 0.0).reshape(height, 2 * height, 3)
-        return ImageEnvironment(sealed(pixels.astype(np.float32)), self.scale, name="spherical harmonics")
+        pixels = sealed(pixels.astype(np.float32))
+        return ImageEnvironment(pixels, self.scale, name="spherical harmonics", group=self.group)
 
 
 @dataclass(frozen=True)
-class SunSkyEnvironment(Description):
+class SunSkyEnvironment(_Environment):
     """A clear daytime sky with the sun, above a flat diffuse ground.
 
     The model is that of Hošek and Wilkie (2012, 2013; `wrt.scene.skies.hosek_wilkie`). The sun is a uniform disk of
@@ -185,7 +197,7 @@ class SunSkyEnvironment(Description):
         if self.ground:
             down = self._received(sky) + irradiance * math.sin(elevation)
             pixels[len(sky) :] = np.asarray(self.ground_albedo) * down / math.pi
-        image = ImageEnvironment(sealed(pixels), self.sky_scale, name="sky")
+        image = ImageEnvironment(sealed(pixels), self.sky_scale, name="sky", group=self.group)
         if self.sun_scale == 0.0:
             return image, None
         direction = tuple(-x for x in self.to_sun)
@@ -193,6 +205,7 @@ class SunSkyEnvironment(Description):
             direction,  # type: ignore[arg-type]
             tuple(float(x) for x in irradiance * self.sun_scale),
             angle_degrees=SUN_DIAMETER_DEGREES,
+            group=self.group,
         )
 
     @staticmethod

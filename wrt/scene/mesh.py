@@ -48,6 +48,15 @@ def far_away(name: str, size: float, reach: float) -> str:
     )
 
 
+ALL_SIDES = 7
+"""In `Mesh.sides`, a triangle whose three sides are edges."""
+
+
+def turned_sides(sides: NDArray[Any] | None) -> NDArray[np.uint8] | None:
+    """Return `Mesh.sides` of triangles whose corners are taken in reverse order, the last one first."""
+    return None if sides is None else np.array([0, 2, 1, 3, 4, 6, 5, 7], np.uint8)[sides]
+
+
 VERTEX_ATTRIBUTES = {"normals": (3,), "uvs": (2, 4), "colors": (3, 4), "tangents": (4,)}
 """The optional arrays of a mesh with a row for each vertex, and how many numbers a row may have."""
 
@@ -68,6 +77,8 @@ class Mesh:
         name: source of the mesh, for messages.
         tangents: (N, 4) float32 x axes of normal maps and anisotropic materials, and the sign of y = normal × tangent.
             Zero, or None, for axes along the texture coordinates.
+        sides: (M,) uint8, the sides of triangles that are edges of polygons, not diagonals: 1 for the side after the
+            first corner, 2 for the next, 4 for the last, added up. None if all are.
 
     Raises:
         InputError: if shapes are wrong, there are no triangles, or values are out of range or not finite.
@@ -80,6 +91,7 @@ class Mesh:
     colors: NDArray[Any] | None = field(default=None, repr=False)
     name: str = "mesh"
     tangents: NDArray[Any] | None = field(default=None, repr=False)
+    sides: NDArray[Any] | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         has = [each for each in VERTEX_ATTRIBUTES if getattr(self, each) is not None]
@@ -110,6 +122,11 @@ class Mesh:
                 warn(far)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", owned(self.faces, f"{self.name}: faces", np.int32))
+        if self.sides is not None:
+            sides = array(self.sides, f"{self.name}: sides")
+            if sides.shape != (len(faces),) or sides.dtype.kind not in "iu" or not np.isin(sides, range(8)).all():
+                raise InputError(f"{self.name}: sides must be {len(faces)} whole numbers from 0 to {ALL_SIDES}")
+            object.__setattr__(self, "sides", owned(self.sides, f"{self.name}: sides", np.uint8))
         for name, widths in VERTEX_ATTRIBUTES.items():
             value = getattr(self, name)
             if value is None:
@@ -142,24 +159,25 @@ class Mesh:
         colors: NDArray[Any] | None = None,
         name: str = "mesh",
         tangents: NDArray[Any] | None = None,
+        sides: NDArray[Any] | None = None,
     ) -> Mesh:
         """Make a mesh from arrays that the caller hands over: they become read-only and are not copied."""
-        for values in (vertices, faces, normals, uvs, colors, tangents):
+        for values in (vertices, faces, normals, uvs, colors, tangents, sides):
             if values is not None:
                 sealed(values)
-        return cls(vertices, faces, normals, uvs, colors, name, tangents)
+        return cls(vertices, faces, normals, uvs, colors, name, tangents, sides)
 
     def reindexed(self, source: NDArray[Any], faces: NDArray[Any], **replaced: Any) -> Mesh:
         """Return a mesh with other faces, whose vertices are those of this one that `source` selects.
 
         Args:
             source: an index array or a mask.
-            faces: (M, 3) indices of selected vertices.
-            replaced: other attributes of these vertices, and a name.
+            faces: (M, 3) indices of selected vertices, for the same triangles.
+            replaced: other attributes of these vertices, sides of other triangles, and a name.
         """
         found = {name: getattr(self, name) for name in VERTEX_ATTRIBUTES if name not in replaced}
         kept = {name: rows[source] for name, rows in found.items() if rows is not None}
-        return Mesh.taking(self.vertices[source], faces, **{"name": self.name, **kept, **replaced})
+        return Mesh.taking(self.vertices[source], faces, **{"name": self.name, "sides": self.sides, **kept, **replaced})
 
     def share(self, name: str, array: NDArray[Any]) -> None:
         """Replace an array by a read-only view of `array`, which must hold the same values."""
@@ -190,11 +208,13 @@ class Mesh:
             moved = product(normals.astype(np.float64), inverse(linear))
             length = np.linalg.norm(moved, axis=1, keepdims=True)
             normals = (moved / np.where(length > 0.0, length, 1.0)).astype(np.float32)
-        faces = self.faces if volume > 0.0 else self.faces[:, ::-1]
+        faces, sides = self.faces, self.sides
+        if volume <= 0.0:
+            faces, sides = faces[:, ::-1], turned_sides(sides)
         tangents = self.tangents
         if tangents is not None:
             tangents = moved_tangents(tangents, linear).astype(np.float32)
-        return Mesh.taking(vertices, faces, normals, self.uvs, self.colors, self.name, tangents)
+        return Mesh.taking(vertices, faces, normals, self.uvs, self.colors, self.name, tangents, sides)
 
     def scaled(self, factor: float) -> Mesh:
         """Return a copy scaled about the origin."""
@@ -237,6 +257,11 @@ def columns(mesh: Mesh, name: str, first: int, stop: int, default: float) -> NDA
     return rows
 
 
+def sides_of(mesh: Mesh) -> NDArray[np.uint8]:
+    """Return (M,) `Mesh.sides`, also where all sides are edges."""
+    return np.full(len(mesh.faces), ALL_SIDES, np.uint8) if mesh.sides is None else mesh.sides
+
+
 def merge(meshes: list[Mesh], name: str) -> Mesh:
     """Return one mesh of all triangles in order.
 
@@ -255,6 +280,7 @@ def merge(meshes: list[Mesh], name: str) -> Mesh:
         _filled(meshes, "colors", 1.0),
         name,
         _filled(meshes, "tangents", 0.0),
+        None if all(m.sides is None for m in meshes) else np.concatenate([sides_of(m) for m in meshes]),
     )
 
 

@@ -16,11 +16,11 @@ from wrt.errors import InputError, did_you_mean
 from wrt.linalg import product
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.deformation import Deformation
-from wrt.scene.description import Check, Description, Flag, instance_of, optional, word_of
+from wrt.scene.description import Check, Description, Flag, GroupName, instance_of, optional, word_of
 from wrt.scene.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
-from wrt.scene.layers import layer_names
+from wrt.scene.layers import REST, SHADOW, layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material, Unlit
 from wrt.scene.materials.body import bodies_of
@@ -66,12 +66,16 @@ class Shape(Description):
         emission: radiance from its front, per channel, W·sr⁻¹·m⁻², also an image or vertex colours; 0 for the
             material's.
         two_sided_emission: whether its back emits too.
-        name: for messages.
+        name: for messages, and for layers of objects; shapes of one name are one object of a cryptomatte.
         transform: a (4, 4) affine matrix from the mesh's space to the world, or a `Motion`. Shapes with a transform
             that share a mesh are instances. A mirroring one keeps the mesh's front.
         deformation: keyframes of the vertices.
         double_sided: whether its back is seen. If not, the camera, mirrors and clear glass show what is behind it, as
             in glTF; light stops all the same. What transmits, or emits from its back, has both sides.
+        edges: whether `RenderSettings.edges` and `wireframe` draw lines on it.
+        shadow_catcher: whether the camera sees of it only what the other shapes do to its light: their shadows, and
+            light that they send there. The picture is transparent then; see docs/first-pictures.md.
+        group: name of the light group of its emission.
     """
 
     mesh: _Mesh
@@ -82,6 +86,9 @@ class Shape(Description):
     transform: _Placement = field(default=None, repr=False)
     deformation: _Deformation = field(default=None, repr=False)
     double_sided: Flag = True
+    edges: Flag = True
+    shadow_catcher: Flag = False
+    group: GroupName = None
 
     def _label(self, name: str) -> str:
         return f"{self.name}: {name}"
@@ -197,6 +204,10 @@ class RenderSettings(Description):
             whatever the tone. It implies `transparent`.
         transparent: whether pictures have an alpha channel, and the camera sees neither the environment nor lights
             without a mesh.
+        edges: whether the edges of polygons (see `Mesh.sides`) are drawn over the picture, where they are not hidden.
+        wireframe: whether these lines are all that is seen, on the background, by default white; nothing hides them.
+        edge_width: width of the lines, pixels; thinner ones than a pixel are fainter.
+        edge_color: colour of the lines; exact in a PNG or JPEG, whatever the tone.
     """
 
     width: _Length = 768
@@ -222,6 +233,10 @@ class RenderSettings(Description):
     tone: Annotated[str, TONE_SCHEMA, _nameless(check_tone)] = DEFAULT_TONE
     transparent: Flag = False
     background: Annotated[ColorLike | None, optional(partial(color, maximum=1.0))] = None
+    edges: Flag = field(default=False, kw_only=True)
+    wireframe: Flag = field(default=False, kw_only=True)
+    edge_width: Annotated[float, partial(number, above=0.0, maximum=1000.0)] = field(default=1.0, kw_only=True)
+    edge_color: Annotated[ColorLike, partial(color, maximum=1.0)] = field(default=(0.0, 0.0, 0.0), kw_only=True)
 
     def __post_init__(self) -> None:
         Description.__post_init__(self)  # super() knows the class without slots only
@@ -245,8 +260,15 @@ class RenderSettings(Description):
 
     @property
     def film_layers(self) -> tuple[str, ...]:
-        """The layers that a film needs: the selected ones, and coverage for a transparent picture."""
-        return layer_names((*self.layers, "alpha")) if self.transparent else self.layers
+        """The layers that a film needs: the selected ones, coverage for a transparent picture, and edges to draw."""
+        needed = {"alpha": self.transparent, "edges": self.edges or self.wireframe}
+        selected = tuple(name for name in self.layers if name != SHADOW)
+        return layer_names((*selected, *(name for name, is_needed in needed.items() if is_needed)))
+
+    @property
+    def paper(self) -> ColorLike | None:
+        """The colour behind what is seen: the background, and otherwise white behind a wireframe that has no alpha."""
+        return (1.0, 1.0, 1.0) if self.wireframe and not self.transparent else self.background
 
 
 def _crop_window(value: object, width: int, height: int) -> tuple[int, int, int, int]:
@@ -322,7 +344,7 @@ class Scene:
                 in a list.
             material: a material, the name of one such as "gold", a colour, or an image file for the texture.
             options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
-                double_sided.
+                double_sided, edges, shadow_catcher.
 
         Raises:
             InputError: if something cannot be used.
@@ -406,6 +428,13 @@ class Scene:
         """The media of the scene and its bodies."""
         insides = [body.interior for shape in self.shapes for body in bodies_of(shape.material)]
         return [medium for medium in (self.medium, *insides) if medium is not None]
+
+    @property
+    def light_groups(self) -> tuple[str, ...]:
+        """Names of the groups of its lights in order of first use, without "rest"."""
+        emitting = [shape for shape in self.shapes if shape.emits]
+        names = dict.fromkeys(each.group for each in (*emitting, *self.lights, self.environment) if each is not None)
+        return tuple(name for name in names if name not in (None, REST))
 
     @property
     def bounds(self) -> NDArray[np.float64]:

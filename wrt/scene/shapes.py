@@ -30,6 +30,7 @@ def quad(origin: Vec3, edge_u: Vec3, edge_v: Vec3) -> Mesh:
         np.array([[0, 1, 2], [0, 2, 3]]),
         uvs=np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32),
         name="quad",
+        sides=np.array([1 + 2, 2 + 4]),
     )
 
 
@@ -43,7 +44,8 @@ def polygon(corners: ArrayLike) -> Mesh:
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 3:
         raise InputError(f"a polygon needs at least three corners of three numbers, not {points.shape}")
     fan = np.arange(1, len(points) - 1)
-    return Mesh(single(points), np.stack([np.zeros_like(fan), fan, fan + 1], axis=1), name="polygon")
+    sides = 2 + 1 * (fan == 1) + 4 * (fan == len(points) - 2)
+    return Mesh(single(points), np.stack([np.zeros_like(fan), fan, fan + 1], axis=1), name="polygon", sides=sides)
 
 
 def box(low: Vec3 = (-0.5, -0.5, -0.5), high: Vec3 = (0.5, 0.5, 0.5)) -> Mesh:
@@ -61,7 +63,7 @@ def box(low: Vec3 = (-0.5, -0.5, -0.5), high: Vec3 = (0.5, 0.5, 0.5)) -> Mesh:
         [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]]
         + [[2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5]]
     )
-    return Mesh(single(a + corners * (b - a)), faces, name="box")
+    return Mesh(single(a + corners * (b - a)), faces, name="box", sides=np.tile([1 + 2, 2 + 4], 6))
 
 
 def sphere(center: Vec3 = (0.0, 0.0, 0.0), radius: float = 1.0, *, subdivisions: int = 5, exact: bool = False) -> Mesh:

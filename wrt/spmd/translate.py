@@ -37,7 +37,9 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
         raise Unsupported(f"{module.name}: {len(builder.kernels)} kernels")
     if not any("path_function" in getattr(f.func, "spmd_marks", ()) for f in builder.functions):
         raise Unsupported(f"{module.name}: follows no path")
-    built = [*builder.functions, *builder.kernels]
+    # Adjoints written by hand are part of every module, and nothing here calls them.
+    of_module = [f for f in builder.functions if not f.adj.custom_reverse_mode]
+    built = [*of_module, *builder.kernels]
     structs, elements = structs_in(v.type for f in built for v in (*f.adj.args, *f.adj.variables))
     by_name = {name_of(s): s for s in structs}
     *functions, pixels = [parse(f, by_name) for f in built]
@@ -54,7 +56,7 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
     out = [library(lanes, exact=exact), types.declarations([a.type for a in pixels.arguments])]
     code.functions[path] = without_stages(code.functions[path], code)
     called = {name for f in (*code.functions.values(), pixels) if not _is_stage(f) for name in calls(f.body)}
-    for f, of_warp in zip(functions, builder.functions, strict=True):
+    for f, of_warp in zip(functions, of_module, strict=True):
         if f.name == path or (_is_stage(f) and f.name not in called):
             continue
         native = getattr(of_warp, "native_snippet", None)

@@ -62,6 +62,7 @@ def present(
     backdrop: bool = True,
     reach: Reach | None = None,
     neutral: bool = False,
+    shadow_catcher: bool = False,
 ) -> Scene:
     """Return a studio scene around `shapes`, which stand on a sweep and are lit softly from the upper left.
 
@@ -80,6 +81,7 @@ def present(
         backdrop: whether there is a sweep or floor.
         reach: what an animation of the shapes shows; the studio and the camera are as for all of that.
         neutral: whether more of the light comes from all sides, as in viewers of glTF.
+        shadow_catcher: whether there is a flat floor instead that catches shadows, whatever `backdrop`.
 
     Raises:
         InputError: if the axis or the view is unknown, or there are no shapes.
@@ -116,14 +118,17 @@ def present(
     scene.camera = camera
     floor = np.array([center[0], ground_height(scene.shapes, float(low[1]), float(size)), center[2]])
     turn = _turn((0.0, 1.0, 0.0), azimuth - VIEWS["three-quarter"][0])
+    if shadow_catcher:
+        scene.settings.transparent = True
+    if elevation >= 0.0 and (shadow_catcher or backdrop):
+        is_flat = shadow_catcher or environment is not None
+        ground = _floor(floor, size) if is_flat else _sweep(floor, size, turn)
+        looks = {"material": Diffuse(GROUND_REFLECTANCE), "name": "ground", "edges": False}
+        scene.add(ground, **looks, shadow_catcher=shadow_catcher)
     if environment is not None:
         scene.environment = environment
-        if backdrop and elevation >= 0.0:
-            scene.add(_floor(floor, size), material=Diffuse(GROUND_REFLECTANCE), name="ground")
         return scene
     scene.environment = ConstantEnvironment(NEUTRAL_FILL if neutral else FILL_RADIANCE)
-    if backdrop and elevation >= 0.0:
-        scene.add(_sweep(floor, size, turn), material=Diffuse(GROUND_REFLECTANCE), name="ground")
     key = NEUTRAL_KEY if neutral else KEY_RADIANCE
     scene.shapes.append(_key_light(center, size, turn, key, below=elevation < 0.0))
     return scene
@@ -168,7 +173,7 @@ def _key_light(center: np.ndarray, size: float, turn: NDArray[np.float64], radia
     place = center + 1.9 * size * toward
     corner = place - 0.5 * size * side - 0.5 * size * lift
     lamp = quad(tuple(corner), tuple(size * lift), tuple(size * side))
-    return Shape(lamp, Diffuse(0.0), radiance, name="key light")
+    return Shape(lamp, Diffuse(0.0), radiance, name="key light", edges=False)
 
 
 def _floor(floor: np.ndarray, size: float) -> Mesh:

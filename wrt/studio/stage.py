@@ -49,6 +49,7 @@ class Stage:
         cameras: cameras that replace the source's, the first one in use; empty to keep those.
         reach: what that animation shows at all times, if there is a time; the studio and its camera are made for it.
         is_bare: whether a mesh file is left without a studio.
+        shadow_catcher: whether a mesh stands on ground that shows its shadow alone.
     """
 
     view: Any = None
@@ -61,6 +62,7 @@ class Stage:
     reach: Reach | None = None
     cameras: Mapping[str, Camera] = dataclasses.field(default_factory=dict)
     is_bare: bool = False
+    shadow_catcher: bool = False
 
     def __post_init__(self) -> None:
         """Check the options, as a person gives them, and keep the things that they stand for.
@@ -100,6 +102,10 @@ class Stage:
             raise InputError(f"{FOR_ANIMATIONS}; --frames renders a scene's own keyframes")
         if self.material is not None:
             raise InputError("a material is for meshes; the shapes of a scene have their own")
+        if self.shadow_catcher:
+            raise InputError(
+                "a shadow catcher is put under meshes in the studio; give shapes of a scene shadow_catcher = true"
+            )
         scene = self.with_cameras(scene)
         settings, camera = scene.settings, scene.camera
         if self.transparent:
@@ -141,6 +147,11 @@ class Stage:
             up: the axis that points up.
             neutral: whether the studio's light is that of glTF's viewers.
         """
+        if self.cameras and self.shadow_catcher:
+            raise InputError(
+                "a shadow catcher lies under meshes that stand upright, which cameras of their own do not "
+                "say; add a shape with shadow_catcher=True"
+            )
         scene = self.with_cameras(scene)
         shapes, camera = scene.shapes, scene.camera
         if self.material is not None:
@@ -166,8 +177,9 @@ class Stage:
             backdrop=not (self.transparent or self.cameras),
             reach=self.reach,
             neutral=neutral,
+            shadow_catcher=self.shadow_catcher,
         )
-        made.settings.transparent = self.transparent
+        made.settings.transparent |= self.transparent
         made.cameras = (
             scene.cameras if camera is not None else {}
         )  # otherwise the shapes may have been turned and scaled

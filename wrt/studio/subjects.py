@@ -20,13 +20,13 @@ _SURROUNDS = 3.0  # a shape this many times as large as all others together is a
 def subjects(shapes: list[Shape], camera: Camera | None = None) -> list[Shape]:
     """Return the shapes that a picture of a scene is about: no lamps, floors and backdrops.
 
-    A floor or backdrop is a shape several times as large as all smaller ones together.
+    A floor or backdrop is a shape several times as large as all smaller ones together, or catches shadows.
 
     Args:
         shapes: all shapes of the scene.
         camera: a camera of the scene; what is outside its picture, such as a reflector, does not count either.
     """
-    candidates = [shape for shape in shapes if not shape.emits] or list(shapes)
+    candidates = [shape for shape in shapes if not (shape.emits or shape.shadow_catcher)] or list(shapes)
     if camera is not None:
         candidates = [s for s in candidates if share_of_picture(camera, s.outline, 1.5) > 0.0] or candidates
     boxes = np.stack([shape.bounds for shape in candidates])

@@ -82,11 +82,11 @@ class BodyTable:
         """Whether the density of any medium varies."""
         return any(medium.density is not None for medium in self.media)
 
-    def upload(self, data: Any, device: Device) -> None:
-        """Fill the tables of a SceneData struct."""
+    def upload(self, data: Any, device: Device, *, grids_too: bool = True) -> None:
+        """Fill the tables of a SceneData struct, those of grids unless they are there already."""
         backend = current_backend()
         scene_data = backend.kernels("wrt.kernels.core.scene_data")
-        upload_media(data, self.media, device)
+        upload_media(data, self.media, device, grids_too=grids_too)
         data.bodies = backend.array(packed(self.records, scene_data.BodyRecord), scene_data.BodyRecord, device.name)
         data.medium = self.medium
 

@@ -51,8 +51,8 @@ def minorants(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return -majorants(-values)
 
 
-def upload_media(data: Any, media: Sequence[Medium], device: Device) -> None:
-    """Fill the media of a SceneData struct, and their grids.
+def upload_media(data: Any, media: Sequence[Medium], device: Device, *, grids_too: bool = True) -> None:
+    """Fill the media of a SceneData struct, and their grids unless they are there already.
 
     Raises:
         InputError: when a medium is too dense to track rays through, or grids have more cells than 32 bits can count.
@@ -62,7 +62,7 @@ def upload_media(data: Any, media: Sequence[Medium], device: Device) -> None:
     grids = list(dict.fromkeys(medium.density for medium in media if medium.density is not None))
     records = packed((_medium_record(medium, grids) for medium in media), k.MediumRecord)
     data.media = backend.array(records, k.MediumRecord, device.name)
-    if not grids:
+    if not grids or not grids_too:
         return
     values: list[NDArray[np.float32]] = []
     colors: list[NDArray[np.float32]] = []

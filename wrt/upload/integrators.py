@@ -12,6 +12,7 @@ from wrt.backend import current_backend
 from wrt.errors import InputError, warn
 from wrt.linalg import product
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
+from wrt.scene.layers import LIGHT_GROUPS
 from wrt.scene.materials.body import bodies_of
 from wrt.scene.scene import RenderSettings, Scene
 from wrt.upload.lights.environment import resolve_environment
@@ -25,6 +26,9 @@ WITHOUT_LIGHT = ("ao", "aov")
 WITH_PHOTONS = ("path", "volpath")
 """Integrators whose paths gather photons."""
 
+WITHOUT_GROUPS = ("whitted", *WITHOUT_LIGHT)
+"""Integrators that do not tell groups of lights apart."""
+
 DIRECT_DEPTH = 2
 """Segments of a path with direct lighting only."""
 
@@ -37,12 +41,29 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     """Return the integrator's name, by default "volpath" if media scatter, otherwise "path".
 
     Raises:
-        InputError: for an unlimited ray tree, or caustics that the integrator cannot render.
+        InputError: for an unlimited ray tree, for layers of light groups that cannot be rendered, and for caustics that
+            cannot.
     """
     scatters = any(medium.scatters for medium in scene.media)
     name = settings.integrator or ("volpath" if scatters else "path")
-    if settings.caustics and name not in WITH_PHOTONS:
-        raise InputError(f"integrator {name!r} cannot render caustics by photons; use 'path' or 'volpath'")
+    if settings.wireframe:
+        name = "aov"  # there is no light to show
+    if settings.caustics:
+        if name not in WITH_PHOTONS:
+            raise InputError(f"integrator {name!r} cannot render caustics by photons; use 'path' or 'volpath'")
+        if LIGHT_GROUPS in settings.layers:
+            raise InputError("caustics by photons have no layers of light groups; leave one of the two out")
+        if any(shape.shadow_catcher for shape in scene.shapes):
+            raise InputError("caustics by photons do not fall on shadow catchers; leave one of the two out")
+    if LIGHT_GROUPS in settings.layers:
+        if name in WITHOUT_GROUPS:
+            raise InputError(f"integrator {name!r} has no layers of light groups; use 'path' or 'volpath' for them")
+        kernels = current_backend().kernels
+        groups, most = scene.light_groups, kernels("wrt.kernels.integrators.light_groups").GROUPS - 1
+        if len(groups) > most:
+            raise InputError(f"the scene has {len(groups)} light groups, and a picture at most {most}; join some")
+    if settings.wireframe:
+        return name
     if name in ("path", "direct", "whitted") and scatters:
         warn(f"integrator {name!r} ignores scattering in media; use 'volpath' for it", UserWarning)
     bodies = (body for shape in scene.shapes for body in bodies_of(shape.material))
@@ -63,8 +84,10 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
 
 def integrator_features(features: Features, integrator: str, settings: RenderSettings) -> Features:
     """Return the features of a scene as an integrator and the settings need them."""
-    if settings.film_layers:
-        features = dataclasses.replace(features, aovs=True)
+    grouped = LIGHT_GROUPS in settings.layers
+    features = dataclasses.replace(features, aovs=len(settings.film_layers) > grouped, light_groups=grouped)
+    if "edges" in settings.film_layers:
+        features = dataclasses.replace(features, edges="wires" if settings.wireframe else "surfaces")
     if features.caustics and not (settings.caustics and integrator in WITH_PHOTONS):
         features = dataclasses.replace(features, caustics=False)
     if integrator in ("path", "direct", "whitted") and features.media == "scattering":

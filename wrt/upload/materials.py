@@ -24,7 +24,7 @@ from wrt.scene.textures import (
 )
 from wrt.upload.arrays import packed
 from wrt.upload.tables.material_tables import pack_tables
-from wrt.upload.textures.pyramid import normals_of, pyramid, slope_pyramid
+from wrt.upload.textures.pyramid import DerivedImages
 from wrt.upload.textures.texels import Texels
 
 
@@ -35,7 +35,9 @@ class MaterialTable:
         materials: the materials.
         of_shapes: (shapes,) number of each shape's material.
         transmits: (shapes,) whether light passes through the material of each shape, other than by its opacity.
+        first_slots: the first slot of each material.
         emission_slots: slot of each emission that varies, otherwise −1.
+        is_editable: whether each array of pixels has float32 texels of its own.
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
         uv2_alpha: whether any texture uses second texture coordinates or the alpha of vertex colours.
@@ -44,8 +46,21 @@ class MaterialTable:
         tangents: whether any material depends on the direction of texture coordinates, or has a normal map.
     """
 
-    def __init__(self, materials: list[Material], emissions: Sequence[ColorSource] = ()) -> None:
+    def __init__(
+        self,
+        materials: list[Material],
+        emissions: Sequence[ColorSource] = (),
+        *,
+        editable: bool = False,
+        before: MaterialTable | None = None,
+    ) -> None:
         """Flatten the shapes' materials, and emissions: those of the shapes, then the textures of lights.
+
+        Args:
+            materials: the materials.
+            emissions: the emissions.
+            editable: whether each array of pixels has float32 texels of its own, also where another is equal.
+            before: the table of the same scene with other values, if it is uploaded already.
 
         Raises:
             InputError: when a material names an unknown reflection model, or does not fit its model.
@@ -70,10 +85,33 @@ class MaterialTable:
             self.composite = "mixed" if mixed else "sides"
         self.tangents = any(material.needs_tangents or material.normal_maps for material in simple)
         k = current_backend().kernels("wrt.kernels.core.scene_data")
-        self._slots = _Slots()
+        self.is_editable = editable
+        self._before = before
+        self._keys: list[Any] = []
+        self._tables: tuple[Any, dict[Any, int]] = (None, {})
+        self._derived: DerivedImages = DerivedImages() if before is None else before._derived
+        self._derived.begin()
+        self._slots = _Slots(self._derived, alike=not editable)
         self._records = packed([self._record(material) for material in self.materials], k.MaterialRecord)
+        self.first_slots: list[int] = self._records["first_slot"].tolist()
         self.emission_slots = [self._slots.add(emission) if _varies(emission) else -1 for emission in emissions]
-        self._texels = Texels(self._slots.pixels)
+        self._uploaded: dict[str, Any] = {}
+        self._pixels = self._slots.pixels if editable else []
+        if before is not None and self._has_pixels_of(before):
+            self._texels: Texels = before._texels
+            self._uploaded = before._uploaded
+        else:
+            self._texels = Texels(self._slots.pixels, coded=not editable)
+
+    def _has_pixels_of(self, other: MaterialTable) -> bool:
+        """Return whether this table and another, both editable, have the same arrays of pixels."""
+        if not (self.is_editable and other.is_editable) or len(self._pixels) != len(other._pixels):
+            return False
+        return all(a is b for a, b in zip(self._pixels, other._pixels, strict=True))
+
+    def number_of(self, material: Material) -> int:
+        """Return the number of one of the materials or of their parts."""
+        return self._numbers[id(material)]
 
     def _add(self, material: Material) -> int:
         """Return the number of a material, which is added if new."""
@@ -137,22 +175,38 @@ class MaterialTable:
         """Fill the tables of a SceneData struct: materials, slots, images, texels, normal maps, tables."""
         backend = current_backend()
         k, slots, texels = backend.kernels("wrt.kernels.core.scene_data"), self._slots, self._texels
-        tables, places = pack_tables([material.table_key for material in self.materials], device)
+        keys = [material.table_key for material in self.materials]
+        if self._before is None or self._before._keys != keys:
+            tables, places = pack_tables(keys, device)
+            self._tables = backend.array(tables, float, device.name), places
+        else:
+            self._tables = self._before._tables
+        self._keys, places = keys, self._tables[1]
         for record, material in zip(self._records, self.materials, strict=True):
             record["table"] = 0 if material.table_key is None else places[material.table_key]
         data.aligns_tangents = int(self.tangents)
         data.materials = backend.array(self._records, k.MaterialRecord, device.name)
         data.slots = backend.array(packed(slots.rows, k.ColorSlot), k.ColorSlot, device.name)
-        data.tables = backend.array(tables, float, device.name)
+        data.tables = self._tables[0]
         if slots.images:
             data.images = backend.array(packed(slots.image_rows(texels), k.ImageRecord), k.ImageRecord, device.name)
-            data.texels = backend.array(texels.colors, "vec3", device.name)
-            data.texel_codes = backend.array(texels.codes, "uint32", device.name)
-            data.palettes = backend.array(np.ravel(texels.palettes), float, device.name)
+            if not self._uploaded:
+                self._uploaded = {
+                    "texels": backend.array(texels.colors, "vec3", device.name),
+                    "texel_codes": backend.array(texels.codes, "uint32", device.name),
+                    "palettes": backend.array(np.ravel(texels.palettes), float, device.name),
+                }
+            for name, array in self._uploaded.items():
+                setattr(data, name, array)
         if slots.normal_maps:
             normal_maps = packed(slots.normal_maps, k.NormalMapRecord)
             data.normal_maps = backend.array(normal_maps, k.NormalMapRecord, device.name)
-        del self._slots, self._texels  # release the pixels
+        # Release the pixels.
+        del self._slots
+        self._before = None
+        if not self.is_editable:
+            self._texels.colors, self._texels.codes = self._texels.colors[:0], self._texels.codes[:0]
+            self._derived, self._uploaded = DerivedImages(), {}
 
 
 def _bsdf(function: str, *arguments: Any) -> Any:
@@ -189,13 +243,15 @@ def _needs_uv2_alpha(value: ColorSource) -> bool:
 class _Slots:
     """Rows of ColorSlot, ImageRecord and NormalMapRecord, and the pixels that they read."""
 
-    def __init__(self) -> None:
+    def __init__(self, derived: DerivedImages, *, alike: bool) -> None:
+        """Start without rows; `alike`: whether equal images share texels, not only one and the same array."""
         self.rows: list[tuple[Any, ...]] = []
         self.images: list[tuple[Any, ...]] = []
         self.pixels: list[NDArray[np.float32]] = []
         self.normal_maps: list[tuple[int, ...]] = []
         self._pixel_numbers: dict[int, int] = {}
-        self._first_alike = FirstAlike()
+        self._first_alike = FirstAlike() if alike else None
+        self._derived = derived
         self._levels: dict[int, list[int]] = {}
         self._image_numbers: dict[tuple[Any, ...], int] = {}
         self._normal_map_numbers: dict[tuple[int, bool], int] = {}
@@ -209,7 +265,8 @@ class _Slots:
         if isinstance(value, (ImageTexture, VertexColor)):
             cutoff = value.cutoff
         if isinstance(value, ImageTexture):
-            image, uv_set = self.add_image(self._first_alike(value.pixels), value), value.uv_set
+            pixels = value.pixels if self._first_alike is None else self._first_alike(value.pixels)
+            image, uv_set = self.add_image(pixels, value), value.uv_set
             channel = -1 if value.channel is None else CHANNELS.index(value.channel)
             if value.vertex_colors or value.vertex_alpha:
                 colors = k.VERTEX_COLOR if value.vertex_colors else k.VERTEX_ALPHA
@@ -227,7 +284,7 @@ class _Slots:
         levels: list[int] = []
         if isinstance(mapping, ImageTexture) and mapping.has_levels:
             if number not in self._levels:
-                self._levels[number] = [self._add_pixels(level) for level in pyramid(pixels)]
+                self._levels[number] = [self._add_pixels(level) for level in self._derived.levels(pixels)]
             levels = self._levels[number]
         key = (*record, len(levels))
         if key not in self._image_numbers:
@@ -248,10 +305,9 @@ class _Slots:
         key = (id(normal_map), filtered)
         if key not in self._normal_map_numbers:
             self._normal_map_numbers[key] = len(self.normal_maps)
-            normals = normals_of(normal_map)
+            normals, *slopes = self._derived.of_normal_map(normal_map, filtered)
             first = self.add_image(normals, normal_map)
-            levels = slope_pyramid(normals) if filtered else ()
-            for image in (image for level in levels for image in level):
+            for image in slopes:
                 self.add_image(image, normal_map)
             convention = NORMAL_CONVENTIONS.index(normal_map.convention)
             kind = int(normal_map.heights), convention, normal_map.uv_set

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -57,14 +59,41 @@ class PreparedScene:
         self.scene = scene = _with_exact_shapes(scene)
         self.layout = lay_out(scene)
         self.exact = _mark_exact(self.layout)
-        self.environment, sky_lights = resolve_environment(scene.environment)
-        self.lights: list[Light] = [*scene.lights, *sky_lights]
+        self.environment, self._sky_lights = resolve_environment(scene.environment)
+        self._list_values()
+        meshes = {id(shape.mesh): shape.mesh for shape in scene.shapes}.values()
+        self.has_tangents = self.materials.tangents and any(mesh.tangents is not None for mesh in meshes)
+
+    def _list_values(self, **options: Any) -> None:
+        """Set what does not depend on the geometry; `options` are those of the MaterialTable."""
+        scene = self.scene
+        self.lights: list[Light] = [*scene.lights, *self._sky_lights]
         textures = ((i, texture_of(light)) for i, light in enumerate(self.lights))
         self.textures = {i: texture for i, texture in textures if texture is not None}
         emissions = [*(shape.emission for shape in scene.shapes), *self.textures.values()]
-        self.materials = MaterialTable([shape.material for shape in scene.shapes], emissions)
-        meshes = {id(shape.mesh): shape.mesh for shape in scene.shapes}.values()
-        self.has_tangents = self.materials.tangents and any(mesh.tangents is not None for mesh in meshes)
+        self.materials = MaterialTable([shape.material for shape in scene.shapes], emissions, **options)
+
+    def without_meshes(self) -> PreparedScene:
+        """Return it without the meshes in world space, for `changed`."""
+        kept = copy.copy(self)
+        kept.layout = dataclasses.replace(self.layout, world_meshes=[], shared=[])
+        return kept
+
+    def changed(self, scene: Scene) -> PreparedScene:
+        """Return it for the same shapes, lights and environment with other values, those of `scene`.
+
+        Raises:
+            InputError: as `check_attributes` does.
+        """
+        shapes = list(zip(scene.shapes, self.scene.shapes, strict=True))
+        check_attributes([new for new, old in shapes if new is not old])
+        changed = copy.copy(self)
+        kept_meshes = [new if new.mesh is old.mesh else dataclasses.replace(new, mesh=old.mesh) for new, old in shapes]
+        changed.scene = dataclasses.replace(scene, shapes=kept_meshes)
+        if scene.environment is not self.scene.environment:
+            changed.environment, changed._sky_lights = resolve_environment(scene.environment)
+        changed._list_values(editable=True, before=self.materials)
+        return changed
 
 
 def _check_sizes(scene: Scene) -> None:

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.backend.memory import MEMORY_ADVICE
 from wrt.scene.camera import Camera
-from wrt.scene.materials import Unlit
 from wrt.scene.mesh import columns
-from wrt.scene.scene import Scene, Shape
+from wrt.scene.scene import Scene
 from wrt.upload.accel.bvh import build_bvh
-from wrt.upload.accel.geometry import corner_tangents, joined, numbered, upload, upload_triangles
+from wrt.upload.accel.geometry import corner_tangents, drawn_sides, joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
-from wrt.upload.bodies import BodyTable, set_camera_bodies
+from wrt.upload.bodies import set_camera_bodies
 from wrt.upload.casters import CasterTable, upload_casters
-from wrt.upload.lights.choice import upload_lights
-from wrt.upload.lights.environment import environment_kind, upload_environment
-from wrt.upload.lights.table import LightTable
-from wrt.upload.materials import MaterialTable
 from wrt.upload.memory import SceneMemory, tree_memory
 from wrt.upload.prepare import PreparedScene
+from wrt.upload.scene_values import SceneValues
 from wrt.upload.vertex_updates import WorldMeshes
 
 WORTH_ASKING = 1 << 26
@@ -42,8 +37,9 @@ class BuiltScene:
         features: the features of the scene, which choose the kernel.
         read: the features for which it was uploaded, those of the kernel.
         world: the meshes in the world's tree, whose vertices can be updated between frames.
-        bodies: the bodies and media.
+        values: all else of the scene, which can be changed between pictures.
         device: the device.
+        has_edges: whether it has the sides of triangles that are drawn as lines.
         casters: what photons are aimed at, if anything.
     """
 
@@ -51,14 +47,15 @@ class BuiltScene:
     features: Any
     read: Any
     world: WorldMeshes
-    bodies: BodyTable
+    values: SceneValues
     device: Device
+    has_edges: bool
     casters: CasterTable | None
 
     def look_from(self, camera: Camera) -> None:
         """Find the bodies around a camera, in which its paths begin."""
         if self.features.bodies:
-            set_camera_bodies(self.data, self.bodies, camera, self.features.geometry, self.device)
+            set_camera_bodies(self.data, self.values.bodies, camera, self.features.geometry, self.device)
 
 
 def _require_memory(prepared: PreparedScene, device: Device, texture_coordinates: bool) -> None:
@@ -91,6 +88,7 @@ class SceneUpload:
         device: Device,
         *,
         texture_coordinates: bool = False,
+        edges: bool = False,
         light_choice: str = "auto",
         caustics: bool = False,
     ) -> None:
@@ -100,6 +98,7 @@ class SceneUpload:
             scene: the scene.
             device: the device.
             texture_coordinates: whether to upload these even if no material needs them.
+            edges: whether to upload which sides of triangles are drawn.
             light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
             caustics: whether to list what photons are aimed at.
 
@@ -107,49 +106,17 @@ class SceneUpload:
             InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count, or moves
                 and is to have caustics.
         """
-        scene_data = current_backend().kernels("wrt.kernels.core.scene_data")
-
-        from wrt.kernels.core.features import Features
-
         self._prepared = prepared = PreparedScene(scene)
-        self._device, self._texture_coordinates = device, texture_coordinates
-        scene, layout, materials = prepared.scene, prepared.layout, prepared.materials
+        self._device, self._texture_coordinates, self._edges = device, texture_coordinates, edges
         _require_memory(prepared, device, texture_coordinates)
-        self._data = data = scene_data.SceneData()
-        self._places = places = _Places(layout)
-        materials.upload(data, device)
-        self._bodies = bodies = BodyTable(scene)
-        bodies.upload(data, device)
-
-        data.environment, flux = upload_environment(prepared.environment, device.name)
-        slots = dict(zip(prepared.textures, materials.emission_slots[len(scene.shapes) :], strict=True))
-        table = LightTable(scene.shapes, prepared.lights, layout, places.of_shapes, flux, slots)
-        light_tree = upload_lights(data, table, device, light_choice)
-        records = _shape_records(scene, materials, bodies, table, places.of_shapes)
-        data.shapes = current_backend().array(records, scene_data.ShapeRecord, device.name)
+        self._data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()
+        self._places = _Places(prepared.layout)
+        self._values = SceneValues(prepared, self._places.of_shapes, self._data, device, light_choice)
+        self.features = self._values.features
         self.casters: CasterTable | None = None
         if caustics:
-            self.casters = upload_casters(scene, layout, places.of_shapes, device.name)
-
-        self.features = Features(
-            materials.models,
-            materials.textured,
-            environment_kind(prepared.environment),
-            # Shadow rays pass unlit surfaces from their front.
-            composite="holes" if (records["single_sided"] & records["unlit"]).any() else materials.composite,
-            tangents=materials.tangents,
-            light_shapes=table.shape_models,
-            instances=layout.kind,
-            light_tree=light_tree,
-            media=bodies.kind,
-            grid_media=bodies.has_grids,
-            nested=bodies.nested,
-            uv2_alpha=materials.uv2_alpha,
-            mipmapped=materials.mipmapped,
-            exact=prepared.exact,
-            single_sided=bool((records["single_sided"] | records["unlit"]).any()),
-            caustics=self.casters is not None,
-        )
+            self.casters = upload_casters(prepared.scene, prepared.layout, self._places.of_shapes, device.name)
+            self.features = replace(self.features, caustics=self.casters is not None)
 
     def finish(self, read: Any = None) -> BuiltScene:
         """Upload the meshes and build their trees.
@@ -165,8 +132,10 @@ class SceneUpload:
         if self._prepared.has_tangents:
             data.aligns_tangents = 2
             data.tangents = upload(corner_tangents(places.faces), "vec4", device.name)
+        if self._edges:
+            data.edges = upload(drawn_sides(places.faces), int, device.name)
         world = _build_trees(data, layout, places, device)
-        built = BuiltScene(data, self.features, read, world, self._bodies, device, self.casters)
+        built = BuiltScene(data, self.features, read, world, self._values, device, self._edges, self.casters)
         if self._prepared.scene.camera is not None:
             built.look_from(self._prepared.scene.camera)
         return built
@@ -198,36 +167,6 @@ class _Places:
         self.of_shapes[layout.world_shapes] = self.first_triangles[: len(world)]
         for instance in layout.instances:
             self.of_shapes[instance.shape] = self.first_triangles[len(world) + instance.mesh]
-
-
-def _shape_records(
-    scene: Scene, materials: MaterialTable, bodies: BodyTable, lights: LightTable, first_triangles: NDArray[np.int64]
-) -> NDArray[Any]:
-    """Return a ShapeRecord for each shape."""
-    record = current_backend().kernels("wrt.kernels.core.scene_data").ShapeRecord
-    records = np.zeros(len(scene.shapes), record.numpy_dtype())
-    records["material"] = materials.of_shapes
-    records["first_triangle"] = first_triangles
-    records["smooth"] = [_is_smooth(shape) for shape in scene.shapes]
-    records["first_light"] = lights.first_lights
-    records["emission_slot"] = materials.emission_slots[: len(scene.shapes)]
-    for record, shape in zip(records, scene.shapes, strict=True):
-        if record["emission_slot"] < 0:
-            record["emission"] = shape.emission
-    unlit = np.array([isinstance(shape.material, Unlit) for shape in scene.shapes])
-    double_sided = np.array([shape.double_sided for shape in scene.shapes])
-    emits_back = np.array([shape.two_sided_emission for shape in scene.shapes])
-    records["unlit"] = unlit
-    records["two_sided"] = emits_back | (unlit & double_sided)
-    records["single_sided"] = ~(double_sided | emits_back | materials.transmits)
-    records["body"] = bodies.of_shapes
-    return records
-
-
-def _is_smooth(shape: Shape) -> bool:
-    """Return whether a shape has vertex normals, at any time."""
-    deforms = shape.deformation is not None and shape.deformation.normals is not None
-    return deforms or shape.mesh.normals is not None
 
 
 def _upload_geometry(

@@ -18,8 +18,8 @@ from wrt.values import integer, one_of
 CAMERA_KEYS = ("origin", "target", "up", "fov_degrees", "view_height", "focus_distance", "aperture_radius")
 """The fields of cameras that a page moves; a camera's others stay."""
 
-SHOWN_LAYERS = ("", "noise", *(name for name in LAYERS if name not in ("uv", "motion")))
-"""Radiance, its noise, and layers that a view can show. Texture coordinates are not always on the device."""
+SHOWN_LAYERS = ("", "noise", *(name for name in LAYERS if name not in ("uv", "motion", "edges")))
+"""Radiance, its noise, and layers that a view can show. Texture coordinates and edges are not always on the device."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.develop.denoise import denoise
+from wrt.develop.exposure import stops
+from wrt.develop.picture import covered
+from wrt.develop.picture import develop as develop_parts
 from wrt.view.controls import Look
 from wrt.view.picture import MOVING_QUALITY, RESTING_QUALITY, develop, jpeg
 
@@ -40,12 +43,14 @@ class Source:
         is_radiance: whether a look applies to it.
         header: the header of its frames.
         guides: albedo and normal, to denoise the image with; None to show it as it is.
+        composed: arguments of `wrt.develop.picture.develop` for an image with lines or over a background.
     """
 
     fetch: Callable[[], NDArray[np.float32]]
     is_radiance: bool
     header: dict[str, Any] = field(default_factory=dict)
     guides: dict[str, NDArray[np.float32]] | None = None
+    composed: dict[str, Any] | None = None
 
     @cached_property
     def image(self) -> NDArray[np.float32]:
@@ -54,7 +59,10 @@ class Source:
 
     def codes(self, look: Look) -> NDArray[np.uint8]:
         """Return the image as 8-bit codes."""
-        return develop(self.image, look if self.is_radiance else Look())
+        if self.composed is None:
+            return develop(self.image, look if self.is_radiance else Look())
+        exposure = stops(covered(self.image, self.composed["alpha"]), look.exposure)
+        return develop_parts(self.image, **self.composed, tone=look.tone, exposure=exposure).codes
 
     def shows_same(self, source: Source | None) -> bool:
         """Return whether both show one picture, whose camera rests."""
@@ -105,7 +113,8 @@ class Encoder:
             with self._waiting:
                 newest = self._source
                 if self.look.denoise and source.shows_same(newest):
-                    result = Source(partial(np.asarray, image), True, {**source.header, "denoised": True})
+                    header = {**source.header, "denoised": True}
+                    result = Source(partial(np.asarray, image), True, header, composed=source.composed)
                     self._denoised, self._due = result, True
                     self._waiting.notify()
                 if newest is None or newest is source or newest.guides is None or not self.look.denoise or self._closed:

@@ -9,8 +9,7 @@ from collections.abc import Callable
 from importlib import resources
 from typing import Any
 
-from wrt.develop.exposure import stops
-from wrt.develop.picture import covered, develop
+from wrt.develop.picture import develop
 from wrt.errors import InputError
 from wrt.rendering.passes import LONGEST_PASS
 from wrt.rendering.renderer import Renderer
@@ -31,11 +30,10 @@ SAMPLES, SECONDS = 16, 2.0
 
 def picture_of_renderer(renderer: Renderer) -> bytes | None:
     """Return the picture of a renderer so far as a PNG file; None before the first sample."""
-    if renderer.spp == 0 or not renderer.renders_light:
+    if renderer.spp == 0 or not renderer.has_picture:
         return None
-    settings, image, alpha = renderer.settings, renderer.image(), renderer.alpha()
-    exposure = stops(covered(image, alpha), settings.exposure)
-    return png(develop(image, tone=settings.tone, exposure=exposure, alpha=alpha, background=settings.background).codes)
+    image, parts, exposure = renderer._undeveloped()
+    return png(develop(image, **parts, tone=renderer.settings.tone, exposure=exposure).codes)
 
 
 def picture_of_scene(scene: Scene) -> bytes | None:

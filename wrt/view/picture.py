@@ -68,6 +68,14 @@ def shown_image(renderer: Renderer, layer: str) -> tuple[Callable[[], NDArray[np
     return renderer.film.snapshot(), True
 
 
+def composed(renderer: Renderer) -> dict[str, Any] | None:
+    """Return lines and background of a renderer's picture so far, as `develop` takes them; None without both."""
+    parts = renderer._parts(None)  # shadow catchers are shown as surfaces
+    if parts["lines"] is None and parts["background"] is None:
+        return None
+    return {**parts, "background": parts["background"] or (0.0, 0.0, 0.0)}
+
+
 def noise_colors(image: NDArray[np.float32], variance: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return each pixel's standard error over its own radiance plus a tenth of the mean, as grey (H, W, 3)."""
     floor = 0.1 * max(float(image.mean()), 1e-12)

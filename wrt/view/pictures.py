@@ -74,7 +74,12 @@ class Pictures:
         divisor = max(1, min(divisor, LARGEST_DIVISOR, full.width, full.height))
         layer = "" if full is self.main else settings.layer
         if (layer, divisor) not in self._previews:
-            size = {"width": -(-full.width // divisor), "height": -(-full.height // divisor), "crop": None}
+            size: dict[str, Any] = {
+                "width": -(-full.width // divisor),
+                "height": -(-full.height // divisor),
+                "crop": None,
+            }
+            size["edge_width"] = full.settings.edge_width / divisor
             self._previews[layer, divisor] = full.sharing(**size)
         return self._previews[layer, divisor]
 

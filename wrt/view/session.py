@@ -18,7 +18,7 @@ from wrt.scene.camera import Camera
 from wrt.values import number
 from wrt.view.controls import Look, Settings, camera_values, changed, moved_camera
 from wrt.view.frames import Encoder, Frame, Source
-from wrt.view.picture import shown_image
+from wrt.view.picture import composed, shown_image
 from wrt.view.pictures import Pictures, file_of
 
 Listener = Callable[[Frame | dict[str, Any]], None]
@@ -356,7 +356,7 @@ class Session:
     def _put(self, renderer: Renderer, settings: Settings, serial: Any, progress: Progress | None) -> None:
         fetch, is_radiance = shown_image(renderer, settings.layer)
         self._progress = progress or self._progress
-        guided = is_radiance and progress is not None and self._encoder.look.denoise
+        guided = renderer.renders_light and progress is not None and self._encoder.look.denoise
         guides = renderer.denoising_guides() if guided else None
         header = {
             "serial": serial,
@@ -369,4 +369,4 @@ class Session:
             "width": renderer.film.width,
             "height": renderer.film.height,
         }
-        self._encoder.put(Source(fetch, is_radiance, header, guides))
+        self._encoder.put(Source(fetch, is_radiance, header, guides, composed(renderer) if is_radiance else None))

@@ -68,12 +68,12 @@ def dispersive(model: Model, channels: int, table_stride: int = 0) -> Model:
     @wp.func
     def evaluate(bsdf: Bsdf, wo: wp.vec3, wi: wp.vec3) -> wp.vec3:
         value = wp.vec3(0.0)
-        channel = int(0)
-        while channel < 3:
+        # A loop with the code once, which Warp does not unroll; it can differentiate it, unlike a `while`.
+        count = int(3)
+        for channel in range(count):
             if component(bsdf.slots[wp.static(channels)], channel) > 0.0:
                 found = evaluate_one(of_channel(bsdf, channel), wo, wi)
                 value += alone(channel, component(found, channel))
-            channel += 1
         return value
 
     @wp.func

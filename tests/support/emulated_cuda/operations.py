@@ -268,6 +268,9 @@ def _bits(o: Operands, opcode: tuple[str, ...], ops: tuple[str, ...]) -> str | N
         return None
     plain = unsigned(bits_of(kind))
     value = o.value(ops[1], kind if name in ("shr", "bfind") and kind[0] == "s" else plain)
+    if name == "bfi" and not modifiers:
+        into, place, count = o.value(ops[2], plain), *(o.value(op, "u32") for op in ops[3:])
+        return o.assign(ops[0], f"bfi({value}, {into}, {place}, {count})", kind)
     numbers = [o.value(op, "u32") for op in ops[2:]]
     if name == "shf" and len(modifiers) == 2:
         low, high, count = o.value(ops[1], "u32"), *numbers[:2]
@@ -338,7 +341,7 @@ _FAMILIES: dict[str, Callable[[Operands, tuple[str, ...], tuple[str, ...]], str 
     "ret": _end,
     **dict.fromkeys(TOGETHER, _together),
     **dict.fromkeys(("membar", "fence"), _nothing),
-    **dict.fromkeys(("shl", "shr", "shf", "brev", "clz", "popc", "bfind"), _bits),
+    **dict.fromkeys(("shl", "shr", "shf", "brev", "clz", "popc", "bfind", "bfi"), _bits),
     **dict.fromkeys(("add", "sub", "mul", "mad", "fma", "div", "rem", "neg", "abs", "min", "max"), _arithmetic),
     **dict.fromkeys(("and", "or", "xor", "not"), _arithmetic),
     **dict.fromkeys(("rcp", "sqrt", "rsqrt", "copysign", *_APPROXIMATE), _arithmetic),

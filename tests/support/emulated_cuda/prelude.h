@@ -39,6 +39,11 @@ OP u64 brev(u64 x) { return __builtin_bitreverse64(x); }
 OP u32 clz(u32 x) { return x ? (u32)__builtin_clz(x) : 32; }
 OP u32 clz(u64 x) { return x ? (u32)__builtin_clzll(x) : 64; }
 OP u32 popc(u64 x) { return (u32)__builtin_popcountll(x); }
+// The lowest bits of a in place of those of b from `place` on; of place and count only the lowest byte counts.
+template<class T> OP T bfi(T a, T b, u32 place, u32 count) {
+    const T mask = shl((T)((count & 255) >= width<T> ? (T)-1 : (T)(((T)1 << (count & 255)) - 1)), place & 255);
+    return (T)((b & ~mask) | (shl(a, place & 255) & mask));
+}
 // The highest bit that differs from the sign, by its place or by the shift that moves it to the top.
 template<class T> OP u32 bfind(T x) {
     typedef typename unsigned_of<T>::type U;

@@ -76,10 +76,10 @@ def _names(module: str, table: str) -> Finder:
 
 def _layers(prefix: str) -> Iterable[str]:
     """Return the completions of a comma-separated list of layers."""
-    from wrt.scene.layers import LAYERS
+    from wrt.scene.layers import GROUPS, SELECTABLE
 
     before, comma, _ = prefix.rpartition(",")
-    return [f"{before}{comma}{name}" for name in LAYERS if name not in before.split(",")]
+    return [f"{before}{comma}{name}" for name in (*SELECTABLE, *GROUPS) if name not in before.split(",")]
 
 
 _FINDERS: dict[str, Finder] = {

@@ -54,6 +54,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
         dest="material"),
     "--background": _value("COLOR", types.color,
         "colour behind what is shown, such as white or #f4f4f4, instead of the backdrop"),
+    "--edges": _flag("draw the edges of triangles and polygons over the picture", default=None),
+    "--wireframe": _flag("draw only these lines, on the background or on white", default=None),
+    "--edge-width": _value("PIXELS", types.positive, "width of the lines of --edges and --wireframe (default: 1)"),
+    "--edge-color": _value("COLOR", types.color, "their colour, such as white or #f4f4f4 (default: black)"),
     "--environment": _value("FILE", str, "light the scene with an image, such as an .hdr, or with sky for sun and sky"),
     "--layers": _value("NAMES", str, "layers to add to an .exr: albedo, normal, depth and others (see the docs)"),
     "--triangles": _value("N", whole(1), "number of triangles of a procedural mesh"),
@@ -93,6 +97,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
     "--caustics": _flag("follow photons for the light that glass, mirrors and water throw; slightly biased",
         default=None),
+    "--shadow-catcher": _flag("put a mesh on ground that shows only its shadow: the picture has an alpha channel"),
     "--double-sided": _flag("show the backs of all surfaces, also of single-sided ones"),
     "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
     "--quiet": _flag("show only errors and warnings"),
@@ -129,7 +134,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
 ALIASES = {"--output": "-o", "--define": "-D", "--camera": "--sensor", "--material": "--color"}
 """Second names; Mitsuba calls a camera a sensor, and a colour is a material."""
 
-STUDIO = "--size --crop --view --frame --material --background --environment --transparent --layers --triangles"
+STUDIO = (
+    "--size --crop --view --frame --material --background --environment --transparent --shadow-catcher --edges "
+    "--wireframe --edge-width --edge-color --layers --triangles"
+)
 INTEGRATION = "--sampler --integrator --caustics --clamp-indirect --regularization"
 READING = "--define --camera --confined --strict --up --crease --point-radius --double-sided"
 
@@ -214,6 +222,10 @@ def make_parser() -> argparse.ArgumentParser:
             _add(added, word, changes.get(word.removeprefix("--").lower(), {}))
         return added
 
+    one_camera = {
+        "help": "take the camera of transforms.json, or of a folder with COLMAP's cameras.txt and images.txt: the "
+        "first, or the one that --camera names"
+    }
     command("scenes", "", "list the built-in scenes")
     command("schema", "", "print the JSON schema of scene files|, for editors")
     command("materials", "NAME --presets", "list the materials and their parameters, or describe one")
@@ -225,10 +237,11 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "convert",
-        f"SCENE OUT.toml --force {READING}",
+        f"SCENE OUT.toml --force --cameras {READING}",
         "convert any scene or mesh to a scene file or GLB|, with its arrays in a folder beside it. Both render to "
         "bit-identical pictures",
         force={"help": "overwrite existing files"},
+        cameras=one_camera,
     )
     command(
         "develop",
@@ -251,7 +264,7 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "compile",
-        f"INPUT --general --denoise {STUDIO} --device --threads {INTEGRATION} {READING}",
+        f"INPUT --general --denoise {STUDIO} --device --threads {INTEGRATION} --cameras {READING}",
         "compile the kernels that renders of scenes need|, so that no render waits for a compiler: for images of "
         "containers and for clusters",
         input={"nargs": "*", "metavar": "SCENE", "help": f"{ARGUMENTS['SCENE']['help']}, like the options below"},
@@ -259,9 +272,10 @@ def make_parser() -> argparse.ArgumentParser:
     )
     command(
         "view",
-        f"SCENE --watch --no-browser --port --spp --size --device --threads --seed {READING}",
+        f"SCENE --watch --no-browser --port --spp --size --device --threads --seed --cameras {READING}",
         "show a scene in the browser while it converges",
         spp={"help": "samples per pixel at which rendering pauses (default: at least 1024)"},
+        cameras=one_camera,
     )
     render = command(
         "render",

@@ -154,6 +154,8 @@ class GltfMaterials:
         key = number, lacking, attributes
         if key not in self._made:
             self._made[key] = _Reader(self._path, self._images, number, description, attributes).material()
+            if isinstance(name := description.tree.get("name"), str):
+                self._made[key] = self._made[key].named(name)
         material = self._made[key]
         if uvs is not None and (placement := description.shared_placement) is not None:
             uvs = product(np.asarray(uvs, np.float64), placement[:, :2].T) + placement[:, 2]

@@ -107,14 +107,15 @@ def light_of(light: Tree, world: Matrix) -> Light:
     """Return a light as KHR_lights_punctual describes it, placed by a (4, 4) transform."""
     strength = vec3(np.asarray(light.get("color", (1.0, 1.0, 1.0)), np.float64) * light.get("intensity", 1.0))
     position, direction = vec3(world[:3, 3]), vec3(-world[:3, 2])
+    name = str(light.get("name", ""))
     if light["type"] == "directional":
-        return DirectionalLight(direction, irradiance=strength)
+        return DirectionalLight(direction, irradiance=strength, name=name)
     if light["type"] == "spot":
         cone = light.get("spot", {})
         inner = math.degrees(cone.get("innerConeAngle", 0.0))
         outer = math.degrees(cone.get("outerConeAngle", math.pi / 4.0))
         spot: dict[str, Any] = {"inner_degrees": inner, "outer_degrees": outer, "falloff": "gltf"}
-        return SpotLight(position, direction, intensity=strength, **spot)
+        return SpotLight(position, direction, intensity=strength, name=name, **spot)
     if light["type"] != "point":
         raise InputError(f"a light is of type {light['type']!r}, which glTF does not have")
-    return PointLight(position, intensity=strength)
+    return PointLight(position, intensity=strength, name=name)

@@ -103,6 +103,8 @@ class _Writer(Store):
             self.note("the environment")
         if scene.medium is not None:
             self.note("the medium around all")
+        if any(shape.shadow_catcher for shape in scene.shapes):
+            self.note("shadow catchers, which are ordinary surfaces there")
         self.tree |= {"scenes": [{"nodes": list(range(len(nodes)))}], "nodes": nodes}
         used = sorted(_extensions(self.tree))
         if used:
@@ -147,6 +149,8 @@ class _Writer(Store):
         material = nearest(shape.material, self.note)
         two_sided = shape.two_sided_emission or (shape.double_sided and not shines(shape.emission))
         described = self._materials.described(material, shape.emission, two_sided=two_sided)
+        if shape.material.name:
+            described["name"] = shape.material.name
         attributes = {"POSITION": self._accessor(mesh, "POSITION", mesh.vertices)}
         if mesh.normals is not None:
             attributes["NORMAL"] = self._accessor(mesh, "NORMAL", _of_unit_length(mesh.normals))
@@ -183,14 +187,16 @@ class _Writer(Store):
         else:
             return []
         two_sided = bool(getattr(light, "two_sided", False))
-        return [Shape(mesh, Diffuse(0.0), light.radiance, two_sided, name=light.type_name)]  # type: ignore[arg-type]
+        return [Shape(mesh, Diffuse(0.0), light.radiance, two_sided, name=light.name or light.type_name)]  # type: ignore[arg-type]
 
     # --- Lights and cameras -------------------------------------------------------------------------
 
     def _light(self, light: Light) -> list[Tree]:
         """Return the node of a punctual light, if it is one."""
+        named = {"name": light.name} if light.name else {}
         if isinstance(light, PointLight):
-            return [self._placed_light({"type": "point", **_amount(light.intensity)}, light.position, (0.0, 0.0, -1.0))]
+            described = {**named, "type": "point", **_amount(light.intensity)}
+            return [self._placed_light(described, light.position, (0.0, 0.0, -1.0))]
         if isinstance(light, SpotLight):
             if light.falloff != "gltf":
                 self.note("other falloffs of spots than its own")
@@ -199,12 +205,12 @@ class _Writer(Store):
             outer = min(math.radians(light.outer_degrees), 0.5 * math.pi)
             inner = min(math.radians(light.inner_degrees), outer - 1e-6)
             cone = {"innerConeAngle": inner, "outerConeAngle": outer}
-            described = {"type": "spot", **_amount(light.intensity), "spot": cone}
+            described = {**named, "type": "spot", **_amount(light.intensity), "spot": cone}
             return [self._placed_light(described, light.position, light.direction)]
         if isinstance(light, DirectionalLight):
             if light.angle_degrees:
                 self.note("the diameter of the sun")
-            described = {"type": "directional", **_amount(light.irradiance)}
+            described = {**named, "type": "directional", **_amount(light.irradiance)}
             return [self._placed_light(described, (0.0, 0.0, 0.0), light.direction)]
         if not isinstance(light, (RectangleLight, DiskLight, SphereLight)):
             self.note(f"lights of the type {light.type_name!r}")

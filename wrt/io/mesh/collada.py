@@ -133,6 +133,9 @@ WITHOUT_EFFECT = {
 }
 """Elements and attributes that do not change a picture, and why."""
 
+_NUMBERS = {"matrix": 16, "bind_shape_matrix": 16, "translate": 3, "rotate": 4, "scale": 3, "lookat": 9}
+"""Numbers in each kind of transform; the library passes over those that have others."""
+
 _IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
 _WITHOUT_IMAGE = "0.8 0.8 0.8 1"
 
@@ -162,7 +165,12 @@ def read_collada(path: Path, data: bytes) -> Contents:
                 cameras = cameras_of(root)
             for each in list(root.iter("{*}library_cameras", "{*}instance_camera")):  # the library needs their znear
                 each.getparent().remove(each)
-            scene = trimesh.load_scene(io.BytesIO(etree.tostring(root)), file_type="dae", resolver=files)
+            document = etree.tostring(root)
+            scene = trimesh.load_scene(io.BytesIO(document), file_type="dae", resolver=files)
+            lost = list(_passed_over(root, document, set(scene.geometry)))
+            if lost and not scene.geometry:
+                raise InputError(f"{path}: {lost[0]}")
+            notes += [f"{reason}; it is left out" for reason in lost]
         except ImportError as error:
             raise InputError(f"{missing} ({first_line(error)})") from None
     for message in dict.fromkeys([*files.messages, *(f"{path}: {note}" for note in notes)]):
@@ -254,6 +262,9 @@ def _rewritten(data: bytes) -> tuple[Any, list[str]]:
     from lxml import etree
 
     root = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
+    for each in root.iter(*(f"{{*}}{name}" for name in _NUMBERS)):
+        if reason := _no_numbers(each, _NUMBERS[_local(each.tag)]):
+            raise InputError(reason)
     for mesh in list(root.iter("{*}convex_mesh")):
         mesh.tag = mesh.tag.replace("convex_mesh", "mesh")
     for place in root.iter("{*}lookat"):  # the library turns it the other way
@@ -274,6 +285,39 @@ def _rewritten(data: bytes) -> tuple[Any, list[str]]:
     if count := _remove_missing_materials(root):
         notes.append(f"uses of materials that are not there are left out ({count})")
     return root, notes
+
+
+def _passed_over(root: Any, document: bytes, read: set[str]) -> Iterator[str]:
+    """Yield what is wrong with each geometry of a document that a node shows, and that the library does not return."""
+    shown = {instance.get("url", "")[1:] for instance in root.iter("{*}instance_geometry")} - read
+    geometries = [
+        each for each in root.iter("{*}geometry") if each.get("id") in shown and each.find("{*}mesh") is not None
+    ]
+    if not geometries:
+        return
+    from collada import Collada
+    from collada.common import DaeError
+    from collada.geometry import Geometry
+
+    library = Collada(io.BytesIO(document), ignore=[DaeError])
+    for geometry in geometries:
+        try:
+            Geometry.load(library, {}, geometry)
+        except DaeError as error:
+            reasons = map(_no_numbers, geometry.iter(*(f"{{*}}{name}" for name in ("float_array", "p", "vcount"))))
+            yield f"geometry {geometry.get('id')!r} cannot be read: {next(filter(None, reasons), error.msg)}"
+
+
+def _no_numbers(element: Any, count: int | None = None) -> str | None:
+    """Return what is wrong with an element that should hold numbers, and how many; None if nothing is."""
+    words, name = (element.text or "").split(), _local(element.tag)
+    for word in words:
+        try:
+            float(word)
+        except ValueError:
+            advice = "; numbers have decimal points, not commas" if "," in word else ""
+            return f"{word[:40]!r} in a {name} is not a number{advice}"
+    return f"a {name} has {len(words)} numbers, not {count}" if count not in (None, len(words)) else None
 
 
 def _add(parent: Any, name: str, text: str | None = None) -> Any:

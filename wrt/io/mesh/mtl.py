@@ -95,16 +95,19 @@ class MtlMaterials:
     def __init__(self, path: Path, find: Callable[[str], Source]) -> None:
         """Take the path of the OBJ file, and a function that finds images by name."""
         self._path, self._images, self._find = path, TextureImages(path), find
-        self._made: dict[tuple[str, bool, bool], tuple[Material, _Placement]] = {}
-        self._unused: dict[str, list[str]] = {}
+        self._made: dict[tuple[str, int, bool, bool], tuple[Material, _Placement]] = {}
+        self._unused: dict[tuple[str, int], list[str]] = {}
 
-    def dressed(self, part: Part, name: str, statements: Statements) -> Part:
-        """Return a part with the material of a name, and texture coordinates as its normal map places them."""
-        key = name, part.uvs is not None, part.colors is not None
+    def dressed(self, part: Part, name: str, statements: Statements, *, number: int = 0) -> Part:
+        """Return a part with the material of a name, and texture coordinates as its normal map places them.
+
+        Materials of one name are told apart by a `number`.
+        """
+        key = name, number, part.uvs is not None, part.colors is not None
         if key not in self._made:
-            reader = _Reader(self._images, self._find, statements, has_uvs=key[1])
-            self._made[key] = reader.material(has_colors=key[2]), reader.normals_at
-            self._unused[name] = reader.unused()
+            reader = _Reader(self._images, self._find, statements, has_uvs=key[2])
+            self._made[key] = reader.material(has_colors=key[3]).named(name), reader.normals_at
+            self._unused[name, number] = reader.unused()
             if part.uvs is None and (maps := reader.maps()):
                 files = maps[0] if len(maps) == 1 else f"{maps[0]} and {len(maps) - 1} more"
                 warn(f"{self._path}: texture {files} cannot be laid: faces of {part.name!r} lack texture coordinates")

@@ -18,7 +18,7 @@ from wrt.io.account import warn_of_unused
 from wrt.io.mesh.mtl import MtlMaterials, Statements, statements_of
 from wrt.io.mesh.obj_text import ObjText
 from wrt.io.mesh.parts import FloatArray, Part, decoded, points_of
-from wrt.io.mesh.polygons import triangulate
+from wrt.io.mesh.polygons import outer_sides, triangulate
 from wrt.io.mesh.sidecars import Sidecars, in_any_case
 from wrt.io.safe_read import as_text, as_utf8, naming_file, read_file
 
@@ -52,6 +52,8 @@ def read_obj(path: Path, data: bytes) -> list[Part]:
     materials.warn_of_unused()
     if not parts and len(text.rows["v"]):
         parts = [points_of(path.stem, text.rows["v"][:, :3], _colors(path, text))]
+    if not parts and not len(text.rows["v"]):
+        raise InputError(f"{path}: not an OBJ file: none of its lines is a vertex, v x y z")
     if parts:
         warn_of_unused(path, text.others.elements(), WITHOUT_EFFECT)
     return parts
@@ -79,7 +81,7 @@ def _parts(path: Path, text: ObjText) -> Iterator[tuple[int, Part]]:
     if uvs is not None and uvs.shape[1] == 1:
         uvs = np.pad(uvs, ((0, 0), (0, 1)))
     triangles, owners = triangulate(path, positions, corners, text.counts)
-    faces, of_faces = corners[triangles], groups[owners]
+    faces, of_faces, sides = corners[triangles], groups[owners], outer_sides(triangles, owners, text.counts)
     present, first = np.unique(of_faces, return_index=True)
     order = np.argsort(of_faces, kind="stable") if len(present) > 1 else None
     ends = np.searchsorted(of_faces[order], present, side="right") if order is not None else [len(of_faces)]
@@ -95,6 +97,7 @@ def _parts(path: Path, text: ObjText) -> Iterator[tuple[int, Part]]:
             part = Part(path.stem, positions[used], some.reshape(-1, 3))
         if text.face_smoothing is not None:
             part.smoothing = text.face_smoothing[owners[chosen]]
+        part.sides = None if sides is None else sides[chosen]
         part.vertex_format = "a vertex"
         part.uvs = uvs[used] if uvs is not None and group & 1 else None
         part.normals = rows["vn"][used] if group & 2 else None

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from wrt.errors import InputError, warn
 from wrt.io.account import warn_of_unused
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, FloatArray, Part, as_specified, decoded
-from wrt.io.mesh.polygons import triangulate
+from wrt.io.mesh.polygons import outer_sides, triangulate
 from wrt.io.safe_read import as_text
 
 _HEADER = re.compile(r"\s*(?P<st>ST)?(?P<c>C)?(?P<n>N)?(?P<beyond>4?n?)OFF\b")
@@ -55,6 +55,7 @@ def read_off(path: Path, data: bytes) -> list[Part]:
     else:
         triangles, owner = triangulate(path, rows[:, :3], corners, counts)
         part = _part(path, rows, corners[triangles], header, unused)
+        part.sides = outer_sides(triangles, owner, counts)
         of_polygons = _face_colors(colors, unused)
         if part.colors is None and of_polygons is not None:
             part.face_colors = of_polygons[owner]

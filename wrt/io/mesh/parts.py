@@ -17,6 +17,7 @@ from wrt.linalg import determinant, norm, product
 from wrt.scene.camera import Camera
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
+from wrt.scene.mesh import turned_sides
 from wrt.scene.srgb import linear_from_srgb
 from wrt.scene.tangents import moved_tangents
 from wrt.scene.textures import ImageTexture
@@ -53,6 +54,7 @@ class Part:
         smoothing: what the file says of a surface without normals (docs/foreign-files.md): 0 for flat triangles, or
             (M,) smoothing groups of faces as in OBJ, 0 for none; None if it does not say.
         vertex_format: names a vertex by its number in messages; loaders of some formats renumber vertices.
+        sides: (M,) or None, as in `wrt.Mesh`.
         places: (4, 4) transforms of its instances, if there are several; otherwise it is in world space.
     """
 
@@ -71,6 +73,7 @@ class Part:
     double_sided: bool = True
     radius: FloatArray | float = 0.0
     smoothing: IntArray | int | None = None
+    sides: NDArray[np.uint8] | None = None
     vertex_format: str = "vertex {} (counted from 0)"
 
 
@@ -132,8 +135,10 @@ def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
         if tangents is not None:
             tangents = moved_tangents(tangents, linear)
         vertices = product(np.asarray(part.vertices, np.float64), linear.T) + matrix[:3, 3]
-    faces = part.faces[:, ::-1] if mirrored else part.faces
-    return replace(part, vertices=vertices, faces=faces, normals=normals, tangents=tangents, radius=radius)
+    faces, sides = part.faces, part.sides
+    if mirrored:
+        faces, sides = faces[:, ::-1], turned_sides(sides)
+    return replace(part, vertices=vertices, faces=faces, normals=normals, tangents=tangents, sides=sides, radius=radius)
 
 
 def viewpoint(matrix: NDArray[np.float64]) -> dict[str, Any]:

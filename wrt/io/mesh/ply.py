@@ -23,7 +23,7 @@ from wrt.errors import InputError, warn
 from wrt.io import memory_limits
 from wrt.io.account import warn_of_unused
 from wrt.io.mesh.parts import Part, decoded, matching, points_of, split_vertices
-from wrt.io.mesh.polygons import split_strips, triangulate
+from wrt.io.mesh.polygons import outer_sides, split_strips, triangulate
 from wrt.io.mesh.sidecars import Sidecars
 from wrt.io.mesh.trimesh_loaders import Fields, load, part_of
 from wrt.io.safe_read import as_utf8
@@ -105,13 +105,12 @@ def read_ply(path: Path, data: bytes) -> list[Part]:
         ragged = "array element with a sequence" in str(error) and b"format ascii" in header
         if "unexpected length" not in str(error) and not ragged:
             raise
-        try:
-            fields = _fields_with_triangles(path, data)
-        except ValueError as reason:
-            raise InputError(f"{path}: the data are not as long as the PLY header says: {reason}") from None
+        fields = _fields_with_triangles(path, data)
     elements = fields.get("metadata", {}).get("_ply_raw", {})
     if b"format ascii" in data[: data.find(b"end_header")]:
         _check_text_is_complete(path, elements)
+    if "face" in elements and len(fields.get("faces", ())) > elements["face"]["length"]:
+        fields = _fields_with_triangles(path, data)  # trimesh cuts these, concave ones wrongly
     strips = _strips_of(elements)
     if len(strips):
         faces = np.asarray(fields.get("faces", np.zeros((0, 3), np.int64)))
@@ -216,8 +215,15 @@ def _fields_with_triangles(path: Path, data: bytes) -> Fields:
     Elements other than vertices and faces are left out.
 
     Raises:
-        ValueError: if the data end too soon, or the header is not as specified.
+        InputError: if the data end too soon, or the header is not as specified.
     """
+    try:
+        return _cut_fields(path, data)
+    except ValueError as reason:
+        raise InputError(f"{path}: the data are not as long as the PLY header says: {reason}") from None
+
+
+def _cut_fields(path: Path, data: bytes) -> Fields:
     end = data.index(b"\n", data.index(b"end_header")) + 1
     elements, format_name = _header(data[:end].decode("latin-1"))
     take = _numbers_of_text(data[end:]) if format_name == "ascii" else _numbers_of_bytes(data[end:], format_name)
@@ -238,6 +244,7 @@ def _fields_with_triangles(path: Path, data: bytes) -> Fields:
     triangles, owner = triangulate(path, vertices, corners, counts)
     faces = corners[triangles]
     fields: Fields = {"vertices": vertices, "faces": faces, "vertex_normals": _stacked(vertex, _NORMAL)}
+    fields["sides"] = outer_sides(triangles, owner, counts)
     for name, colored in (("vertex", vertex), ("face", face)):
         fields[f"{name}_colors"] = _stacked(colored, _RGBA if "alpha" in colored else _RGBA[:3])
     if fields["face_colors"] is not None:

@@ -61,6 +61,16 @@ def triangulate(
     return np.concatenate(triangle_groups)[order], owners[order]
 
 
+def outer_sides(triangles: _Int, owners: _Int, counts: IntArray) -> NDArray[np.uint8] | None:
+    """Return `Mesh.sides` of the triangles that `triangulate` returns with these `owners`; None if all are polygons."""
+    sizes = np.asarray(counts, np.int64)[owners]
+    if (sizes == 3).all():
+        return None
+    corners = triangles - (np.cumsum(counts) - counts)[owners][:, None]
+    is_edge = np.roll(corners, -1, axis=1) == (corners + 1) % sizes[:, None]
+    return np.asarray(is_edge @ np.array([1, 2, 4], np.uint8), np.uint8)
+
+
 def _convex(points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return (P,) whether each of (P, n, 3) polygons turns in one direction at every corner."""
     forward = np.roll(points, -1, axis=1) - points

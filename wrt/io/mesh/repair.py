@@ -166,6 +166,7 @@ def _repaired(path: str, part: Part) -> Part:
         face_colors=rows("face_colors", solid, "face colours"),
         radius=part.radius[used] if isinstance(part.radius, np.ndarray) else part.radius,
         smoothing=rows("smoothing", solid) if isinstance(part.smoothing, np.ndarray) else part.smoothing,
+        sides=rows("sides", solid),
         uvs=rows("uvs", used, "texture coordinates"),
         tangents=rows("tangents", used, "tangents") if _reads_tangents(part.material) else None,
     )
@@ -236,7 +237,7 @@ def _mesh(path: str, part: Part) -> Mesh:
         if not np.isfinite(normals).all():
             normals = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, np.float32(0.0))
     name = f"{Path(path).name}: {part.name}"
-    return Mesh.taking(part.vertices, part.faces, normals, part.uvs, part.colors, name, part.tangents)
+    return Mesh.taking(part.vertices, part.faces, normals, part.uvs, part.colors, name, part.tangents, part.sides)
 
 
 def _smooth(meshes: list[Mesh], parts: list[Part], angle: float) -> list[Mesh]:
@@ -262,7 +263,7 @@ def _smooth(meshes: list[Mesh], parts: list[Part], angle: float) -> list[Mesh]:
         start, stop = stop, stop + len(meshes[i].faces)
         used, faces = _used(merged.faces[start:stop], len(merged.vertices))
         missing = {name: None for name in VERTEX_ATTRIBUTES if name != "normals" and getattr(meshes[i], name) is None}
-        result[i] = merged.reindexed(used, faces, name=meshes[i].name, **missing)
+        result[i] = merged.reindexed(used, faces, name=meshes[i].name, sides=meshes[i].sides, **missing)
     return result
 
 

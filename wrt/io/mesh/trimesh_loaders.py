@@ -17,7 +17,7 @@ import numpy as np
 
 from wrt.errors import InputError
 from wrt.io.mesh.parts import Part, decoded, matching, rows_of
-from wrt.io.mesh.polygons import triangulate
+from wrt.io.mesh.polygons import outer_sides, triangulate
 from wrt.io.safe_read import first_line
 from wrt.values import array
 
@@ -83,11 +83,13 @@ def part_of(path: Path, name: str, fields: Fields) -> Part | None:
     vertices = rows_of(path, fields.get("vertices", ()), "vertices", 3)
     count, size = faces.shape
     owner: Any = slice(None)
+    sides = fields.get("sides")
     if size > 3:
         corners = faces.reshape(-1)
-        triangles, owner = triangulate(path, vertices, corners, np.full(count, size))
-        faces = corners[triangles]
-    part = Part(name, vertices, faces)
+        counts = np.full(count, size)
+        triangles, owner = triangulate(path, vertices, corners, counts)
+        faces, sides = corners[triangles], outer_sides(triangles, owner, counts)
+    part = Part(name, vertices, faces, sides=sides)
     part.normals = matching(fields.get("vertex_normals"), len(vertices))
     part.uvs = matching(getattr(fields.get("visual"), "uv", None), len(vertices))
     colors = matching(fields.get("vertex_colors"), len(vertices))

@@ -58,7 +58,8 @@ class Surface:
     @property
     def both_sides(self) -> Material:
         """The material, with a black back if it is one-sided."""
-        return TwoSided(self.material, _black_with_holes_of(self.material)) if self.one_sided else self.material
+        material = self.material
+        return TwoSided(material, _black_with_holes_of(material), name=material.name) if self.one_sided else material
 
     @property
     def is_black(self) -> bool:
@@ -101,7 +102,9 @@ class Materials:
         if plugin not in self._surfaces:
             plugin.ignore()
             with plugin.locating():
-                self._surfaces[plugin] = self._made(plugin)
+                made = self._made(plugin)
+                material = made.material.named(plugin.element.attributes.get("id", ""))
+                self._surfaces[plugin] = dataclasses.replace(made, material=material)
         return self._surfaces[plugin]
 
     def _made(self, plugin: Plugin) -> Surface:

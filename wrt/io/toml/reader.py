@@ -40,7 +40,7 @@ from wrt.scene.mesh import Mesh, merge
 from wrt.scene.motion import Motion
 from wrt.scene.scene import RenderSettings, Scene, Shape, bake_transforms
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
-from wrt.values import boolean, sealed, vector
+from wrt.values import boolean, sealed, text, vector
 
 _hints_of = functools.cache(typing.get_type_hints)
 
@@ -166,7 +166,7 @@ class _SceneReader(TableReader):
             self._open_materials.append(name)
             with self.at(name):
                 table = table_of(self._material_tables[name])
-                self.materials[name] = self.build(choice(table, MATERIALS), table)
+                self.materials[name] = self.build(choice(table, MATERIALS), table).named(name)
             self._open_materials.pop()
         return self.materials[name]
 
@@ -243,7 +243,7 @@ class _SceneReader(TableReader):
             made = bake_transforms(made)
         if material is not None:
             made = joined(made)
-        name = self.read(table, "name", text_of)
+        name = self.read(table, "name", lambda value: text(value, "a name"))
         emission = self.read(table, "emission", lambda value: self.color_source(value, ())) or 0.0
         if "deformation" in table and len(made) > 1:
             raise InputError("its file has several materials, but one mesh alone can be deformed; give a material")
@@ -258,16 +258,17 @@ class _SceneReader(TableReader):
             default = shape.two_sided_emission and material is None
             two_sided = boolean(table.get("two_sided_emission", default), "two_sided_emission")
             double_sided = boolean(table.get("double_sided", shape.double_sided), "double_sided")
-            looks = (material or shape.material, emission, two_sided, name or shape.name)
+            edges = boolean(table.get("edges", shape.edges), "edges")
+            catches = boolean(table.get("shadow_catcher", False), "shadow_catcher")
+            others = edges, catches, table.get("group", shape.group)
+            looks = (material or shape.material, emission, two_sided, shape.name if name is None else name)
             if shape.transform is None:
                 if matrix is not None:
                     memory_limits.take(memory_limits.MESHES, memory_limits.size_of(shape.mesh))
                 mesh, first = moved(shape.mesh), None
             else:  # an instance in its file: the mesh is shared
                 mesh, first = shape.mesh, after(matrix, shape.transform)
-            result += [
-                Shape(mesh, *looks, after(place, first), deformation, double_sided=double_sided) for place in places
-            ]
+            result += [Shape(mesh, *looks, after(place, first), deformation, double_sided, *others) for place in places]
         return result
 
     def makers(self) -> dict[str, Callable[..., Mesh | list[Shape]]]:

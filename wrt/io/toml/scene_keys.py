@@ -132,11 +132,14 @@ _OF_SHAPES = meanings_of(Shape)  # empty under python -OO
 
 SHAPE: Keys = {
     "type": Key("What it is.", TEXT, required=True),
-    "name": Key("For messages.", TEXT),
+    "name": Key("For messages, and for layers of objects.", {"type": "string"}),
     "material": Key("A name from [materials]; without it the file's own, or a diffuse one.", TEXT),
     "emission": Key(_OF_SHAPES.get("emission", ""), definition("color_that_varies")),
     "two_sided_emission": Key(_OF_SHAPES.get("two_sided_emission", ""), BOOLEAN),
     "double_sided": Key(_OF_SHAPES.get("double_sided", ""), BOOLEAN),
+    "shadow_catcher": Key(_OF_SHAPES.get("shadow_catcher", ""), BOOLEAN),
+    "edges": Key(_OF_SHAPES.get("edges", ""), BOOLEAN),
+    "group": Key(_OF_SHAPES.get("group", ""), TEXT),
     **TRANSFORM,
     **PLACES,
 }

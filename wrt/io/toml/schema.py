@@ -22,7 +22,7 @@ from wrt.io.toml.scene_keys import BOOLEAN, NUMBER, TEXT, VECTOR, Keys, Schema, 
 from wrt.scene.camera import CAMERAS
 from wrt.scene.description import checks_of
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
-from wrt.scene.layers import LAYERS
+from wrt.scene.layers import GROUPS, SELECTABLE
 from wrt.scene.lights import LIGHTS
 from wrt.scene.lights.light import unit_vector
 from wrt.scene.materials import MATERIALS, Material
@@ -239,7 +239,7 @@ def _that_vary() -> list[Schema]:
 
 def _unchecked() -> dict[str, list[Schema]]:
     """Return the schemas of arguments that checks of fields leave to other code, by name."""
-    layer, wrap, share = {"enum": list(LAYERS)}, {"enum": list(WRAPS)}, _number(minimum=0.0, maximum=1.0)
+    layer, wrap, share = {"enum": [*SELECTABLE, *GROUPS]}, {"enum": list(WRAPS)}, _number(minimum=0.0, maximum=1.0)
     maskings = dict.fromkeys(masking for maskings in MASKINGS.values() for masking in maskings)
     return {
         "ior": [_number(minimum=0.0)],

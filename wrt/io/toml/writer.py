@@ -211,7 +211,7 @@ class _Writer:
         if isinstance(mesh, Analytic):
             kind, arrays = "quadrics" if isinstance(mesh, Quadrics) else "spheres", arrays_of_exact(mesh)
         else:
-            kind, arrays = "mesh", _arrays_of(mesh, "vertices", "faces", *VERTEX_ATTRIBUTES)
+            kind, arrays = "mesh", _arrays_of(mesh, "vertices", "faces", *VERTEX_ATTRIBUTES, "sides")
         table: Table = {"type": kind, "name": shape.name, "file": self.arrays(kind, mesh, arrays)}
         table["material"] = self.material(shape.material)
         if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:
@@ -220,6 +220,12 @@ class _Writer:
             table["two_sided_emission"] = True
         if not shape.double_sided:
             table["double_sided"] = False
+        if shape.shadow_catcher:
+            table["shadow_catcher"] = True
+        if not shape.edges:
+            table["edges"] = False
+        if shape.group is not None:
+            table["group"] = shape.group
         if isinstance(shape.transform, Motion):
             table["motion"] = self.motion(shape.transform)
         elif shape.transform is not None:
@@ -269,7 +275,8 @@ def _key_of_group(shape: Shape) -> tuple[Any, ...]:
     if shape.transform is None or isinstance(shape.transform, Motion):
         return (id(shape),)
     objects = (id(each) for each in (shape.mesh, shape.material, shape.deformation))
-    return (*objects, shape.name, shape.two_sided_emission, shape.double_sided, shape.emission)
+    flags = (shape.two_sided_emission, shape.double_sided, shape.edges, shape.shadow_catcher, shape.group)
+    return (*objects, shape.name, *flags, shape.emission)
 
 
 def _arrays_of(thing: Any, *names: str) -> dict[str, NDArray[Any]]:

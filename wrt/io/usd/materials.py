@@ -82,7 +82,8 @@ class UsdMaterials:
             return None
         key = (name, uv_sets, has_colors)
         if key not in self._made:
-            self._made[key] = self._make(name, uv_sets, has_colors)
+            made = self._make(name, uv_sets, has_colors)
+            self._made[key] = made and made.named(name)
         return self._made[key]
 
     def uv_sets(self, name: str | None) -> list[Coordinates]:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from wrt.errors import InputError
 from wrt.io import memory_limits
 from wrt.io.mesh.parts import DEFAULT_REFLECTANCE, Part, points_of
-from wrt.io.mesh.polygons import triangulate
+from wrt.io.mesh.polygons import outer_sides, triangulate
 from wrt.io.usd.lights import Values
 from wrt.io.usd.materials import Coordinates, UsdMaterials
 from wrt.linalg import product
-from wrt.scene.mesh import Mesh
+from wrt.scene.mesh import Mesh, turned_sides
 from wrt.scene.shapes import box, quad, sphere
 from wrt.scene.textures import ImageTexture, VertexColor
 
@@ -37,8 +37,9 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
     if (counts < 0).any() or (counts > len(corners)).any() or counts.sum() != len(corners):
         raise InputError(f"{path}: {name}: its faces have {counts.sum()} corners, but {len(corners)} are given")
     triangles, owner = triangulate(f"{path}: {name}", points, corners, counts)
+    sides = outer_sides(triangles, owner, counts)
     if values["orientation"] == "leftHanded":
-        triangles = triangles[:, ::-1]
+        triangles, sides = triangles[:, ::-1], turned_sides(sides)
     at = _Corners(corners, counts, materials.unsupported)
     normals = [at.values("normals", primvar, 3) for primvar in shape["normals"]]
     at_corners = {
@@ -50,7 +51,8 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
     holes = indices(values.get("holeIndices"))
     parts = []
     for faces, material in _subsets(shape, len(counts)):
-        chosen = triangles[np.isin(owner, np.setdiff1d(faces, holes))]
+        is_chosen = np.isin(owner, np.setdiff1d(faces, holes))
+        chosen = triangles[is_chosen]
         at_corners["uvs"], uv_sets = _uvs(coordinates, materials.uv_sets(material))
         at_corners["colors"] = _colors(shape, materials.color_primvar(material), at)
         if all(each is None for each in at_corners.values()):
@@ -60,6 +62,7 @@ def parts_of_mesh(path: Path, shape: dict[str, Any], materials: UsdMaterials) ->
             part = Part(name, points[corners[used]], chosen.reshape(-1, 3))
             for field, rows in at_corners.items():
                 setattr(part, field, None if rows is None else rows[used])
+        part.sides = None if sides is None else sides[is_chosen]
         part.smoothing = 0 if shape["faceted"] else None  # "A Note About Normals" of UsdGeomMesh
         parts.append(_with_material(part, material, materials, uv_sets))
     return parts

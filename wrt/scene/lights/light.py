@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from wrt.errors import InputError
 from wrt.linalg import norm
-from wrt.scene.description import Kind, optional
+from wrt.scene.description import GroupName, Kind, optional
 from wrt.scene.textures import CHANNELS, ImageTexture
-from wrt.values import Vec3, color, vector
+from wrt.values import Vec3, color, text, vector
 
 EVERYWHERE = (0.0, 1.0, 0.0)
 """The axis of lights that emit in every direction."""
@@ -47,7 +47,15 @@ class Light(Kind):
 
     A light is a plain description. `model` names its device functions in `kernels/lights/`; `record`, `shape` and
     `extent` return what they read.
+
+    Attributes:
+        name: name of its parameters, see `wrt.parameters`; by default its type.
+        group: name of its light group; lights without one are in the group "rest".
     """
+
+    _: KW_ONLY
+    name: Annotated[str, text] = ""
+    group: GroupName = None
 
     def record(self) -> dict[str, Any]:
         """Return fields of the LightRecord: `value`, and `place` and `two_sided` where the model reads them."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from wrt.errors import InputError
 from wrt.scene.description import Kind, instance_of, optional
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
-from wrt.values import FLOAT32_MAX, color, number
+from wrt.values import FLOAT32_MAX, color, number, text
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -58,11 +58,13 @@ class Material(Kind):
     Attributes:
         opacity: coverage of the surface, 0 to 1; light passes straight through the rest.
         normal_map: perturbs the shading normal.
+        name: for layers of materials.
     """
 
     _: KW_ONLY
     opacity: Share = 1.0
     normal_map: Annotated[NormalMap | None, optional(instance_of(NormalMap))] = None
+    name: Annotated[str, {"type": "string"}, text] = field(default="", compare=False, repr=False)
 
     slot_names: ClassVar[tuple[str, ...]] = ()
 
@@ -92,6 +94,14 @@ class Material(Kind):
     def parts(self) -> tuple[Material, ...]:
         """The materials of a composite one."""
         return ()
+
+    def named(self, name: str) -> Self:
+        """Return the material with a name, unless it has one."""
+        return self if self.name or not name else replace(self, name=name)
+
+    def label(self, number: int) -> str:
+        """Return the name, or type and number where there is none."""
+        return self.name or f"{self.type_name or type(self).__name__} {number}"
 
     @property
     def needs_tangents(self) -> bool:

@@ -67,7 +67,7 @@ def named_material(text: str) -> Material:
     if missing := [name for name in required if name not in parameters]:
         raise InputError(f"material {text!r} needs a {missing[0]}, which only scene files and Python can give")
     try:
-        return cls(**{**values, **parameters})
+        return cls(**{**values, **parameters}).named(text.strip())
     except InputError as error:
         raise InputError(f"material {text!r}: {error}") from None
 

@@ -13,7 +13,8 @@ from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.backend.memory import zeros
 from wrt.errors import InputError
-from wrt.scene.mesh import Mesh
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.mesh import Mesh, sides_of
 from wrt.scene.tangents import tangents_by_edges
 from wrt.upload.arrays import require_countable
 from wrt.values import refuse_masked
@@ -84,6 +85,11 @@ def corner_tangents(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
         if mesh.tangents is not None:
             rows[start:stop] = tangents_by_edges(mesh).reshape(-1, 4)
     return rows
+
+
+def drawn_sides(meshes: Sequence[Mesh]) -> NDArray[np.int32]:
+    """Return (M,) `Mesh.sides` of all meshes; exact shapes have none."""
+    return np.concatenate([sides_of(mesh) * np.int32(not isinstance(mesh, Analytic)) for mesh in meshes])
 
 
 def numbered(numbers: NDArray[np.int32], counts: NDArray[np.int64]) -> NDArray[np.int32]:

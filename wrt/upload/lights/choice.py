@@ -45,6 +45,7 @@ def upload_lights(data: Any, lights: LightTable, device: Device, choice: str = "
         data.light_thresholds = backend.array(table.thresholds, float, device.name)
         data.light_aliases = backend.array(table.aliases, int, device.name)
     data.lights = backend.array(lights.records, k.LightRecord, device.name)
+    data.light_groups = backend.array(lights.groups, int, device.name)
     data.environment.light = lights.environment
     if len(lights.shapes):
         data.light_shapes = backend.array(lights.shapes, k.LightShape, device.name)

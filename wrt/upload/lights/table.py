@@ -61,6 +61,8 @@ class LightTable:
         environment: number of the environment's light, or −1.
         bounds: the bounds of the N lights.
         weights: (N,) selection weights, independent of position.
+        groups: (N + 2,) number of the group, 0 for the rest: of what is no light of the table, as the emission of
+            media, of each light, and of the environment.
     """
 
     def __init__(
@@ -71,6 +73,8 @@ class LightTable:
         first_triangles: NDArray[np.int64],
         environment_flux: float,
         texture_slots: dict[int, int],
+        groups: tuple[str, ...] = (),
+        environment_group: str | None = None,
     ) -> None:
         """List the lights of a scene.
 
@@ -81,6 +85,8 @@ class LightTable:
             first_triangles: (shapes,) number of each shape's first triangle.
             environment_flux: luminance of the environment integrated over directions; 0 leaves it out.
             texture_slots: slot of a light's texture by the number of the light in `lights`.
+            groups: names of the scene's light groups.
+            environment_group: that of the environment.
 
         Raises:
             InputError: when there are more solid lights than MOST_SOLID_LIGHTS, or a light's model is not registered.
@@ -89,6 +95,8 @@ class LightTable:
         records: list[NDArray[Any]] = [np.zeros(0, k.LightRecord.numpy_dtype())]
         bounds = [LightBounds.of(np.zeros((0, 1, 3)), np.zeros((0, 3)), np.zeros(0))]
         self.first_lights = np.full(len(shapes), -1, np.int32)
+        numbers: dict[str | None, int] = {name: number for number, name in enumerate(groups, 1)}
+        of_lights = [0]
         count = 0
         instances = layout.instance_numbers
         for i, shape in enumerate(shapes):
@@ -99,13 +107,17 @@ class LightTable:
                 records.append(record)
                 bounds.append(extent)
                 count += len(record)
+                of_lights += [numbers.get(shape.group, 0)] * len(record)
         rows = self._list_lights(lights, count, texture_slots)
         bounds += [_extent(light) for light in lights]
+        of_lights += [numbers.get(light.group, 0) for light in lights]
         self.environment = -1
         if environment_flux > 0.0:
             self.environment = count + len(lights)
             rows.append({"kind": k.LIGHT_ENVIRONMENT})
             bounds.append(_far((0.0, 1.0, 0.0), environment_flux))
+            of_lights.append(numbers.get(environment_group, 0))
+        self.groups = np.array([*of_lights, numbers.get(environment_group, 0)], np.int32)
         self.records: NDArray[Any] = np.concatenate([*records, packed(rows, k.LightRecord)])
         self.bounds = LightBounds.joined(bounds)
         self.weights = _shares(self.bounds)

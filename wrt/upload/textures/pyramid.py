@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,20 +32,67 @@ def halved(pixels: FloatArray) -> FloatArray:
     return pixels
 
 
-def _resized(pixels: FloatArray, axis: int, size: int) -> FloatArray:
+def _resized(pixels: NDArray[Any], axis: int, size: int) -> NDArray[Any]:
     """Return the means over `size` equal pieces of an axis, which may cut texels."""
     old = pixels.shape[axis]
     if old == 2 * size:
         even, odd = (np.take(pixels, range(start, old, 2), axis) for start in (0, 1))
-        return np.float32(0.5) * (even + odd)
+        return np.asarray(np.float32(0.5) * (even + odd))
     # Take differences of the cumulative integral.
     first = np.moveaxis(pixels.astype(np.float64), axis, 0)
     integral = np.concatenate([np.zeros_like(first[:1]), np.cumsum(first, axis=0)])
     edges = np.arange(size + 1) * (old / size)
     texels = np.minimum(edges.astype(int), old - 1)
     at_edges = integral[texels] + (edges - texels)[:, None, None] * first[texels]
-    result: FloatArray = np.moveaxis(np.diff(at_edges, axis=0) * (size / old), 0, axis).astype(np.float32)
-    return result
+    return np.asarray(np.moveaxis(np.diff(at_edges, axis=0) * (size / old), 0, axis).astype(pixels.dtype))
+
+
+def summed_levels(levels: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the derivative by pixels of what has these derivatives by them, the first, and by the levels of `pyramid`.
+
+    The transpose of `halved`: mean values over n pieces of an axis of m texels have the transpose n / m times the means
+    over m pieces of the axis of n.
+    """
+    total = levels[-1]
+    for level in reversed(levels[:-1]):
+        for axis in (1, 0):
+            old = level.shape[axis]
+            total = _resized(total, axis, old) * (total.shape[axis] / old)
+        total = level + total
+    return total
+
+
+class DerivedImages:
+    """Images that are made of a scene's images and normal maps, so that a later upload need not make them again."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[int, str], tuple[Any, list[FloatArray]]] = {}
+        self._before = self._made
+
+    def begin(self) -> None:
+        """Begin an upload: forget the images that the one before has not used."""
+        self._before, self._made = self._made, {}
+
+    def levels(self, pixels: FloatArray) -> list[FloatArray]:
+        """Return `pyramid` of pixels."""
+        return self._kept(pixels, "levels", lambda: pyramid(pixels))
+
+    def of_normal_map(self, normal_map: NormalMap, filtered: bool) -> list[FloatArray]:
+        """Return `normals_of` a normal map; if it is filtered, then the images of its `slope_pyramid`."""
+
+        def images() -> list[FloatArray]:
+            normals = normals_of(normal_map)
+            return [normals, *(image for level in slope_pyramid(normals) for image in level)]
+
+        if not filtered:
+            return self._kept(normal_map, "normals", lambda: [normals_of(normal_map)])
+        return self._kept(normal_map, "slopes", images)
+
+    def _kept(self, source: Any, kind: str, make: Callable[[], list[FloatArray]]) -> list[FloatArray]:
+        key = id(source), kind
+        found = self._made.get(key) or self._before.get(key)
+        self._made[key] = (source, make()) if found is None else found
+        return self._made[key][1]
 
 
 # --- Normal maps -----------------------------------------------------------------------------------

@@ -35,8 +35,8 @@ class Texels:
         places: for each image its start in `colors` or `codes`, and the number of its palette or −1.
     """
 
-    def __init__(self, images: Sequence[FloatArray]) -> None:
-        """Store (H, W, 3) images.
+    def __init__(self, images: Sequence[FloatArray], *, coded: bool = True) -> None:
+        """Store (H, W, 3) images; without `coded` all of them as float32.
 
         Raises:
             InputError: when they have more texels than 32 bits can count.
@@ -49,7 +49,7 @@ class Texels:
         n_colors = n_codes = 0
         for image in images:
             flat = image.reshape(-1, 3)
-            found = None if len(flat) < FEWEST_TEXELS else self._coded(flat)
+            found = self._coded(flat) if coded and len(flat) >= FEWEST_TEXELS else None
             if found is None:
                 self.places.append((n_colors, -1))
                 colors.append(flat)

@@ -1,0 +1,1 @@
+"""Derivatives of a path-traced picture by path replay."""

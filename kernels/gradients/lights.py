@@ -1,0 +1,169 @@
+"""Derivatives by what lights emit: where a path meets them, and where it samples them.
+
+Each contribution is linear in one light's value, or in the texels around one point.
+"""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.scene_data import (
+    LIGHT_ENVIRONMENT,
+    LIGHT_TRIANGLE,
+    WRAP_CLAMP,
+    WRAP_REPEAT,
+    SceneData,
+)
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
+from wrt.kernels.gradients.sums import GradientSums, add_color
+from wrt.kernels.gradients.values import add_bilinear, make_add_to_slot
+from wrt.kernels.integrators.next_event import LightForGradients
+from wrt.kernels.integrators.path_escape import make_met_light_weights
+from wrt.kernels.integrators.path_state import PathSettings, PathState, SurfaceVertex, sees_no_lights
+from wrt.kernels.integrators.path_surface import make_emission_weight
+from wrt.kernels.lights.choice import NO_LIGHT, make_light_choice
+from wrt.kernels.lights.environment import point_towards
+from wrt.kernels.lights.shapes import are_textured, make_light_model, shape_number
+from wrt.kernels.textures.textures import make_slot_color, neighbors
+
+
+@wp.func
+def add_to_environment_texels(sums: GradientSums, scene: SceneData, direction: wp.vec3, gradient: wp.vec3):
+    """Add to the four texels around a direction; the adjoint of `radiance_at` in `kernels/lights/environment.py`."""
+    environment = scene.environment
+    uv = point_towards(environment, direction).uv
+    x = uv[0] * float(environment.width) - 0.5
+    y = uv[1] * float(environment.height) - 0.5
+    column = wp.floor(x)
+    row = wp.floor(y)
+    columns = neighbors(int(column), environment.width, WRAP_REPEAT)
+    rows = neighbors(int(row), environment.height, WRAP_CLAMP)
+    share = wp.vec2(x - column, y - row)
+    add_bilinear(sums.environment_texels, 0, environment.width, columns, rows, share, gradient)
+
+
+class LightGradients(NamedTuple):
+    """Functions that add to `sums`. `upstream` is the derivative of the loss by the radiance of the path.
+
+    Attributes:
+        escaped: (sums, scene, path, hit, upstream, settings), where a ray meets no triangle.
+        emitted: (sums, scene, path, vertex, upstream, strategy), where a ray meets a triangle.
+        sampled: (sums, scene, path, u_light, light, gradient), by what a vertex receives from a sampled light;
+            `gradient` is the derivative by its radiance.
+    """
+
+    escaped: wp.Function
+    emitted: wp.Function
+    sampled: wp.Function
+
+
+@specialised("environment", "single_sided", *make_met_light_weights.fields)
+def make_light_gradients(features: Features) -> LightGradients:
+    """Return the functions for scenes with these features."""
+    weight_of, model = make_met_light_weights(features), make_light_model(features.light_shapes)
+    emission_weight, add_to_slot = make_emission_weight(features), make_add_to_slot(features)
+    choose_light, slot_color = make_light_choice(features.light_tree).choose_light, make_slot_color(features.mipmapped)
+    add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
+    textured_lights = features.textured and are_textured(features.light_shapes)
+
+    @wp.func
+    def escaped(
+        sums: GradientSums, scene: SceneData, path: PathState, hit: Hit, upstream: wp.vec3, settings: PathSettings
+    ):
+        if sees_no_lights(path, settings):
+            return
+        gradient = wp.cw_mul(upstream, path.throughput)
+        direction = path.ray.direction
+        if hit.triangle == NO_HIT:
+            if wp.static(features.environment == "image"):
+                if scene.environment.width > 0:
+                    point = point_towards(scene.environment, direction)
+                    weight = weight_of.image(scene, path.receiver, point, path.scatter_pdf, settings.strategy)
+                    add_to_environment_texels(sums, scene, direction, gradient * weight)
+                else:
+                    add_color(sums.environment, 0, gradient)
+            elif wp.static(features.environment == "constant"):
+                add_color(sums.environment, 0, gradient)
+            if wp.static(bool(features.light_shapes)):
+                for i in range(scene.solid_light_shapes, scene.sun_light_shapes):
+                    sun = scene.light_shapes[i]
+                    if model.covers(sun, direction):
+                        weight = weight_of.shape(
+                            scene, sun, path.receiver, direction, 0.0, path.scatter_pdf, settings.strategy
+                        )
+                        add_color(sums.lights, sun.light, gradient * weight)
+        elif wp.static(bool(features.light_shapes)):
+            shape = scene.light_shapes[shape_number(hit)]
+            if model.shines_back(scene.lights[shape.light], shape, path.ray):
+                distance = path.passed_distance + hit.t
+                weight = weight_of.shape(
+                    scene, shape, path.receiver, direction, distance, path.scatter_pdf, settings.strategy
+                )
+                add_color(sums.lights, shape.light, gradient * weight)
+
+    @wp.func
+    def add_to_surface(sums: GradientSums, scene: SceneData, number: int, surface: Surface, gradient: wp.vec3):
+        slot = scene.shapes[number].emission_slot
+        if wp.static(features.textured):
+            if slot >= 0:
+                add_to_slot(sums, scene, slot, surface, gradient)
+                return
+        add_color(sums.emission, number, gradient)
+
+    @wp.func
+    def emitted(
+        sums: GradientSums, scene: SceneData, path: PathState, vertex: SurfaceVertex, upstream: wp.vec3, strategy: int
+    ):
+        weight = emission_weight(scene, path, vertex, strategy)
+        if weight >= 0.0:
+            gradient = wp.cw_mul(upstream, path.throughput) * weight
+            add_to_surface(sums, scene, vertex.surface.shape, vertex.surface, gradient)
+
+    @wp.func
+    def sampled(
+        sums: GradientSums,
+        scene: SceneData,
+        path: PathState,
+        u_light: wp.vec4,
+        light: LightForGradients,
+        gradient: wp.vec3,
+    ):
+        number = choose_light(scene, path.receiver, u_light).light
+        if number != NO_LIGHT:
+            record = scene.lights[number]
+            sample = light.light
+            if record.kind == LIGHT_TRIANGLE:
+                surface = Surface()
+                if wp.static(features.textured):
+                    if wp.static(features.has_exact):
+                        surface.uv = wp.vec2(sample.point.u, sample.point.v)
+                    surface = add_texture_coordinates(scene, sample.point, surface)
+                add_to_surface(sums, scene, record.shape, surface, gradient / sample.pdf)
+            elif record.kind == LIGHT_ENVIRONMENT:
+                add_to_environment_texels(sums, scene, sample.wi, gradient / sample.pdf)
+            else:
+                texel = wp.vec3(1.0)
+                slot = int(-1)
+                surface = Surface()
+                if wp.static(textured_lights):
+                    slot = scene.light_shapes[record.shape].slot
+                    if slot >= 0:
+                        surface.uv = wp.vec2(sample.point.u, sample.point.v)
+                        surface.color = wp.vec3(1.0)
+                        texel = slot_color(scene, scene.slots[slot], surface.uv, wp.vec4(), wp.vec3(1.0))
+                # The radiance of a sample is the light's value times the texel times a number.
+                value = wp.cw_mul(record.value, texel)
+                factor = float(0.0)
+                if wp.max(value) > 0.0:
+                    factor = wp.max(sample.radiance) / wp.max(value)
+                if not sample.delta:
+                    factor = 1.0 / sample.pdf
+                add_color(sums.lights, number, wp.cw_mul(gradient, texel) * factor)
+                if wp.static(textured_lights):
+                    if slot >= 0:
+                        add_to_slot(sums, scene, slot, surface, wp.cw_mul(gradient, record.value) * factor)
+
+    return LightGradients(escaped, emitted, sampled)

@@ -1,0 +1,87 @@
+"""Derivatives by the absorption and the scattering coefficient of homogeneous media.
+
+The sampling of flights stays as it is, so along a segment of length d only the measured factor depends on them: the
+transmittance exp(−σt d), times σs if the path scatters there, with σt = σa + σs.
+"""
+
+import warp as wp
+
+from wrt.kernels.core.features import Features
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.specialise import specialised
+from wrt.kernels.gradients.bsdf import over
+from wrt.kernels.gradients.sums import GradientSums, add_color
+from wrt.kernels.integrators.path_media import MediumSegment
+from wrt.kernels.integrators.path_state import PathState
+from wrt.kernels.media.medium import make_extinction, mean_free_length, medium_of, transmittance
+
+
+@specialised()
+def make_add_to_extinction(media: str) -> wp.Function:
+    """Return the device function (sums, medium, gradient) that adds a derivative by the extinction.
+
+    Segments without an end are left out: if any light comes through one, its channel has an extinction of 0, and any
+    more would make that light vanish.
+    """
+
+    @wp.func
+    def add_to_extinction(sums: GradientSums, medium: int, gradient: wp.vec3):
+        add_color(sums.media_absorption, medium, gradient)
+        if wp.static(media == "scattering"):
+            add_color(sums.media_scattering, medium, gradient)
+
+    return add_to_extinction
+
+
+@wp.func
+def mean_free_length_slope(extinction: float, distance: float) -> float:
+    """Return the derivative of `mean_free_length` by the extinction."""
+    x = extinction * distance
+    if x < 0.02:
+        return -distance * distance * (0.5 - x * (1.0 / 3.0 - 0.125 * x))
+    return (
+        distance * transmittance(wp.vec3(extinction), distance)[0] - mean_free_length(extinction, distance)
+    ) / extinction
+
+
+@specialised("media", "grid_media")
+def make_add_to_medium(features: Features) -> wp.Function:
+    """Return (sums, scene, path, hit, segment, upstream, later): from a segment to the medium in which it lies.
+
+    `path` is before the segment, and `later` the radiance that it finds after it, without the medium's own emission.
+    """
+    extinction_of, add_to_extinction = make_extinction(features.media), make_add_to_extinction(features.media)
+
+    @wp.func
+    def add_to_medium(
+        sums: GradientSums,
+        scene: SceneData,
+        path: PathState,
+        hit: Hit,
+        segment: MediumSegment,
+        upstream: wp.vec3,
+        later: wp.vec3,
+    ):
+        medium = medium_of(scene, path.medium_stack)
+        if medium >= 0:
+            record = scene.media[medium]
+            if record.grid < 0:
+                length = path.origin_gap + hit.t
+                gradient = wp.cw_mul(upstream, later)
+                by_extinction = wp.vec3(0.0)
+                if segment.scatters:
+                    by_extinction = gradient * -segment.distance
+                elif hit.triangle != NO_HIT:
+                    by_extinction = gradient * -length
+                extinction = extinction_of(scene, path.medium_stack)
+                shining = wp.cw_mul(wp.cw_mul(upstream, path.throughput), record.emission)
+                for c in range(3):
+                    if shining[c] != 0.0:
+                        by_extinction[c] = by_extinction[c] + shining[c] * mean_free_length_slope(extinction[c], length)
+                add_to_extinction(sums, medium, by_extinction)
+                if wp.static(features.media == "scattering"):
+                    if segment.scatters:
+                        add_color(sums.media_scattering, medium, over(gradient, record.scattering))
+
+    return add_to_medium

@@ -1,0 +1,1 @@
+"""Derivatives of pictures by the values of a scene."""

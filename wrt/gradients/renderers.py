@@ -1,0 +1,75 @@
+"""What a Renderer does with parameters: set them, and differentiate by them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.errors import InputError
+from wrt.gradients.backward import Backward
+from wrt.gradients.parameters import edited as edited
+from wrt.gradients.parameters import known, parameters, places_of
+from wrt.gradients.places import Texels
+from wrt.gradients.sums import DeviceSums
+from wrt.rendering.renderer import Renderer
+from wrt.values import array, integer
+
+
+def gradients(
+    renderer: Renderer, d_image: Any, names: Iterable[str] | None, spp: int, seed: int | None
+) -> dict[str, NDArray[np.float32]]:
+    """Return the derivatives of a loss by parameters; see `Renderer.gradients`."""
+    places = places_of(renderer.scene)
+    chosen = [
+        known(name, places) for name in (places if names is None else [names] if isinstance(names, str) else names)
+    ]
+    film = renderer.film
+    upstream = array(d_image, "d_image", np.float32)
+    if upstream.shape != (film.height, film.width, 3):
+        raise InputError(f"d_image must have the shape ({film.height}, {film.width}, 3), not {upstream.shape}")
+    if not np.isfinite(upstream).all():
+        raise InputError("d_image must be finite")
+    if any(isinstance(places[name], Texels) for name in chosen):
+        renderer.make_texels_editable()
+    arrays = Backward(renderer).run(upstream, spp, renderer.seed if seed is None else seed)
+    sums = DeviceSums(renderer._built.values, renderer._built.data, arrays)
+    return {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
+
+
+BETWEEN_SEEDS = 2**31
+"""From the seed of a picture to that of its gradients in other libraries, whose losses mostly square the noise."""
+
+
+class Differentiable:
+    """A picture of a renderer as a function of parameters, for libraries that differentiate."""
+
+    def __init__(self, renderer: Renderer, spp: int, gradient_spp: int | None, seed: int | None) -> None:
+        """Keep the samples per pixel, of gradients by default as many, and the seed, by default the renderer's."""
+        self._renderer, self._spp = renderer, spp
+        self._gradient_spp = spp if gradient_spp is None else gradient_spp
+        self._seed = renderer.seed if seed is None else integer(seed, "seed", minimum=0, maximum=2**32 - 1)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """The shape of the picture."""
+        return self._renderer.film.height, self._renderer.film.width, 3
+
+    def render(self, values: Mapping[str, Any]) -> None:
+        """Have the renderer's film hold the picture."""
+        self._renderer.set_parameters(values)
+        self._renderer.seed = self._seed
+        for _ in self._renderer.passes(spp=self._spp):
+            pass
+
+    def gradients(
+        self, values: Mapping[str, Any], names: Iterable[str], d_image: Any
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return the derivatives by some of the values; see `wrt.Renderer.gradients`."""
+        now = parameters(self._renderer)
+        if any(not np.array_equal(now[name], np.asarray(value, np.float32)) for name, value in values.items()):
+            self._renderer.set_parameters(values)  # another picture has been rendered since
+        seed = (self._seed + BETWEEN_SEEDS) % 2**32
+        return self._renderer.gradients(d_image, names, spp=self._gradient_spp, seed=seed)
