@@ -212,7 +212,9 @@ def arrays_of(renderer: wrt.Renderer) -> dict[str, NDArray[Any]]:
     return found
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in ("textures", "lamps") else pytest.mark.slow) for name in SCENES]
+)
 def test_values_of_scenes(name: str, report: Report) -> None:
     """Those of each array whose derivatives are largest, and some others."""
     renderer = renderer_of(SCENES[name]())

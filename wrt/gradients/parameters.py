@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import weakref
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -40,6 +41,9 @@ OF_ENVIRONMENTS = {
     SphericalHarmonicsEnvironment: ("environment.coefficients", "coefficients"),
 }
 """The name of an environment's parameter, and its field."""
+
+_FIELDS: dict[tuple[int, bool], tuple[weakref.ref[Material], tuple[str, ...]]] = {}
+"""What `_fields_of` has found of materials that there still are: 1.4 ms each for one of many fields."""
 
 
 def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
@@ -172,26 +176,8 @@ class _Names:
                     ):
                         self._add_image(name, value, (material, slot), is_number=_is_number(material, field.name))
                         break
-            elif self._is_differentiable(MaterialField(material, field.name)):
+            elif field.name in _fields_of(material, self._is_nested):
                 self.places[name] = MaterialField(material, field.name)
-
-    def _is_differentiable(self, place: MaterialField) -> bool:
-        """Return whether a field's value changes the slots of its material, and nothing else that kernels read."""
-        material, value = place.material, getattr(place.material, place.field)
-        if isinstance(value, (bool, int)) or not isinstance(value, (float, tuple)):
-            return False
-        changed = place.with_value(np.asarray(value, np.float64) * 1.001 + 1e-4)
-        before, after = slot_values(material), slot_values(changed)
-        if before.shape != after.shape or (before == after).all():
-            return False
-        # Nested bodies have their indices not from slots alone.
-        same_indices = not self._is_nested or _indices(material) == _indices(changed)
-        without = _slots_without_derivative(material)
-        return (
-            same_indices
-            and _beside_slots(material) == _beside_slots(changed)
-            and (before[without] == after[without]).all()
-        )
 
     def _add_image(
         self, name: str, texture: ImageTexture, user: tuple[Material, int] | int, *, is_number: bool
@@ -220,6 +206,34 @@ class _Names:
         self.places[f"{owner}.absorption"] = Coefficient(medium, "absorption")
         if medium.scatters:
             self.places[f"{owner}.scattering"] = Coefficient(medium, "scattering")
+
+
+def _fields_of(material: Material, is_nested: bool) -> tuple[str, ...]:
+    """Return the fields of a material that are parameters; `is_nested`: where bodies have priorities."""
+    key = id(material), is_nested
+    found = _FIELDS.get(key)
+    if found is None or found[0]() is not material:
+        names = (each.name for each in dataclasses.fields(material))
+        fields = tuple(name for name in names if _is_differentiable(MaterialField(material, name), is_nested))
+        found = _FIELDS[key] = weakref.ref(material, lambda _: _FIELDS.pop(key, None)), fields
+    return found[1]
+
+
+def _is_differentiable(place: MaterialField, is_nested: bool) -> bool:
+    """Return whether a field's value changes the slots of its material, and nothing else that kernels read."""
+    material, value = place.material, getattr(place.material, place.field)
+    if isinstance(value, (bool, int)) or not isinstance(value, (float, tuple)):
+        return False
+    changed = place.with_value(np.asarray(value, np.float64) * 1.001 + 1e-4)
+    before, after = slot_values(material), slot_values(changed)
+    if before.shape != after.shape or (before == after).all():
+        return False
+    # Nested bodies have their indices not from slots alone.
+    same_indices = not is_nested or _indices(material) == _indices(changed)
+    without = _slots_without_derivative(material)
+    return (
+        same_indices and _beside_slots(material) == _beside_slots(changed) and (before[without] == after[without]).all()
+    )
 
 
 def _beside_slots(material: Material) -> tuple[Any, ...]:
