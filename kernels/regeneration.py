@@ -56,7 +56,7 @@ def make_gpu_render_kernel(features: Features, regenerates: bool = True) -> wp.K
 
 def can_regenerate(features: Features) -> bool:
     """Return whether there is a kernel for these features that regenerates paths."""
-    return features.integrator == "path" and not features.aovs
+    return features.integrator == "path" and not features.aovs and not features.caustics
 
 
 @specialised()

@@ -146,3 +146,14 @@ def _is_none(bsdf: Bsdf) -> bool:
 def make_receives_light(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (bsdf) -> bool: whether it scatters light from lamps, and has not only delta lobes."""
     return make_is_any(tuple(name for name in names if not model_of(name).delta))
+
+
+def smooth_lobes(name: str) -> str:
+    """Return which lobes of a model reflect or refract light in one direction only: "all", "some" or "none".
+
+    Those that let light straight through panes do not count.
+    """
+    model = model_of(name)
+    if model.specular is None and model.index_slot < 0 and (not model.delta or model.straight is not None):
+        return "none"
+    return "all" if model.delta else "some"

@@ -48,6 +48,7 @@ class Features:
             are disks and cylinders, with spheres or without.
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
         single_sided: whether any shape is single-sided or unlit (see `kernels/integrators/sides.py`).
+        caustics: whether photons bring the light that smooth surfaces throw (`kernels/integrators/photons.py`).
         edges: which lines along edges of triangles the film has a layer of: "none", those on the first "surfaces", or
             "wires", which surfaces do not hide (see `kernels/integrators/edges.py`).
         light_groups: whether the film has a layer for each group of lights (see `kernels/integrators/light_groups.py`).
@@ -78,6 +79,7 @@ class Features:
     composite: str = "none"
     exact: str = "none"
     single_sided: bool = False
+    caustics: bool = False
     edges: str = "none"
     light_groups: bool = False
     gpu: bool = False

@@ -8,13 +8,14 @@ a path that is done when a round begins stays as it is.
 import warp as wp
 
 from wrt.kernels.accel.intersect import make_intersect
-from wrt.kernels.bsdf import models_with
+from wrt.kernels.bsdf import make_receives_light, models_with
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import NO_HIT
 from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage, path_function
+from wrt.kernels.integrators.gathering import make_gather
 from wrt.kernels.integrators.light_groups import NO_LIGHT_OF_TABLE, add_to_group, make_add_to_chosen_group
 from wrt.kernels.integrators.next_event import make_light_at_surface
 from wrt.kernels.integrators.path_escape import make_escape
@@ -52,6 +53,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
     place_receiver, light_at_surface = make_place_receiver(features), make_light_at_surface(features)
     scattering, panes = features.media == "scattering", bool(models_with(features.models, "straight"))
+    receives_light, gather = make_receives_light(features.models), make_gather(features)
     begin_indirect, add_to_chosen_group = make_begin_indirect(features), make_add_to_chosen_group(features.light_tree)
     draws_more = features.mixed or panes or scattering or features.grid_media
 
@@ -98,7 +100,12 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
                         continue
 
             # ---- Environment, and lights that are shapes
+            if wp.static(features.caustics):
+                by_photons = path.has_gathered and path.scatter_pdf == 0.0
             if hit.triangle <= NO_HIT:
+                if wp.static(features.caustics):
+                    if by_photons:
+                        break
                 path = escape(scene, path, hit, settings)
                 if wp.static(bool(features.light_shapes)):
                     if not path.is_done:
@@ -115,7 +122,11 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
                     if path.is_done:
                         break
                     continue
-            path = surface_emission(scene, path, vertex, settings.strategy)
+            if wp.static(features.caustics):
+                if not by_photons:
+                    path = surface_emission(scene, path, vertex, settings.strategy)
+            else:
+                path = surface_emission(scene, path, vertex, settings.strategy)
             if wp.static(not panes):
                 if path.depth + 1 >= settings.max_depth:
                     break
@@ -131,6 +142,12 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             light = light_at_surface(scene, path, vertex, u_light, settings.strategy)
             path.rays += light.rays
             shadow_radiance = wp.cw_mul(path.throughput, light.radiance)
+
+            # ---- Caustics
+            if wp.static(features.caustics):
+                if receives_light(vertex.bsdf):
+                    caustic = gather(settings.photon_map, vertex, settings.max_depth - path.depth - 2)
+                    path.radiance += wp.cw_mul(path.throughput, caustic)
 
             # ---- BSDF sampling and roulette
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)

@@ -117,7 +117,9 @@ def make_place_in_medium(features: Features) -> wp.Function:
 
 
 @specialised(
-    "clamped", "regularized", "light_tree", "light_groups", *make_place_in_medium.fields, *make_light_in_medium.fields
+    *("clamped", "regularized", "caustics", "light_tree", "light_groups"),
+    *make_place_in_medium.fields,
+    *make_light_in_medium.fields,
 )
 def make_scatter_in_medium(features: Features) -> wp.Function:
     """Return the stage (scene, path, segment, hit, u_light, u_phase, settings) -> PathState.
@@ -158,6 +160,8 @@ def make_scatter_in_medium(features: Features) -> wp.Function:
         path.scatter_pdf = phase(wp.dot(forward, path.ray.direction), segment.g)
         if wp.static(features.tells_blurred):
             path.was_blurred = True
+        if wp.static(features.caustics):
+            path.has_gathered = False
 
         # Roulette begins below a throughput of 1 only: paths in milk scatter hundreds of times and must survive.
         survival = wp.min(wp.max(path.throughput) * path.eta_scale, 1.0)

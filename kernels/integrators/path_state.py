@@ -6,6 +6,7 @@ import warp as wp
 
 from wrt.kernels.core.bsdf import Bsdf
 from wrt.kernels.core.features import Features
+from wrt.kernels.core.photon_map import PhotonMap
 from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import Ray, Receiver
 from wrt.kernels.core.scene_data import BodyStack
@@ -22,7 +23,7 @@ BEHIND_LIGHT = wp.constant(1.00001)
 
 @wp.struct
 class PathSettings:
-    """Settings that need no kernel of their own."""
+    """Settings that need no kernel of their own, and the photons that paths gather if `Features.caustics`."""
 
     max_depth: int
     max_scatterings: int  # events in media, which max_depth does not count
@@ -34,6 +35,7 @@ class PathSettings:
     clamp_indirect: float  # upper bound on indirect radiance, per channel
     widening: float  # variance that slopes of rough surfaces gain once the path was scattered by what is not smooth
     hides_lights: int  # whether camera rays do not see the environment and lights without triangles
+    photon_map: PhotonMap
 
 
 @wp.struct
@@ -66,8 +68,9 @@ class PathState:
     `depth` counts the surfaces that scattered the path, and `medium_scatterings` the points in media.
     While indirect light is clamped, `direct_radiance` keeps the light of at most two segments once there may be more;
     the path then `is_indirect`. If Features.light_groups, `groups` and `direct_groups` have the same light by groups.
-    It `was_blurred` if anything that is not smooth scattered it, where `Features` ask for it. It
-    `is_done` once it has ended, for whatever reason.
+    It `was_blurred` if anything that is not smooth scattered it, where `Features` ask for it. It `has_gathered` if
+    photons were gathered where it was last scattered by what is not smooth. It `is_done` once it has ended, for
+    whatever reason.
     """
 
     ray: Ray
@@ -83,6 +86,7 @@ class PathState:
     direct_radiance: wp.vec3
     is_indirect: bool
     was_blurred: bool
+    has_gathered: bool
     receiver: Receiver
     medium_stack: BodyStack
     origin_gap: float

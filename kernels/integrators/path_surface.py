@@ -291,10 +291,11 @@ def russian_roulette(path: PathState, u: float) -> PathState:
 
 
 @specialised()
-def make_scatter_at_surface(features: Features) -> wp.Function:
+def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> wp.Function:
     """Return the stage (path, vertex, sample, u_roulette) -> PathState that turns a path to a sampled direction.
 
     The path is done if roulette ends it, or if shading normal and surface disagree about the side to which it leaves.
+    A path of photons runs the other way: what depends on the direction to the light depends on where it comes from.
     """
     lets_pass = features.has_holes or features.nested or bool(models_with(features.models, "straight"))
 
@@ -310,8 +311,18 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
         direction = to_world(vertex.surface.frame, sample.wi)
         # A direction along the surface, wi[2] = 0, leaves to no side.
         path.is_done = not (wp.dot(direction, vertex.surface.normal) * sample.wi[2] > 0.0)
+        if wp.static(features.caustics):
+            path.has_gathered = path.has_gathered or sample.pdf > 0.0
+        if wp.static(of_photons):
+            # With shading normals the adjoint of a BSDF is another one (Veach 1997, section 5.3).
+            came = wp.abs(vertex.wo[2]) * wp.abs(wp.dot(direction, vertex.surface.normal))
+            leaves = wp.abs(sample.wi[2]) * wp.abs(wp.dot(path.ray.direction, vertex.surface.normal))
+            path.is_done = path.is_done or not (leaves > 0.0)
+            path.throughput = path.throughput * (came / leaves)
         if wp.static(features.tangents):
             share = bump_shadow(vertex.surface, direction, side)
+            if wp.static(of_photons):
+                share = bump_shadow(vertex.surface, -path.ray.direction, 1.0)
             path.throughput = path.throughput * share
             path.is_done = path.is_done or share == 0.0
         if side > 0.0:
@@ -335,14 +346,14 @@ def make_scatter_at_surface(features: Features) -> wp.Function:
 
 
 @specialised()
-def make_sample_bsdf(features: Features) -> wp.Function:
+def make_sample_bsdf(features: Features, *, of_photons: bool = False) -> wp.Function:
     """Return the stage (path, vertex, u, u_pane, max_depth) -> PathState: on from a vertex, unless it is done.
 
     A path that goes straight through a pane passes it, as if it were not there.
     """
     panes = bool(models_with(features.models, "straight"))
     bsdf_sample, begin_indirect = make_bsdf(features.models).sample, make_begin_indirect(features)
-    scatter_at_surface = make_scatter_at_surface(features)
+    scatter_at_surface = make_scatter_at_surface(features, of_photons=of_photons)
 
     @wp.func
     @inline_stage

@@ -18,8 +18,9 @@ from wrt.kernels.bsdf import models_with
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
-from wrt.kernels.core.features import Features
+from wrt.kernels.core.features import Features, identifier
 from wrt.kernels.gradients.gradient_pass import make_gradient_kernel
+from wrt.kernels.integrators.photons import make_photon_kernel
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
@@ -35,6 +36,7 @@ FACTORIES = {
     ("wrt.kernels.render", "make_render_kernel"),
     ("wrt.kernels.regeneration", "make_regenerating_kernel"),
     ("wrt.kernels.media.bodies", "make_count_crossings"),
+    ("wrt.kernels.integrators.photons", "make_photon_kernel"),
     ("wrt.kernels.gradients.gradient_pass", "make_gradient_kernel"),
     *((f.__module__, f.__name__) for f in TABLE_KERNELS),
 }
@@ -77,8 +79,20 @@ THREE = [
 ]
 """Together all features that are on or off, and the loops of all kinds of integrators."""
 
+CAUSTICS = Features(
+    ("dielectric", "diffuse", "plastic", "thin_dielectric"),
+    False,
+    "constant",
+    media="absorbing",
+    light_shapes=ALL_LIGHTS,
+    exact="quadrics",
+    caustics=True,
+)
+"""A kernel that gathers photons, and the one that follows them."""
+
 COMPILED = [
     *THREE,
+    CAUSTICS,
     Features(
         ("diffuse", "null", "thin_dielectric"), False, "constant", aovs=True, media="absorbing", light_shapes=ALL_LIGHTS
     ),
@@ -143,11 +157,12 @@ def test_modules_compile(name, tmp_path):
 
 OTHERS = [(make_count_crossings, instances) for instances in ("none", "still", "deforming")]
 OTHERS += [(make_kernel, "ggx", "smith") for make_kernel in TABLE_KERNELS]
+OTHERS += [(make_photon_kernel, CAUSTICS)]
 
 
 @pytest.mark.machinery
-@pytest.mark.parametrize("made", OTHERS, ids=lambda made: "-".join((made[0].__name__, *made[1:])))
-def test_kernels_that_look_around_or_fill_tables_compile(made, tmp_path):
+@pytest.mark.parametrize("made", OTHERS, ids=lambda made: identifier((made[0].__name__, *made[1:])))
+def test_kernels_of_other_passes_compile(made, tmp_path):
     make_kernel, *arguments = made
     compile_for_cuda(make_kernel(*arguments).module, tmp_path)
 

@@ -133,7 +133,7 @@ def rendered(case: Case) -> wrt.Renderer:
 def wide_film(case: Case, lanes: int) -> str | None:
     """Render a case by the wide kernel of some lanes, and return the film's digest; None if there is no such kernel."""
     renderer = case.renderer()
-    if renderer.integrator not in ("path", "volpath"):
+    if renderer.integrator not in ("path", "volpath") or renderer.settings.caustics:
         return None
     kernel, threads = wide_kernel(renderer, lanes)
     _render(case, renderer, kernel, threads)
@@ -142,4 +142,7 @@ def wide_film(case: Case, lanes: int) -> str | None:
 
 def _render(case: Case, renderer: wrt.Renderer, kernel: Any, threads: int) -> None:
     for target in case.passes:
+        if renderer.settings.caustics:  # each sample has photons of its own
+            renderer._launch(target, 0.0)
+            continue
         renderer.device.launch(kernel, threads, [target, *renderer._inputs])

@@ -93,7 +93,7 @@ def general_features(features: Any) -> list[Any]:
     """
     if not features.guides and (features.aovs or features.integrator in UNLIKE_PATHS):
         return []
-    if features.media != "none" or features.clamped or features.regularized or features.cameras:
+    if features.media != "none" or features.clamped or features.regularized or features.cameras or features.caustics:
         return []
     general: dict[str, Any] = dict.fromkeys(_GENERAL, True)
     if not features.guides:

@@ -26,6 +26,12 @@ SCALAR = 1
 UNLIKE_PATHS = ("whitted", "ao", "aov")
 """Integrators whose kernels do not trace paths: they have no wide ones."""
 
+
+def has_wide(features: Any) -> bool:
+    """Return whether there is a wide kernel for these features: it follows paths that gather no photons."""
+    return features.integrator not in UNLIKE_PATHS and not features.caustics
+
+
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
 
 

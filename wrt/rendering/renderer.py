@@ -22,6 +22,7 @@ from wrt.rendering.film_aovs import Labels, labels_of
 from wrt.rendering.guides import Guides
 from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
+from wrt.rendering.photons import Photons
 from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.camera import Camera, require_camera
@@ -104,15 +105,19 @@ class Renderer(Picture):
     def _build(self, like: RenderKernel | None = None) -> None:
         """Build the scene on the device, and compile its kernel at the same time, or use one `like` that if it can."""
         has_uv = "uv" in self.settings.layers
+        caustics = self.settings.caustics
         upload = SceneUpload(
             self.scene,
             self.device,
             texture_coordinates=has_uv,
             edges="edges" in self.settings.film_layers,
             light_choice=self.light_choice,
+            caustics=caustics,
         )
-        self._choose_kernel(upload.features, like=like)
-        with self.device.compiling(self._kernel.to_compile()):
+        if caustics and upload.casters is None:
+            warn("caustics: no surface is a mirror, smooth glass or smooth plastic, so there are none", UserWarning)
+        self._choose_kernel(upload.features, upload.casters, like=like)
+        with self.device.compiling(self._to_compile()):
             self._built = upload.finish(self._kernel.read)
         del upload  # and with it copies of meshes
         self.film.require_memory()  # check again, now that the scene has taken its memory
@@ -146,7 +151,8 @@ class Renderer(Picture):
             settings: fields of `wrt.RenderSettings`, except the filter and the sampler.
 
         Raises:
-            InputError: on unusable settings, or when memory does not suffice for the film.
+            InputError: on unusable settings, on `caustics` if this renderer has none, or when memory does not suffice
+                for the film.
         """
         renderer = Renderer.__new__(Renderer)
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
@@ -154,10 +160,12 @@ class Renderer(Picture):
         renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
         if "edges" in renderer.settings.film_layers and not self._built.has_edges:
             raise InputError("the scene was built without its edges; make a new Renderer")
+        if renderer.settings.caustics and not self.settings.caustics:
+            raise InputError("caustics must be chosen before the scene is built; make a new Renderer")
         renderer._start_film()
         renderer._guides, renderer._catchers = None, Catchers(renderer) if renderer._has_catchers else None
-        renderer._choose_kernel(self._built.features, self._built.read)
-        with self.device.compiling(renderer._kernel.to_compile()):
+        renderer._choose_kernel(self._built.features, self._built.casters, self._built.read)
+        with self.device.compiling(renderer._to_compile()):
             renderer._start_kernel()
         renderer._kernel.share_wide(self._kernel)
         return renderer
@@ -183,11 +191,12 @@ class Renderer(Picture):
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
 
-    def _choose_kernel(self, features: Any, read: Any = None, like: RenderKernel | None = None) -> None:
+    def _choose_kernel(self, features: Any, casters: Any, read: Any = None, like: RenderKernel | None = None) -> None:
         """Choose the kernel for a scene with these features.
 
         Args:
             features: the features.
+            casters: what photons are aimed at, if anything.
             read: those for which the scene was uploaded, if it was.
             like: another kernel, which is used if it can render the scene.
         """
@@ -195,6 +204,13 @@ class Renderer(Picture):
         features = integrator_features(dataclasses.replace(features, **of_picture), self.integrator, self.settings)
         features = features if like is None else like.features_for(features)
         self._kernel = RenderKernel(self.device, features, self.film.width, self.film.height, read=read)
+        self._photons: Photons | None = None
+        if features.caustics:
+            self._photons = Photons(self.device, features, casters, self.seed, self.width, self.height)
+            self._photons.look_from(self.camera)
+
+    def _to_compile(self) -> list[Any]:
+        return [*self._kernel.to_compile(), *(self._photons.kernels if self._photons else ())]
 
     def _start_kernel(self) -> None:
         path = path_settings(self.scene, self.settings, self.integrator)
@@ -202,6 +218,8 @@ class Renderer(Picture):
         table = self.device.backend.array(filter_table(self.settings.filter), float, self.device.name)
         self._shared_inputs = [self._device_camera(), table, self._built.data, path]
         self._kernel.start((self._built.data, self.film.data, self.film.aovs.data))
+        if self._photons is not None:
+            self._photons.forget()
 
     def _device_camera(self) -> Any:
         return build_camera(self.camera, self.width, self.height, self.crop, device=self.device.name)
@@ -332,7 +350,15 @@ class Renderer(Picture):
         return seconds, paths
 
     def _launch(self, target: int, seconds_left: float) -> None:
-        self._kernel.launch([target, *self._inputs], seconds_left)
+        if self._photons is None:
+            self._kernel.launch([target, *self._inputs], seconds_left)
+            return
+        _, _, scene, path = self._shared_inputs
+        for sample in range(self.film.tally().least, target):
+            self._photons.provide(sample, scene, path, self.camera.shutter_open)
+            self._kernel.launch([sample + 1, *self._inputs], seconds_left)
+            if self.device.cancelled.is_set():
+                return
 
     @property
     def lanes(self) -> int:
@@ -401,6 +427,8 @@ class Renderer(Picture):
             raise InputError("the camera must have the same shutter times as before; make a new Renderer")
         self.scene.camera = camera
         self._built.look_from(camera)
+        if self._photons is not None:
+            self._photons.look_from(camera)
         self._shared_inputs[0] = self._device_camera()
         if self._catchers is not None:
             self._catchers.look_from(camera)
@@ -465,8 +493,10 @@ class Renderer(Picture):
 
         Raises:
             InputError: on an array of another shape or with values that are not finite, unknown names, or an integrator
-                that has no derivatives.
+                or caustics that have no derivatives.
         """
+        if self.settings.caustics:
+            raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
         found: dict[str, NDArray[np.float32]] = _above.gradients().gradients(self, d_image, names, spp, seed)
         return found
 
@@ -490,6 +520,8 @@ class Renderer(Picture):
     def _clear(self) -> None:
         self.film.clear()
         self.noise_estimate = NoiseEstimate(self.film)
+        if self._photons is not None:
+            self._photons.forget()
         if self._guides is not None:
             self._guides.clear()
 

@@ -135,7 +135,7 @@ class WideKernel:
     def _is_usable(self) -> bool:
         if self._possible is None:
             self._lanes = lanes_here()
-            suits = self._lanes > 0 and self._features.integrator not in compiler.UNLIKE_PATHS
+            suits = self._lanes > 0 and compiler.has_wide(self._features)
             can_launch = self._device.backend.artefacts.can_launch
             self._possible = suits and can_launch and max(map(largest_array, self._records)) <= MOST_BYTES
         return self._possible

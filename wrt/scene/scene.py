@@ -198,6 +198,8 @@ class RenderSettings(Description):
         clamp_indirect: limit of the indirect radiance of one path, W·sr⁻¹·m⁻²; biased.
         regularization: roughness r that widens rough surfaces to √(α² + r²) after the first non-specular scattering of
             a path, 0 to 1; biased.
+        caustics: whether photons bring the light that glass, mirrors and water throw; slightly biased
+            (docs/caustics.md).
         background: colour behind a transparent picture, which has no alpha channel then; exact in a PNG or JPEG,
             whatever the tone. It implies `transparent`.
         transparent: whether pictures have an alpha channel, and the camera sees neither the environment nor lights
@@ -227,6 +229,7 @@ class RenderSettings(Description):
     layers: Annotated[tuple[str, ...], _nameless(layer_names)] = ()
     clamp_indirect: Annotated[float | None, optional(partial(number, above=0.0, maximum=FLOAT32_MAX))] = None
     regularization: _Share = 0.0
+    caustics: Flag = False
     tone: Annotated[str, TONE_SCHEMA, _nameless(check_tone)] = DEFAULT_TONE
     transparent: Flag = False
     background: Annotated[ColorLike | None, optional(partial(color, maximum=1.0))] = None

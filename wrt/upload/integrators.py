@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 WITHOUT_LIGHT = ("ao", "aov")
 """Integrators that can render a scene without light."""
 
+WITH_PHOTONS = ("path", "volpath")
+"""Integrators whose paths gather photons."""
+
 WITHOUT_GROUPS = ("whitted", *WITHOUT_LIGHT)
 """Integrators that do not tell groups of lights apart."""
 
@@ -38,12 +41,20 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     """Return the integrator's name, by default "volpath" if media scatter, otherwise "path".
 
     Raises:
-        InputError: for an unlimited ray tree, and for layers of light groups that cannot be rendered.
+        InputError: for an unlimited ray tree, for layers of light groups that cannot be rendered, and for caustics that
+            cannot.
     """
     scatters = any(medium.scatters for medium in scene.media)
     name = settings.integrator or ("volpath" if scatters else "path")
     if settings.wireframe:
         name = "aov"  # there is no light to show
+    if settings.caustics:
+        if name not in WITH_PHOTONS:
+            raise InputError(f"integrator {name!r} cannot render caustics by photons; use 'path' or 'volpath'")
+        if LIGHT_GROUPS in settings.layers:
+            raise InputError("caustics by photons have no layers of light groups; leave one of the two out")
+        if any(shape.shadow_catcher for shape in scene.shapes):
+            raise InputError("caustics by photons do not fall on shadow catchers; leave one of the two out")
     if LIGHT_GROUPS in settings.layers:
         if name in WITHOUT_GROUPS:
             raise InputError(f"integrator {name!r} has no layers of light groups; use 'path' or 'volpath' for them")
@@ -77,6 +88,8 @@ def integrator_features(features: Features, integrator: str, settings: RenderSet
     features = dataclasses.replace(features, aovs=len(settings.film_layers) > grouped, light_groups=grouped)
     if "edges" in settings.film_layers:
         features = dataclasses.replace(features, edges="wires" if settings.wireframe else "surfaces")
+    if features.caustics and not (settings.caustics and integrator in WITH_PHOTONS):
+        features = dataclasses.replace(features, caustics=False)
     if integrator in ("path", "direct", "whitted") and features.media == "scattering":
         features = dataclasses.replace(features, media="absorbing")
     if integrator == "direct":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from wrt.upload.accel.geometry import corner_tangents, drawn_sides, joined, numb
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
 from wrt.upload.bodies import set_camera_bodies
+from wrt.upload.casters import CasterTable, upload_casters
 from wrt.upload.memory import SceneMemory, tree_memory
 from wrt.upload.prepare import PreparedScene
 from wrt.upload.scene_values import SceneValues
@@ -39,6 +40,7 @@ class BuiltScene:
         values: all else of the scene, which can be changed between pictures.
         device: the device.
         has_edges: whether it has the sides of triangles that are drawn as lines.
+        casters: what photons are aimed at, if anything.
     """
 
     data: Any
@@ -48,6 +50,7 @@ class BuiltScene:
     values: SceneValues
     device: Device
     has_edges: bool
+    casters: CasterTable | None
 
     def look_from(self, camera: Camera) -> None:
         """Find the bodies around a camera, in which its paths begin."""
@@ -76,6 +79,7 @@ class SceneUpload:
 
     Attributes:
         features: the features of the scene, which choose its kernel. That can be compiled while `finish` runs.
+        casters: what photons are aimed at, if anything.
     """
 
     def __init__(
@@ -86,6 +90,7 @@ class SceneUpload:
         texture_coordinates: bool = False,
         edges: bool = False,
         light_choice: str = "auto",
+        caustics: bool = False,
     ) -> None:
         """Upload all but the meshes.
 
@@ -95,9 +100,11 @@ class SceneUpload:
             texture_coordinates: whether to upload these even if no material needs them.
             edges: whether to upload which sides of triangles are drawn.
             light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
+            caustics: whether to list what photons are aimed at.
 
         Raises:
-            InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
+            InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count, or moves
+                and is to have caustics.
         """
         self._prepared = prepared = PreparedScene(scene)
         self._device, self._texture_coordinates, self._edges = device, texture_coordinates, edges
@@ -106,6 +113,10 @@ class SceneUpload:
         self._places = _Places(prepared.layout)
         self._values = SceneValues(prepared, self._places.of_shapes, self._data, device, light_choice)
         self.features = self._values.features
+        self.casters: CasterTable | None = None
+        if caustics:
+            self.casters = upload_casters(prepared.scene, prepared.layout, self._places.of_shapes, device.name)
+            self.features = replace(self.features, caustics=self.casters is not None)
 
     def finish(self, read: Any = None) -> BuiltScene:
         """Upload the meshes and build their trees.
@@ -124,7 +135,7 @@ class SceneUpload:
         if self._edges:
             data.edges = upload(drawn_sides(places.faces), int, device.name)
         world = _build_trees(data, layout, places, device)
-        built = BuiltScene(data, self.features, read, world, self._values, device, self._edges)
+        built = BuiltScene(data, self.features, read, world, self._values, device, self._edges, self.casters)
         if self._prepared.scene.camera is not None:
             built.look_from(self._prepared.scene.camera)
         return built

@@ -95,6 +95,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--port": _value("N", whole(1), "port of the page (default: the first free one from 8765 on)"),
     "--denoise": _flag("remove noise from the picture"),
     "--transparent": _flag("leave out the backdrop: the picture has an alpha channel"),
+    "--caustics": _flag("follow photons for the light that glass, mirrors and water throw; slightly biased",
+        default=None),
     "--shadow-catcher": _flag("put a mesh on ground that shows only its shadow: the picture has an alpha channel"),
     "--double-sided": _flag("show the backs of all surfaces, also of single-sided ones"),
     "--resume": _flag("continue from the --checkpoint file if it exists; of an animation, render missing frames"),
@@ -136,7 +138,7 @@ STUDIO = (
     "--size --crop --view --frame --material --background --environment --transparent --shadow-catcher --edges "
     "--wireframe --edge-width --edge-color --layers --triangles"
 )
-INTEGRATION = "--sampler --integrator --clamp-indirect --regularization"
+INTEGRATION = "--sampler --integrator --caustics --clamp-indirect --regularization"
 READING = "--define --camera --confined --strict --up --crease --point-radius --double-sided"
 
 

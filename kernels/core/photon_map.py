@@ -1,0 +1,30 @@
+"""The photons of one set as the path tracer reads them."""
+
+import warp as wp
+
+
+@wp.struct
+class Photon:
+    """Light that smooth surfaces have thrown onto one that scatters.
+
+    `towards` is the unit vector to where it came from, `normal` the geometric normal on that side. `power` is in watts;
+    `turns` counts the smooth surfaces that have reflected or refracted it.
+    """
+
+    position: wp.vec3
+    towards: wp.vec3
+    normal: wp.vec3
+    power: wp.vec3
+    turns: int
+
+
+@wp.struct
+class PhotonMap:
+    """The photons of a set by buckets: those of bucket b are `starts[b]` to `starts[b + 1]` − 1 of `photons`.
+
+    Cells of a grid, twice `radius` wide, are hashed into buckets, of which there are a power of two.
+    """
+
+    photons: wp.array(dtype=Photon)
+    starts: wp.array(dtype=int)
+    radius: float

@@ -1,0 +1,307 @@
+"""Caustics by photons: the light of a slab follows from Fresnel's equations, and pictures are those of long paths.
+
+Photons of a set serve all pixels, so errors of pixels are not independent: tests compare means of renders with several
+seeds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Report
+from numpy.typing import NDArray
+from support.fresnel import by_angles
+from support.small_scenes import finish, image_of
+from support.statistics import two_sample_z
+
+import wrt
+from wrt.kernels.bsdf import smooth_lobes
+from wrt.rendering.part import Part
+
+Array = NDArray[np.floating[Any]]
+
+SIZE = 16
+SEEDS = 8
+
+BIAS = 0.003
+"""A bound on the bias of a picture's mean in the scenes below, relative to it: photons blur over its edges."""
+
+
+def floor(material: wrt.Material | None = None, half: float = 4.0) -> wrt.Shape:
+    mesh = wrt.quad((-half, 0.0, half), (2.0 * half, 0.0, 0.0), (0.0, 0.0, -2.0 * half))
+    return wrt.Shape(mesh, material or wrt.Diffuse(0.5))
+
+
+def lamp() -> wrt.Shape:
+    return wrt.Shape(wrt.quad((0.2, 3.0, -0.8), (1.6, 0.0, 0.0), (0.0, 0.0, 1.6)), wrt.Diffuse(0.0), emission=2.5)
+
+
+def scene_of(*parts: wrt.Shape | wrt.Light, environment: Any = None) -> wrt.Scene:
+    camera = wrt.PerspectiveCamera((0.0, 3.0, 4.0), (0.0, 0.3, 0.0), fov_degrees=40.0)
+    scene = wrt.Scene(environment=environment, camera=camera)
+    for part in parts:
+        if isinstance(part, wrt.Shape):
+            scene.shapes.append(part)
+        else:
+            scene.lights.append(part)
+    return scene
+
+
+def block(material: wrt.Material, bottom: float = 0.4) -> wrt.Shape:
+    return wrt.Shape(wrt.box((-0.5, bottom, -0.5), (0.5, bottom + 1.0, 0.5)), material)
+
+
+def ball(material: wrt.Material | None = None, *, exact: bool = False) -> wrt.Shape:
+    return wrt.Shape(wrt.sphere((0.0, 0.9, 0.0), 0.6, subdivisions=2, exact=exact), material or wrt.Dielectric())
+
+
+def means(make: Callable[[], wrt.Scene], spp: int, seeds: int = SEEDS, **options: Any) -> Array:
+    """Return the mean radiance of renders with as many seeds."""
+    options = {"width": SIZE, "height": SIZE, "sampler": "independent", "max_depth": 10, **options}
+    return np.array([image_of(wrt.Renderer(make(), seed=seed, **options), spp).mean() for seed in range(seeds)])
+
+
+def deviation(a: Array, b: Array | float, bias: float = 0.0) -> float:
+    """Return how far the means of renders are apart beyond a relative bias, in standard errors."""
+    other = np.atleast_1d(b)
+    spread = other.var(ddof=1) / len(other) if len(other) > 1 else 0.0
+    difference = max(abs(a.mean() - other.mean()) - bias * other.mean(), 0.0)
+    count = float(len(other)) if len(other) > 1 else np.inf
+    return float(two_sample_z(difference, a.var(ddof=1) / len(a), 0.0, spread, n_a=len(a), n_b=count))
+
+
+# --- The light is right ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("what", "degrees"), [("slab", 0.0), ("slab", 60.0), ("water", 60.0)])
+def test_light_comes_through_as_fresnel_says(what: str, degrees: float, report: Report) -> None:
+    """Below a slab, with inner reflections, (1 − R) / (1 + R) of the light arrive, below a single surface 1 − R.
+
+    The path tracer finds none of it.
+    """
+    angle = np.radians(degrees)
+    sun = wrt.DirectionalLight((np.sin(angle), -np.cos(angle), 0.0), 1.0)
+
+    def make() -> wrt.Scene:
+        # A dark floor: of its light the slab would reflect some back.
+        mesh = wrt.box((-2.0, 0.6, -2.0), (2.0, 0.8, 2.0))
+        if what == "water":
+            mesh = wrt.quad((-2.0, 0.6, 2.0), (4.0, 0.0, 0.0), (0.0, 0.0, -4.0))
+        scene = scene_of(floor(wrt.Diffuse(1e-3), 0.8), wrt.Shape(mesh, wrt.Dielectric(ior=1.5)), sun)
+        scene.camera = wrt.PerspectiveCamera((0.0, 0.5, 0.01), (0.0, 0.0, 0.0), fov_degrees=60.0)
+        return scene
+
+    reflectance = float(by_angles(max(np.cos(angle), 1e-6) if degrees else 1.0 - 1e-9, 1.5))
+    inner = reflectance if what == "slab" else 0.0
+    expected = 1e-3 / np.pi * np.cos(angle) * (1.0 - reflectance) / (1.0 + inner)
+    found = means(make, 48, caustics=True, max_depth=20)
+    report(f"irradiance below {what}", found.mean() / expected, 1.0)
+    assert found.std() < 0.03 * expected
+    assert deviation(found, expected) < 3.5
+    assert means(make, 8, 1)[0] < 1e-4 * expected
+
+
+def smooth_normals() -> wrt.Scene:
+    return scene_of(floor(), lamp(), ball())
+
+
+def flat_ball() -> wrt.Shape:
+    mesh = wrt.sphere((0.0, 0.9, 0.0), 0.6, subdivisions=1)
+    return wrt.Shape(wrt.Mesh(mesh.vertices, mesh.faces), wrt.Dielectric())
+
+
+def closed_box() -> wrt.Scene:
+    """A glass block and a lamp in a box, seen from its middle all around: the light in it is conserved."""
+    room = wrt.box((-2.0, -0.01, -2.0), (2.0, 3.5, 2.0))
+    scene = scene_of(wrt.Shape(room, wrt.Diffuse(0.6)), lamp(), block(wrt.Dielectric()))
+    scene.camera = wrt.PanoramaCamera((0.0, 1.8, 1.0), (0.0, 1.8, 0.0))
+    return scene
+
+
+def instances() -> wrt.Scene:
+    mesh = wrt.sphere((0.0, 0.0, 0.0), 0.4, subdivisions=4)
+    places = [np.array([[1.0, 0, 0, x], [0, 1.0, 0, 0.6], [0, 0, 1.0, 0], [0, 0, 0, 1.0]]) for x in (-0.5, 0.5)]
+    return scene_of(floor(), lamp(), *(wrt.Shape(mesh, wrt.Dielectric(), transform=place) for place in places))
+
+
+def sky() -> wrt.ImageEnvironment:
+    return wrt.ImageEnvironment(np.random.default_rng(1).random((8, 16, 3)).astype(np.float32))
+
+
+TINTED = wrt.Dielectric(interior=wrt.Medium(absorption=(0.5, 1.0, 2.0)))
+
+SCENES: dict[str, Callable[[], wrt.Scene]] = {
+    "block": lambda: scene_of(floor(), lamp(), block(wrt.Dielectric())),
+    "closed box": closed_box,
+    "smooth normals": smooth_normals,
+    "exact ball": lambda: scene_of(floor(), lamp(), ball(exact=True)),
+    "mirror cylinder": lambda: scene_of(
+        floor(), lamp(), wrt.Shape(wrt.cylinder((0.0, 0.3, 0.0), (0.0, 1.2, 0.0), 0.4), wrt.Mirror())
+    ),
+    "instances": instances,
+    "plastic floor": lambda: scene_of(floor(wrt.Plastic()), lamp(), flat_ball()),
+    "pane": lambda: scene_of(
+        floor(),
+        lamp(),
+        wrt.Shape(wrt.box((-1.0, 1.6, -1.0), (1.0, 1.62, 1.0)), wrt.ThinDielectric()),
+        block(wrt.Dielectric(), 0.1),
+    ),
+    "holes": lambda: scene_of(floor(), lamp(), block(wrt.Dielectric(opacity=0.5))),
+    "tinted": lambda: scene_of(floor(), lamp(), block(TINTED)),
+    "dispersive": lambda: scene_of(floor(), lamp(), block(wrt.Dielectric(dispersion=0.05))),
+    "constant": lambda: scene_of(floor(), flat_ball(), lamp(), environment=wrt.ConstantEnvironment(0.3)),
+    "image": lambda: scene_of(floor(), flat_ball(), environment=sky()),
+    "shapes": lambda: scene_of(
+        floor(),
+        flat_ball(),
+        wrt.SphereLight((1.0, 3.0, 0.0), 0.7, 5.0),
+        wrt.RectangleLight((-1.0, 3.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, 0.5), 5.0),
+    ),
+    "sun": lambda: scene_of(floor(), flat_ball(), wrt.DirectionalLight((0.3, -1.0, 0.1), 3.0, angle_degrees=20.0)),
+    "fog": lambda: fog(),
+}
+
+
+def fog() -> wrt.Scene:
+    """Light that the glass throws into fog stays with the path; photons have what reaches the floor."""
+    mist = wrt.Null(interior=wrt.Medium(scattering=0.2, absorption=0.1))
+    box = wrt.Shape(wrt.box((-2.0, 0.02, -2.0), (2.0, 2.5, 2.0)), mist)
+    return scene_of(floor(), lamp(), box, block(wrt.Dielectric()))
+
+
+@pytest.mark.parametrize(
+    "name", [name if name == "block" else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
+)
+def test_photons_bring_the_light_that_long_paths_find(name: str, report: Report) -> None:
+    spp = 32 if name == "block" else 128
+    ours, theirs = means(SCENES[name], spp, caustics=True), means(SCENES[name], 16 * spp)
+    report(f"mean radiance, {name}", ours.mean() / theirs.mean(), 1.0)
+    assert max(ours.std(), theirs.std()) < 0.03 * theirs.mean()
+    assert deviation(ours, theirs, BIAS) < 3.5
+    short = means(SCENES[name], spp, 2, max_depth=2)
+    assert short.mean() < 0.995 * theirs.mean()  # so there is light to find
+
+
+def test_a_path_is_as_long_with_photons_as_without(report: Report) -> None:
+    """Of the light through two sides of a block, which takes four segments, a depth of three shows nothing."""
+    for depth in (3, 4):
+        ours, theirs = (
+            means(SCENES["block"], spp, max_depth=depth, caustics=c) for c, spp in ((True, 32), (False, 512))
+        )
+        report(f"mean radiance at depth {depth}", ours.mean() / theirs.mean(), 1.0)
+        assert deviation(ours, theirs, BIAS) < 3.5
+
+
+def test_models_say_what_turns_light() -> None:
+    found = {
+        name: smooth_lobes(name) for name in ("diffuse", "null", "mirror", "dielectric", "thin_dielectric", "plastic")
+    }
+    assert list(found.values()) == ["none", "none", "all", "all", "all", "some"]
+
+
+# --- Bits ------------------------------------------------------------------------------------------
+
+
+def renderer(**options: Any) -> wrt.Renderer:
+    options = {"width": 24, "height": 16, "seed": 3, "caustics": True, "max_depth": 10, **options}
+    return wrt.Renderer(SCENES["block"](), **options)
+
+
+@pytest.fixture(scope="module")
+def expected() -> Array:
+    image: Array = image_of(renderer(), 6)
+    return image
+
+
+def test_threads_slices_passes_and_seeds(expected: Array, monkeypatch: pytest.MonkeyPatch) -> None:
+    np.testing.assert_array_equal(image_of(renderer(threads=3), 6), expected)
+    np.testing.assert_array_equal(image_of(renderer(), 1, 2, 5, 6), expected)
+    assert (image_of(renderer(seed=4), 6) != expected).any()
+    monkeypatch.setattr("wrt.slices.SLICES_PER_THREAD", 97)
+    np.testing.assert_array_equal(image_of(renderer(), 6), expected)
+
+
+def test_crops_parts_and_resumed_pictures(expected: Array, tmp_path: Path) -> None:
+    cropped = image_of(renderer(crop=(5, 3, 17, 12)), 6)
+    np.testing.assert_array_equal(cropped, expected[3:12, 5:17])
+    finish(renderer(), 4).save_checkpoint(tmp_path / "a.ckpt")
+    resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", SCENES["block"]())
+    assert resumed.settings.caustics
+    np.testing.assert_array_equal(image_of(resumed, 6), expected)
+    parts: list[Part] = [renderer().part(number, 2, spp=6) for number in (1, 2)]
+    np.testing.assert_array_equal(wrt.merge(parts).image(), expected)
+    with pytest.raises(wrt.InputError, match="caustics"):
+        renderer(caustics=False).load_checkpoint(tmp_path / "a.ckpt")
+
+
+def test_an_interrupted_pass_goes_on_where_it_was(expected: Array, monkeypatch: pytest.MonkeyPatch) -> None:
+    half = renderer(threads=2)
+    backend = half.device.backend
+    launch, launches = backend.launch, itertools.count()
+
+    def interrupted(*args: Any, **kwargs: Any) -> None:
+        if next(launches) == 40:
+            raise KeyboardInterrupt
+        launch(*args, **kwargs)
+
+    monkeypatch.setattr(backend, "launch", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        finish(half, 6)
+    monkeypatch.setattr(backend, "launch", launch)
+    assert half.film.counts.min() < 6
+    np.testing.assert_array_equal(image_of(half, 6), expected)
+
+
+def test_pixels_that_stop_before_others(expected: Array) -> None:
+    """Those of an adaptive render have the samples of their counts."""
+    adaptive = renderer(width=64, height=32)
+    finish(adaptive, noise=0.25, adaptive=True)
+    counts = adaptive.film.counts
+    for count in np.unique(counts):
+        whole = image_of(renderer(width=64, height=32), int(count))
+        np.testing.assert_array_equal(adaptive.image()[counts == count], whole[counts == count])
+
+
+def test_another_camera_and_a_shared_scene(expected: Array) -> None:
+    moved = finish(renderer(), 2)
+    moved.set_camera(wrt.PerspectiveCamera((0.0, 5.0, 4.0), (0.0, 0.3, 0.0)))
+    moved.set_camera(SCENES["block"]().camera)
+    np.testing.assert_array_equal(image_of(moved, 6), expected)
+    np.testing.assert_array_equal(image_of(moved.sharing(), 6), expected)
+    plain = moved.sharing(caustics=False)
+    np.testing.assert_array_equal(image_of(plain, 6), image_of(renderer(caustics=False), 6))
+    with pytest.raises(wrt.InputError, match="make a new Renderer"):
+        plain.sharing(caustics=True).sharing(caustics=True)
+
+
+# --- What it refuses -------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_what_cannot_be_rendered_is_said_before() -> None:
+    for name in ("direct", "whitted", "ao", "aov"):
+        with pytest.raises(wrt.InputError, match=f"integrator '{name}' cannot render caustics by photons"):
+            renderer(integrator=name)
+    scene = SCENES["block"]()
+    scene.camera = wrt.PerspectiveCamera((0.0, 3.0, 4.0), (0.0, 0.3, 0.0), shutter_open=0.0, shutter_close=1.0)
+    moves = wrt.Motion.translation((1.0, 0.0, 0.0))
+    scene.shapes.append(wrt.Shape(wrt.box(), transform=moves))
+    with pytest.raises(wrt.InputError, match="must stand still while the shutter is open"):
+        wrt.Renderer(scene, caustics=True)
+    with pytest.raises(wrt.InputError, match="no layers of light groups"):
+        renderer(layers=("light_groups",))
+    with pytest.raises(wrt.InputError, match="have no derivatives"):
+        renderer().gradients(np.ones((16, 24, 3)))
+    caught = SCENES["block"]()
+    caught.shapes[0] = dataclasses.replace(caught.shapes[0], shadow_catcher=True)
+    with pytest.raises(wrt.InputError, match="do not fall on shadow catchers"):
+        wrt.Renderer(caught, caustics=True)
+    with pytest.warns(UserWarning, match="no surface is a mirror"):
+        without = wrt.Renderer(scene_of(floor(), lamp()), width=4, height=4, caustics=True)
+    assert without._photons is None

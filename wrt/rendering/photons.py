@@ -1,0 +1,97 @@
+"""Sets of photons, one for each sample of the pixels: sample i of any pixel gathers those of set i.
+
+A set is a function of the seed and its number, so pictures do not depend on passes, crops or what was resumed. Radii
+shrink from set to set as by Knaus and Zwicker, "Progressive photon mapping: a probabilistic approach" (2011), eq. 20:
+r² falls with the number n of sets as n^(ALPHA − 1), which leaves neither noise nor bias in the limit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wrt.backend.device import Device
+from wrt.linalg import norm
+from wrt.scene.camera import Camera, OrthographicCamera
+
+if TYPE_CHECKING:
+    from wrt.upload.casters import CasterTable
+
+ALPHA = 2.0 / 3.0
+"""The balance of noise and bias; both fall alike for 2/3."""
+
+FIRST_RADIUS = 2.0
+"""Radius of the first set, pixels at the distance of what throws caustics."""
+
+LARGEST_RADIUS = 0.05
+"""Most of it, as a share of the size of what throws caustics."""
+
+FEWEST, MOST = 1 << 14, 1 << 20
+"""Photons of a set, which otherwise has one for each pixel of the whole picture: they take about as long as paths."""
+
+
+def squared_shrinkage(number: int) -> float:
+    """Return by how much r² of set `number`, counted from 0, is less than that of the first."""
+    # The product of (i + α) / (i + 1) for i from 1 to `number`
+    log = math.lgamma(number + 1.0 + ALPHA) - math.lgamma(1.0 + ALPHA) - math.lgamma(number + 2.0)
+    return math.exp(log)
+
+
+class Photons:
+    """The photons of the current set.
+
+    Attributes:
+        kernels: the kernels that follow and arrange photons.
+    """
+
+    def __init__(self, device: Device, features: Any, casters: CasterTable, seed: int, width: int, height: int) -> None:
+        """Take what photons are aimed at, and the size of the whole picture in pixels.
+
+        Raises:
+            InputError: when memory does not suffice.
+        """
+        backend = device.backend
+        self.kernels = [
+            backend.call("wrt.kernels.integrators.photons", "make_photon_kernel", features),
+            backend.kernels("wrt.kernels.integrators.gathering").arrange_photons,
+        ]
+        self._device, self._casters, self._seed = device, casters, seed
+        self._size = width, height
+        self._count = min(max(width * height, FEWEST), MOST)
+        photon = backend.kernels("wrt.kernels.core.photon_map").Photon
+        device.require_memory(2 * self._count * photon.numpy_dtype().itemsize, "a set of photons")
+        self._found, self._arranged = (backend.empty(self._count, photon, device.name) for _ in range(2))
+        self._keys = backend.empty(self._count, "int64", device.name)
+        buckets = 1 << (self._count - 1).bit_length()
+        self._starts = backend.empty(buckets + 1, "int32", device.name)
+        self._number: int | None = None
+        self._first_radius = 0.0
+
+    def look_from(self, camera: Camera) -> None:
+        """Choose the first radius for a camera."""
+        pixel = min(camera.film(*self._size)["pixel"])
+        if not isinstance(camera, OrthographicCamera):
+            distance = norm(self._casters.center - np.asarray(camera.origin, np.float64))
+            pixel *= max(distance, 0.25 * self._casters.size)
+        self._first_radius = min(FIRST_RADIUS * pixel, LARGEST_RADIUS * self._casters.size)
+        self._number = None
+
+    def forget(self) -> None:
+        """Follow the photons anew, as the scene has changed."""
+        self._number = None
+
+    def provide(self, number: int, scene: Any, settings: Any, time: float) -> None:
+        """Have the photons of set `number` in the kernels' PathSettings."""
+        if self._number == number:
+            return
+        self._number = None
+        photon_map, backend, (follow, arrange) = settings.photon_map, self._device.backend, self.kernels
+        photon_map.photons, photon_map.starts = self._arranged, self._starts
+        photon_map.radius = self._first_radius * math.sqrt(squared_shrinkage(number))
+        inputs = [number, self._seed, time, scene, settings, self._casters.data, self._found, self._keys]
+        self._device.launch(follow, self._count, inputs)
+        keys = backend.array(np.sort(backend.fetch(self._keys)), "int64", self._device.name)
+        self._device.launch(arrange, self._count + 1, [keys, self._found, self._arranged, self._starts])
+        self._number = number

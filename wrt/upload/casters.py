@@ -1,0 +1,108 @@
+"""What photons are aimed at: the triangles and exact shapes that reflect or refract light in one direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrt.backend import current_backend
+from wrt.errors import InputError
+from wrt.linalg import norm
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.materials import Material
+from wrt.scene.mesh import Mesh
+from wrt.scene.scene import Scene
+from wrt.upload.accel.instancing import Layout
+from wrt.upload.lights.choice import make_alias_table
+from wrt.upload.materials import model_name
+
+AIMED_AT = {"all": 1.0, "some": 0.1, "none": 0.0}
+"""Photons by area for the `smooth_lobes` of a material: a coat reflects a few percent of the light."""
+
+_MARGIN = 1e-3
+"""By what share of its size the box exceeds the scene, as photons start on it."""
+
+
+@dataclass(frozen=True)
+class CasterTable:
+    """The surfaces that throw caustics.
+
+    Attributes:
+        data: the Casters struct that the photon kernel takes.
+        center: (3,) centre of the box around them.
+        size: its diagonal, metres.
+    """
+
+    data: Any
+    center: NDArray[np.float64]
+    size: float
+
+
+def share_of_photons(material: Material) -> float:
+    """Return how many photons a material gets by its area, relative to glass."""
+    if material.parts:
+        return max(share_of_photons(part) for part in material.parts)
+    lobes: str = current_backend().call("wrt.kernels.bsdf", "smooth_lobes", model_name(material))
+    return AIMED_AT[lobes]
+
+
+def upload_casters(scene: Scene, layout: Layout, first_triangles: NDArray[np.int64], device: str) -> CasterTable | None:
+    """Return the casters of a scene that stands still, or None if nothing throws caustics.
+
+    Args:
+        scene: the scene.
+        layout: the layout of its shapes.
+        first_triangles: (shapes,) number of each shape's first triangle.
+        device: the name of the device.
+
+    Raises:
+        InputError: if any shape moves or deforms while the shutter is open.
+    """
+    if layout.kind in ("moving", "deforming"):
+        raise InputError("caustics: shapes must stand still while the shutter is open; render without motion blur")
+    meshes: list[tuple[int, int, Mesh]] = [
+        (number, 0, mesh) for number, mesh in zip(layout.world_shapes, layout.world_meshes, strict=True)
+    ]
+    for each in layout.instances:
+        placed = layout.shared[each.mesh].keys[0].transformed(each.transform)  # type: ignore[arg-type]
+        meshes.append((each.shape, layout.instance_numbers[each.shape], placed))
+    k = current_backend().kernels("wrt.kernels.integrators.photons")
+    records, weights, corners = [], [], []
+    for shape, instance, mesh in meshes:
+        share = share_of_photons(scene.shapes[shape].material)
+        if share == 0.0:
+            continue
+        rows = np.zeros(len(mesh.faces), k.Caster.numpy_dtype())
+        rows["triangle"] = first_triangles[shape] + np.arange(len(rows))
+        rows["instance"], rows["shape"] = instance, shape
+        records.append(rows)
+        weights.append(share * _areas(mesh))
+        corners.append(mesh.bounds)
+    if not records or not sum(each.sum() for each in weights) > 0.0:
+        return None
+    table = make_alias_table(np.concatenate(weights))
+    joined = np.concatenate(records)
+    joined["probability"] = table.probabilities
+    backend, data = current_backend(), k.Casters()
+    data.records = backend.array(joined, k.Caster, device)
+    data.thresholds = backend.array(table.thresholds, float, device)
+    data.aliases = backend.array(table.aliases, int, device)
+    low, high = scene.bounds
+    margin = _MARGIN * norm(high - low)
+    data.low, data.high = low - margin, high + margin
+    box = np.concatenate(corners)
+    low, high = box.min(axis=0), box.max(axis=0)
+    return CasterTable(data, 0.5 * (low + high), norm(high - low))
+
+
+def _areas(mesh: Mesh) -> NDArray[np.float64]:
+    """Return (T,) float64 areas of triangles or exact shapes, square metres."""
+    if isinstance(mesh, Analytic):
+        return mesh.areas
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas: NDArray[np.float64] = 0.5 * np.linalg.norm(across, axis=1)
+    return areas
