@@ -55,4 +55,5 @@ class Search:
 PICTURES: dict[str, Drawing] = {
     "inverse-texture": Search("texture", (0, 10, 150)),
     "inverse-lamps": Search("lamps", (0, 10, 100)),
+    "inverse-metal": Search("metal", (0, 10, 100)),
 }
