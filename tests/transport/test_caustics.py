@@ -6,6 +6,7 @@ seeds.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 from collections.abc import Callable
@@ -302,6 +303,13 @@ def test_what_cannot_be_rendered_is_said_before() -> None:
     caught.shapes[0] = dataclasses.replace(caught.shapes[0], shadow_catcher=True)
     with pytest.raises(wrt.InputError, match="do not fall on shadow catchers"):
         wrt.Renderer(caught, caustics=True)
+    sunk = block(wrt.Dielectric(interior=wrt.Medium(absorption=(0.5, 0.2, 0.1))))
+    for height in (0.9, 2.5):
+        bulb = wrt.Shape(wrt.sphere((0.0, height, 0.0), 0.1), wrt.Diffuse(0.0), emission=1.0)
+        for light in (wrt.PointLight((0.0, height, 0.0), power=1.0), bulb):
+            refused = pytest.raises(wrt.InputError, match="lies inside another body")
+            with refused if height < 2.0 else contextlib.nullcontext():
+                wrt.Renderer(scene_of(floor(), sunk, light), width=4, height=4, caustics=True)
     with pytest.warns(UserWarning, match="no surface is a mirror"):
         without = wrt.Renderer(scene_of(floor(), lamp()), width=4, height=4, caustics=True)
     assert without._photons is None

@@ -1,10 +1,11 @@
-"""Upload the bodies of a scene and their media, and find the bodies around the camera."""
+"""Upload the bodies of a scene and their media, and find the bodies around a point."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
@@ -20,8 +21,8 @@ from wrt.upload.arrays import packed
 from wrt.upload.grids import upload_media
 from wrt.values import Vec3
 
-CAMERA_RAYS = 15
-"""Rays that test whether the camera is inside a body; the majority decides."""
+VOTES = 15
+"""Rays that test whether a point is inside a body; the majority decides."""
 
 
 class BodyTable:
@@ -115,25 +116,32 @@ def _check_outer(scene: Scene, medium: Medium) -> None:
 
 
 def set_camera_bodies(data: Any, table: BodyTable, camera: Camera, geometry: str, device: Device) -> None:
-    """Write the bodies around the camera into a SceneData struct, outermost first, one for each surface around it.
-
-    A ray from inside a closed surface leaves it once more often than it enters it. A ray can also pass through a hole
-    in an open surface, so several rays vote: the camera is inside if more than half of them leave. The struct must be
-    complete otherwise; `geometry` is as in Features.
-    """
+    """Write the bodies around the camera into a SceneData struct; the arguments are those of `bodies_around`."""
     if not table.records:
         return
-    backend = current_backend()
-    most_bodies = backend.kernels("wrt.kernels.core.scene_data").MOST_BODIES
+    most_bodies = current_backend().kernels("wrt.kernels.core.scene_data").MOST_BODIES
     origin = np.asarray(camera.origin, np.float64)
     if camera.motion is not None:
         origin = product(camera.motion.at(camera.shutter_open), [*origin, 1.0])[:3]
-    exits = backend.zeros((CAMERA_RAYS, len(table.records)), int, device.name)
-    last_exits = backend.zeros((CAMERA_RAYS, len(table.records)), float, device.name)
-    inputs = [CAMERA_RAYS, data, tuple(map(float, origin)), float(camera.shutter_open), exits, last_exits]
-    device.launch(backend.call("wrt.kernels.media.bodies", "make_count_crossings", geometry), CAMERA_RAYS, inputs)
-    counts = np.median(exits.numpy(), axis=0).astype(int)
-    distances = np.median(last_exits.numpy(), axis=0)
-    around = [int(body) for body in np.argsort(-distances, kind="stable") for _ in range(max(counts[body], 0))]
+    around = bodies_around(data, table, origin, camera.shutter_open, geometry, device)
     numbers = [body + 1 for body in around[-most_bodies:]]
     data.inside_at_camera = tuple(numbers + [0] * (most_bodies - len(numbers)))
+
+
+def bodies_around(
+    data: Any, table: BodyTable, point: NDArray[np.float64], time: float, geometry: str, device: Device
+) -> list[int]:
+    """Return the numbers of the bodies around a point, outermost first, one for each surface around it.
+
+    A ray from inside a closed surface leaves it once more often than it enters it. A ray can also pass through a hole
+    in an open surface, so several rays vote: the point is inside if more than half of them leave. The struct must be
+    complete otherwise; `geometry` is as in Features.
+    """
+    backend = current_backend()
+    exits = backend.zeros((VOTES, len(table.records)), int, device.name)
+    last_exits = backend.zeros((VOTES, len(table.records)), float, device.name)
+    inputs = [VOTES, data, tuple(map(float, point)), float(time), exits, last_exits]
+    device.launch(backend.call("wrt.kernels.media.bodies", "make_count_crossings", geometry), VOTES, inputs)
+    counts = np.median(exits.numpy(), axis=0).astype(int)
+    distances = np.median(last_exits.numpy(), axis=0)
+    return [int(body) for body in np.argsort(-distances, kind="stable") for _ in range(max(counts[body], 0))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,6 +97,19 @@ def upload_casters(scene: Scene, layout: Layout, first_triangles: NDArray[np.int
     box = np.concatenate(corners)
     low, high = box.min(axis=0), box.max(axis=0)
     return CasterTable(data, 0.5 * (low + high), norm(high - low))
+
+
+def light_places(scene: Scene) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield the name and one point, (3,), of each light that is not infinitely far away."""
+    for number, light in enumerate(scene.lights, 1):
+        corners = light.extent().corners
+        if corners is not None:
+            yield light.name or f"light {number}", np.mean(corners, axis=0, dtype=np.float64)
+    for number, shape in enumerate(scene.shapes, 1):
+        if shape.emits:
+            mesh = shape.mesh_at(0.0)
+            points = mesh.bounds if isinstance(mesh, Analytic) else mesh.vertices[mesh.faces[0]]
+            yield shape.name or f"shape {number}", points.mean(axis=0, dtype=np.float64)
 
 
 def _areas(mesh: Mesh) -> NDArray[np.float64]:

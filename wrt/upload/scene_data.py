@@ -10,6 +10,7 @@ import numpy as np
 from wrt.backend import current_backend
 from wrt.backend.device import Device
 from wrt.backend.memory import MEMORY_ADVICE
+from wrt.errors import InputError
 from wrt.scene.camera import Camera
 from wrt.scene.mesh import columns
 from wrt.scene.scene import Scene
@@ -17,8 +18,8 @@ from wrt.upload.accel.bvh import build_bvh
 from wrt.upload.accel.geometry import corner_tangents, drawn_sides, joined, numbered, upload, upload_triangles
 from wrt.upload.accel.instancing import Layout
 from wrt.upload.accel.scene_instances import place
-from wrt.upload.bodies import set_camera_bodies
-from wrt.upload.casters import CasterTable, upload_casters
+from wrt.upload.bodies import bodies_around, set_camera_bodies
+from wrt.upload.casters import CasterTable, light_places, upload_casters
 from wrt.upload.memory import SceneMemory, tree_memory
 from wrt.upload.prepare import PreparedScene
 from wrt.upload.scene_values import SceneValues
@@ -138,7 +139,15 @@ class SceneUpload:
         built = BuiltScene(data, self.features, read, world, self._values, device, self._edges, self.casters)
         if self._prepared.scene.camera is not None:
             built.look_from(self._prepared.scene.camera)
+        if self.casters is not None and self.features.bodies:
+            self._require_photons_outside(data)
         return built
+
+    def _require_photons_outside(self, data: Any) -> None:
+        """Raise InputError if any light is in a body, where photons would begin as if in the open."""
+        for name, point in light_places(self._prepared.scene):
+            if bodies_around(data, self._values.bodies, point, 0.0, self.features.geometry, self._device):
+                raise InputError(f"caustics: {name} lies inside another body; render without caustics")
 
 
 class _Places:
