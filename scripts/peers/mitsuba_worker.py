@@ -111,6 +111,26 @@ class MitsubaWorker:
         self.image = np.array(self.mi.render(self.scene, spp=spp, seed=1_000_003 * (seed + 1)))
         return time.perf_counter() - started
 
+    def gradients(self, d_image: Any, names: list[str], spp: int, seed: int) -> dict[str, Any]:
+        """Return the derivatives of a loss by parameters."""
+        import drjit as dr
+        import numpy as np
+
+        parameters = self.mi.traverse(self.scene)
+        # Copies: an environment replaces what it is given by an image with other borders, which is no leaf.
+        leaves = {name: type(parameters[name])(parameters[name]) for name in names}
+        for name, leaf in leaves.items():
+            dr.enable_grad(leaf)
+            parameters[name] = leaf
+        parameters.update()
+        seeds = {"seed": 1_000_003 * (seed + 1), "spp": spp}
+        self.scene.integrator().render_backward(self.scene, parameters, self.mi.TensorXf(d_image), sensor=0, **seeds)
+        found = {name: np.array(dr.grad(leaf)) for name, leaf in leaves.items()}
+        for name, leaf in leaves.items():
+            parameters[name] = dr.detach(leaf)
+        parameters.update()
+        return found
+
     def picture(self) -> Any:
         """Return (H, W, 3) float32."""
         return self.image

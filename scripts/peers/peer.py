@@ -80,10 +80,12 @@ class Environments:
     Attributes:
         pythons: the Python that runs a renderer, by the first part of its name ("cycles"); by default this one.
         llvm: folder below which the library of LLVM is.
+        more: environment variables beside those of this process.
     """
 
     pythons: dict[str, str] = field(default_factory=dict)
     llvm: Path | None = None
+    more: dict[str, str] = field(default_factory=dict)
 
     def python(self, peer: Peer) -> str:
         """Return the Python in whose environment a renderer is installed."""
@@ -91,7 +93,7 @@ class Environments:
 
     def variables(self, peer: Peer) -> dict[str, str]:
         """Return the environment variables of a renderer's process."""
-        result = dict(os.environ)
+        result = dict(os.environ) | self.more
         # Installed packages are compiled to bytecode; a checkout should be, too, after its first run.
         result.pop("PYTHONDONTWRITEBYTECODE", None)
         if self.llvm is not None and peer.script == "mitsuba_worker.py":

@@ -33,6 +33,9 @@ class Worker(Protocol):
     def render(self, spp: int, seed: int) -> float:
         """Render a new picture and return the seconds."""
 
+    def gradients(self, d_image: Any, names: list[str], spp: int, seed: int) -> dict[str, Any]:
+        """Return the derivatives of a loss by parameters; `render` need not be called before."""
+
     def picture(self) -> Any:
         """Return the last picture: (H, W, 3) float32, linear Rec. 709, row 0 the top."""
 
@@ -94,6 +97,14 @@ def serve(make: Callable[[Path, str], Worker]) -> None:
                 import numpy as np
 
                 np.save(question["save"], worker.picture())
+        elif question["do"] == "gradients":
+            import numpy as np
+
+            arguments = np.load(question["d_image"]), question["names"], question["spp"], question["seed"]
+            started = time.process_time()
+            found = worker.gradients(*arguments)
+            result["cpu_seconds"] = time.process_time() - started
+            np.savez(question["save"], **found)
         elif question["do"] == "memory":
             result["bytes"] = peak_memory()
         else:

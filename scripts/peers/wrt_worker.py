@@ -59,6 +59,10 @@ class WrtWorker:
         self.cpu_seconds = time.process_time() - cpu_started
         return time.perf_counter() - started
 
+    def gradients(self, d_image: Any, names: list[str], spp: int, seed: int) -> dict[str, Any]:
+        """Return the derivatives of a loss by parameters."""
+        return self.renderer.gradients(d_image, names, spp=spp, seed=seed)
+
     def picture(self) -> Any:
         """Return (H, W, 3) float32."""
         return self.renderer.image()

@@ -8,10 +8,13 @@ import benchmark
 import mutate
 import numpy as np
 import pytest
-from benchmarks import agreement, measure, render, report
+from benchmarks import agreement, gradients, measure, render, report
 from conftest import ROOT
+from peers.mitsuba_scene import to_mitsuba
 from peers.picture_tests import image_z_test
 from support import statistics
+
+import wrt
 
 
 def stack(factor: float, seed: int, count: int = 6, noise: float = 0.3) -> np.ndarray:
@@ -40,6 +43,20 @@ def test_errors_are_free_of_the_noise_of_references(report):
     # Of each product the standard deviation is about sqrt(3 · 0.01² + 2 · 0.01 · 0.09 + 0.09²).
     assert error == pytest.approx(0.01, abs=4.0 * 0.1 / np.sqrt(truth.size))
     assert render.squared_error(truth, references) == pytest.approx(0.0, abs=4.0 * 0.09 / np.sqrt(truth.size))
+
+
+def test_derivatives_by_an_environment_follow_its_conversion(tmp_path):
+    """Mitsuba's image is a linear function A of wrt's, so that the derivative is Aᵀ of Mitsuba's."""
+    pytest.importorskip("mitsuba")
+    rng = np.random.default_rng(7)
+    pixels = rng.uniform(size=(4, 6, 3)).astype(np.float32)
+    scene = gradients.environment()
+    scene.environment = wrt.ImageEnvironment(pixels)
+    bitmap = to_mitsuba(scene, tmp_path, width=4, height=4, max_depth=2)["environment"]["bitmap"]
+    padded = np.pad(np.array(bitmap), ((0, 0), (1, 1), (0, 0)), mode="wrap")
+    derivative = rng.normal(size=padded.shape)
+    ours = gradients.as_ours("environment.texels", derivative, pixels.shape)
+    assert (ours * pixels).sum() == pytest.approx((derivative * padded).sum(), rel=1e-5)
 
 
 def test_commands_of_the_pages_are_understood():
