@@ -35,10 +35,11 @@ class PyVistaMesh:
     points = BOX.vertices
     faces = np.insert(BOX.faces, 0, 3, axis=1).reshape(-1)
     is_all_triangles = True
-    n_cells = len(BOX.faces)
+    n_cells, n_lines, n_verts = len(BOX.faces), 0, 0
+    active_texture_coordinates = None
 
-    def __init__(self, **data: Any) -> None:
-        self.point_data, self.cell_data = {"RGB": CODES, **data}, {}
+    def __init__(self, active: str | None = None, **data: Any) -> None:
+        self.point_data, self.cell_data, self.active_scalars_name = data or {"RGB": CODES}, {}, active
 
     def extract_surface(self) -> PyVistaMesh:
         return self
@@ -82,7 +83,7 @@ def test_unusable_objects_are_refused(source: object, message: str) -> None:
 
 def test_values_that_are_no_colors_are_named() -> None:
     with pytest.warns(wrt.InputWarning, match="'temperature' are not drawn"):
-        wrt.load(PyVistaMesh(temperature=np.zeros(8)))
+        wrt.load(PyVistaMesh("temperature", temperature=np.zeros(8)))
 
 
 def test_materials_by_name_color_and_image(tmp_path: Path) -> None:

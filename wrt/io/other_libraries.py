@@ -39,50 +39,90 @@ def as_trimesh(source: Any) -> Any:
 
 
 def _of_open3d(source: Any, kind: str) -> Any:
-    mesh = _mesh(kind, source.vertices, source.triangles, source.vertex_normals, source.vertex_colors)
-    if source.has_triangle_uvs():  # for each corner: the mesh falls into its triangles, and is joined again
-        import trimesh
-        from PIL import Image
+    """Return a mesh, or a scene of one for each of its textures, the first row of which lies at v = 0."""
+    import trimesh
 
-        corners = mesh.faces.reshape(-1)
-        normals = np.asarray(source.vertex_normals)
-        images = [image for image in map(np.asarray, source.textures) if image.size]
-        if len(images) > 1:
-            warn(f"{kind}: it has {len(images)} textures, and all of it has the first")
-        mesh = _mesh(
+    mesh = _mesh(kind, source.vertices, source.triangles, source.vertex_normals, source.vertex_colors)
+    if not source.has_triangle_uvs():
+        return mesh
+    from PIL import Image
+
+    normals, uvs = np.asarray(source.vertex_normals), np.asarray(source.triangle_uvs).reshape(-1, 3, 2)
+    numbers = np.asarray(source.triangle_material_ids)
+    numbers = numbers if len(numbers) == len(mesh.faces) else np.zeros(len(mesh.faces), int)
+    colors = mesh.visual.vertex_colors if mesh.visual.kind == "vertex" else None
+    parts = []
+    for number in np.unique(numbers):
+        # Coordinates are those of corners: the mesh falls into its triangles, and is joined again.
+        chosen = numbers == number
+        corners = mesh.faces[chosen].reshape(-1)
+        part = _mesh(
             kind,
             mesh.vertices[corners],
             np.arange(len(corners)).reshape(-1, 3),
             normals[corners] if len(normals) else None,
         )
-        image = Image.fromarray(images[0]) if images else None
-        mesh.visual = trimesh.visual.TextureVisuals(uv=np.asarray(source.triangle_uvs), image=image)
-    return mesh
+        image = source.textures[number] if number < len(source.textures) else None
+        if image is None or image.is_empty():
+            part.visual = _laid(uvs[chosen].reshape(-1, 2), None if colors is None else colors[corners])
+        else:
+            pixels = Image.fromarray(np.asarray(image)[::-1])
+            part.visual = trimesh.visual.TextureVisuals(uv=uvs[chosen].reshape(-1, 2), image=pixels)
+        parts.append(part)
+    return parts[0] if len(parts) == 1 else trimesh.Scene(parts)
 
 
 def _of_pyvista(source: Any, kind: str) -> Any:
-    """Return the surface of a data set of PyVista: points, triangles, normals, colours in RGB or RGBA."""
+    """Return the surface of a data set of PyVista: points, triangles, normals, colours and texture coordinates."""
     import trimesh
 
     if not hasattr(source, "is_all_triangles"):
-        source = source.extract_surface()
+        source = _surface(source)
+    if source.n_lines:
+        warn(f"{kind}: its lines have no surface and are left out")
+    cloud = source
     if source.n_cells and not source.is_all_triangles:
-        source = source.triangulate()
+        source = source.triangulate()  # leaves out points without faces
     points, faces = np.asarray(source.points), np.asarray(source.faces).reshape(-1, 4)[:, 1:]
-    colors = None
-    for values in (source.point_data, source.cell_data):
-        for name in values.keys():  # noqa: SIM118 - PyVista's attributes iterate over values in some versions
-            data = np.asarray(values[name])
-            if data.ndim == 2 and data.dtype == np.uint8 and data.shape[1] in (3, 4) and values is source.point_data:
-                colors = data
-            elif name not in ("Normals", "TCoords", "Texture Coordinates") and not name.startswith("vtkOriginal"):
-                warn(
-                    f"{kind}: the values {name!r} are not drawn; give colours, such as scene.add(..., material='gold')"
-                )
-    normals = source.point_data.get("Normals")
+    at_points, at_cells = source.point_data, source.cell_data
+    colors, of_faces = _colors_of(at_points), _colors_of(at_cells)
+    if (name := source.active_scalars_name) and colors is None and of_faces is None:
+        warn(f"{kind}: the values {name!r} are not drawn; give colours, such as scene.add(..., material='gold')")
     if not len(faces):
-        return trimesh.PointCloud(_rows(kind, "points", points), colors=colors)
-    return _mesh(kind, points, faces, normals, colors)
+        rows = _rows(kind, "points", cloud.points) if cloud.n_verts else ()
+        return trimesh.PointCloud(rows, colors=_colors_of(cloud.point_data))
+    mesh = _mesh(kind, points, faces, at_points.get("Normals"), colors)
+    if (uvs := source.active_texture_coordinates) is not None:
+        mesh.visual = _laid(np.asarray(uvs)[:, :2], colors)
+    elif colors is None and of_faces is not None and len(of_faces) == len(faces):  # not with lines and points before
+        mesh.visual.face_colors = of_faces
+    return mesh
+
+
+def _surface(source: Any) -> Any:
+    try:
+        return source.extract_surface(algorithm=None)
+    except TypeError:  # PyVista before 0.47
+        return source.extract_surface()
+
+
+def _colors_of(data: Any) -> NDArray[np.uint8] | None:
+    """Return the last colours, RGB or RGBA, among attributes of PyVista; None if there are none."""
+    # PyVista's attributes iterate over values in some versions.
+    arrays = [np.asarray(data[name]) for name in data.keys()]  # noqa: SIM118
+    found = [each for each in arrays if each.dtype == np.uint8 and each.ndim == 2 and each.shape[1] in (3, 4)]
+    return found[-1] if found else None
+
+
+def _laid(uvs: Any, colors: Any) -> Any:
+    """Return texture coordinates without a texture, for a material that is given later, and colours of vertices."""
+    import trimesh
+
+    visual = trimesh.visual.TextureVisuals(uv=uvs)
+    visual.material = None
+    if colors is not None:
+        visual.vertex_attributes["color"] = colors
+    return visual
 
 
 def _wrapped(source: Any) -> Any:
