@@ -92,10 +92,10 @@ def _of_pyvista(source: Any, kind: str) -> Any:
         rows = _rows(kind, "points", cloud.points) if cloud.n_verts else ()
         return trimesh.PointCloud(rows, colors=_colors_of(cloud.point_data))
     mesh = _mesh(kind, points, faces, at_points.get("Normals"), colors)
-    if (uvs := source.active_texture_coordinates) is not None:
-        mesh.visual = _laid(np.asarray(uvs)[:, :2], colors)
-    elif colors is None and of_faces is not None and len(of_faces) == len(faces):  # not with lines and points before
+    if colors is None and of_faces is not None and len(of_faces) == len(faces):  # not with lines and points before
         mesh.visual.face_colors = of_faces
+    elif (uvs := source.active_texture_coordinates) is not None:
+        mesh.visual = _laid(np.asarray(uvs)[:, :2], colors)
     return mesh
 
 
