@@ -213,7 +213,7 @@ def arrays_of(renderer: wrt.Renderer) -> dict[str, NDArray[Any]]:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in ("textures", "lamps") else pytest.mark.slow) for name in SCENES]
+    "name", [pytest.param(name, marks=() if name == "lamps" else pytest.mark.slow) for name in SCENES]
 )
 def test_values_of_scenes(name: str, report: Report) -> None:
     """Those of each array whose derivatives are largest, and some others."""

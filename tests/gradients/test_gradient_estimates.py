@@ -92,9 +92,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name == "metal" else pytest.mark.slow) for name in CASES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
 def test_means_are_those_of_difference_quotients(name: str, report: Report) -> None:
     """Of the mean of the picture, over seeds."""
     case = CASES[name]

@@ -64,6 +64,7 @@ def test_gradients_leave_the_picture_and_take_names_and_seeds(renderer):
     assert not np.array_equal(other["floor.reflectance.texels"], chosen["floor.reflectance.texels"])
 
 
+@pytest.mark.slow
 def test_a_loss_that_squares_the_noise_is_biased_by_it_unless_gradients_have_another_seed():
     """At the right emission e the derivative of Σ (I − T)² is 0; with the noise of I it is 2/e Σ Var I."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.0, 3.0), (0.0, 0.3, 0.0)))

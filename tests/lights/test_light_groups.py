@@ -99,6 +99,7 @@ def test_groups_add_up_to_the_picture_whose_bits_they_leave_alone():
     assert_sum_is_the_picture(renderer)
 
 
+@pytest.mark.slow
 def test_groups_are_clamped_as_the_picture_is():
     renderer = finish(wrt.Renderer(all_lights(), **GROUPED, clamp_indirect=0.05), 16)
     assert_sum_is_the_picture(renderer)

@@ -71,6 +71,8 @@ def _pictures(name: str, drawing: Any) -> Iterator[tuple[str, Case]]:
             yield from _pictures(f"{name}-{tile}", picture)
         return
     picture = getattr(drawing, "picture", drawing)
+    if not hasattr(picture, "make"):  # what a program writes
+        return
     height = max(1, 24 * picture.height // picture.width)
     yield name, Case(picture.make, {**picture.options, "width": 24, "height": height}, (2,))
 

@@ -80,7 +80,9 @@ def deviation(a: Array, b: Array | float, bias: float = 0.0) -> float:
 # --- The light is right ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("what", "degrees"), [("slab", 0.0), ("slab", 60.0), ("water", 60.0)])
+@pytest.mark.parametrize(
+    ("what", "degrees"), [pytest.param("slab", 0.0, marks=pytest.mark.slow), ("slab", 60.0), ("water", 60.0)]
+)
 def test_light_comes_through_as_fresnel_says(what: str, degrees: float, report: Report) -> None:
     """Below a slab, with inner reflections, (1 − R) / (1 + R) of the light arrive, below a single surface 1 − R.
 
@@ -189,6 +191,7 @@ def test_photons_bring_the_light_that_long_paths_find(name: str, report: Report)
     assert short.mean() < 0.995 * theirs.mean()  # so there is light to find
 
 
+@pytest.mark.slow
 def test_a_path_is_as_long_with_photons_as_without(report: Report) -> None:
     """Of the light through two sides of a block, which takes four segments, a depth of three shows nothing."""
     for depth in (3, 4):

@@ -72,7 +72,7 @@ class DistributedRenderer(Renderer):
         self.device.compile(current_backend().kernels("wrt.kernels.film.film").film_noise)
         self._local: Renderer | None = None
         self.spread = Spread(self._cluster, self.scene)
-        self._kernel, self._guides = _Remote(), None  # type: ignore[assignment]
+        self._kernel, self._guides, self._photons = _Remote(), None, None  # type: ignore[assignment]
         options = {name: getattr(self.settings, name) for name in SETTINGS_OF_PICTURE}
         self._options = {**options, "strategy": self.strategy, "light_choice": self.light_choice, "seed": self.seed}
         identity = identity_of(self)
