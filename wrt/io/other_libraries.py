@@ -33,7 +33,7 @@ def as_trimesh(source: Any) -> Any:
     if hasattr(source, "vertices") and hasattr(source, "faces"):
         normals, colors = getattr(source, "vertex_normals", None), getattr(source, "vertex_colors", None)
         return _mesh(kind, source.vertices, source.faces, normals, colors)
-    if hasattr(source, "points") and hasattr(source, "colors"):  # a cloud of Open3D
+    if hasattr(source, "points") and hasattr(source, "colors") and not hasattr(source, "lines"):  # a cloud of Open3D
         return trimesh.PointCloud(_rows(kind, "points", source.points), colors=_codes(kind, source.colors))
     return source
 
