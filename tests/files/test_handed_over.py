@@ -74,6 +74,7 @@ def test_anything_with_vertices_and_faces_is_a_mesh() -> None:
         (SimpleNamespace(vertices=np.zeros((3, 3)), faces=[[0, 1, 3]]), "beyond the 3"),
         (SimpleNamespace(vertices=np.zeros((3, 3)), faces=[[0.0, 1.0, 2.0]]), "whole numbers"),
         (SimpleNamespace(GetPolys=None), "pip install pyvista"),
+        (SimpleNamespace(points=np.zeros((2, 3)), colors=np.zeros((2, 3)), lines=[[0, 1]]), "expected a path"),
     ],
 )
 def test_unusable_objects_are_refused(source: object, message: str) -> None:
