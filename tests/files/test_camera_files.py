@@ -115,6 +115,7 @@ def test_pictures_name_cameras_and_give_their_size(tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_pictures_of_all_cameras_of_a_file(tmp_path, monkeypatch, capsys):
     """A triangle stays where its file has it, and each picture is that of a render with its camera."""
     monkeypatch.chdir(tmp_path)

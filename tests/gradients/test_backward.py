@@ -212,9 +212,8 @@ def arrays_of(renderer: wrt.Renderer) -> dict[str, NDArray[Any]]:
     return found
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name == "lamps" else pytest.mark.slow) for name in SCENES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
 def test_values_of_scenes(name: str, report: Report) -> None:
     """Those of each array whose derivatives are largest, and some others."""
     renderer = renderer_of(SCENES[name]())

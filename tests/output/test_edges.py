@@ -76,7 +76,9 @@ CAMERAS = {
 }
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == "fisheye" else pytest.mark.slow) for name in CAMERAS]
+)
 def test_lines_are_as_wide_where_the_film_bends_them(name, device):
     """Against the distance of random points of the film from the edges, which are projected piece by piece."""
     camera, width, count = CAMERAS[name], 4.0, 400_000

@@ -40,7 +40,7 @@ def seen(mesh: wrt.Mesh, device: str, *, side: float = 1.0, integrator: str = "p
 
 @pytest.mark.parametrize(
     ("matrix", "side", "integrator"),
-    [(TURNED, 1.0, "path"), (MIRRORED, -1.0, "path"), (MIRRORED, 1.0, "whitted")],
+    [(TURNED, 1.0, "path"), (MIRRORED, -1.0, "path"), pytest.param(MIRRORED, 1.0, "whitted", marks=pytest.mark.slow)],
 )
 def test_each_layer_has_its_own_normal(matrix: Any, side: float, integrator: str, device: str) -> None:
     mesh = with_uvs(wrt.quad(*SQUARE), matrix)
@@ -59,6 +59,7 @@ def test_each_layer_has_its_own_normal(matrix: Any, side: float, integrator: str
     assert np.abs(both / expected(up, base, device, side=side) - 1.0).max() > 0.1
 
 
+@pytest.mark.slow
 def test_the_map_of_a_coat_has_a_place_and_coordinates_of_its_own(device: str) -> None:
     """The left half of the image is flat, where the first coordinates are; the other ones lead to the right half."""
     pixels = np.repeat(np.concatenate([FLAT.pixels, constant_map(*COAT).pixels[:1, :1]], axis=1), 8, axis=1)
@@ -74,6 +75,7 @@ def test_the_map_of_a_coat_has_a_place_and_coordinates_of_its_own(device: str) -
     np.testing.assert_allclose(found, expected(np.array(COAT), np.array(COAT), device), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_flat_coat_over_steep_bumps_has_no_holes(device: str) -> None:
     """Seen at a grazing angle, it mirrors the sky as over a flat base, though to below the horizon of many bumps."""
     slopes = np.random.default_rng(1).normal(scale=0.6, size=(16, 16, 2))
