@@ -32,9 +32,7 @@ def dims_shadows(features: Features) -> bool:
     return features.media != "none" or bool(models_with(differentiable(features.models), "straight"))
 
 
-@specialised(
-    *("instances", "media", "composite", "single_sided", "nested"), *make_mapped.fields, *make_share_passed.fields
-)
+@specialised(*("instances", "media", "composite", "nested"), *make_mapped.fields, *make_share_passed.fields)
 def make_add_to_shadow(features: Features) -> wp.Function:
     """Return (sums, scene, light, skin, gradient): to what dims the shadow ray of a light that arrives.
 

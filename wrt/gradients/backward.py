@@ -43,12 +43,15 @@ class Backward:
         """Take a renderer, and declare the kernel for its scene, which `run` compiles.
 
         Raises:
-            InputError: for an integrator other than "path", "volpath" and "direct", or with clamped indirect light.
+            InputError: for an integrator other than "path", "volpath" and "direct", with clamped indirect light, or
+                with caustics by photons.
         """
         if renderer.integrator not in ("path", "volpath", "direct"):
             raise InputError(f"integrator {renderer.integrator!r} has no gradients; use 'path' or 'volpath'")
         if renderer.settings.clamp_indirect is not None:
             raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
+        if renderer.settings.caustics:
+            raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
         self._renderer, self._device = renderer, renderer.device
         features = dataclasses.replace(
             renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False

@@ -32,9 +32,10 @@ def gradients(
         raise InputError(f"d_image must have the shape ({film.height}, {film.width}, 3), not {upstream.shape}")
     if not np.isfinite(upstream).all():
         raise InputError("d_image must be finite")
+    backward = Backward(renderer)
     if any(isinstance(places[name], Texels) for name in chosen):
         renderer.make_texels_editable()
-    arrays = Backward(renderer).run(upstream, spp, renderer.seed if seed is None else seed)
+    arrays = backward.run(upstream, spp, renderer.seed if seed is None else seed)
     sums = DeviceSums(renderer._built.values, renderer._built.data, arrays)
     return {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
 

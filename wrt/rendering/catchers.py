@@ -140,8 +140,8 @@ class Catchers:
     def caught(self, *, denoised: bool = False) -> Caught:
         """Return the picture so far."""
         alone, film = self._up_to_date(), self._renderer.film
-        total, layers = film.mean(), film.aovs.arrays(film.counts, self._renderer._labels())
-        lit, unshaded = layers[CATCHER], alone.film.aovs.arrays(alone.film.counts, alone._labels())[CATCHER]
+        total, layers = film.mean(), film.aovs.arrays(film.counts, names=("alpha", CATCHER))
+        lit, unshaded = layers[CATCHER], alone.film.aovs.arrays(alone.film.counts, names=(CATCHER,))[CATCHER]
         if not denoised:
             return caught(total, layers["alpha"], lit, unshaded)
         guides, threads = self._renderer.denoising_guides(), self._renderer._denoising_threads

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -62,6 +63,9 @@ class Labels:
         if layer == "crypto_object":
             return np.append(np.uint32(0), ids_of(self.objects))
         return np.append(np.uint32(0), ids_of(self.material_names))[[0, *self.materials]]
+
+
+NO_LABELS = Labels()
 
 
 def labels_of(shapes: Sequence[Shape]) -> Labels:
@@ -155,32 +159,31 @@ class FilmAovs:
             if (samples.sum(axis=1, dtype=np.int64) > state["count"]).any():
                 raise InputError("a pixel has more samples of its objects than samples")
 
-    def arrays(self, counts: NDArray[np.int32], labels: Labels) -> dict[str, NDArray[Any]]:
+    def arrays(
+        self, counts: NDArray[np.int32], labels: Labels = NO_LABELS, *, names: Sequence[str] | None = None
+    ) -> dict[str, NDArray[Any]]:
         """Return each layer, (H, W, channels), (H, W) for one channel, or (H, W, ranks, 2) ids and coverage.
 
         There is a layer for each light group.
 
         Args:
             counts: (H, W) samples in each pixel.
-            labels: what its numbers stand for.
+            labels: what its numbers stand for; needed for layers of materials and of ranked coverage alone.
+            names: the layers that are wanted; by default all of the film.
         """
-        if not self.names:
-            return {}
-        fetch = self.device.backend.fetch
-        objects = fetch(self.data.object_number)
-        numbers = [0, *labels.materials]
-        averages = fetch(self.data.sums) / np.maximum(counts.reshape(-1, 1), 1)
-        nearest = fetch(self.data.nearest)
+        samples = np.maximum(counts.reshape(-1, 1), 1)
+        fetch = functools.cache(lambda name: self.device.backend.fetch(getattr(self.data, name)))
         result: dict[str, NDArray[Any]] = {}
-        for name in self.names:
+        for name in self.names if names is None else names:
             if name == LIGHT_GROUPS:
-                lights = averages[:, self.data.light_groups :].astype(np.float32)
+                lights = (fetch("sums")[:, self.data.light_groups :] / samples).astype(np.float32)
                 for number, group in (*enumerate(self._groups, 1), (0, REST)):
                     radiance = lights[:, 3 * number : 3 * number + 3]
                     result[group_layer(group)] = radiance.reshape(self.height, self.width, 3)
                 continue
             if name in NUMBERS:
-                values = objects if name == "object" else np.array(numbers)[objects]
+                objects = fetch("object_number")
+                values = objects if name == "object" else np.array([0, *labels.materials])[objects]
                 result[name] = values.astype(np.uint32).reshape(self.height, self.width)
                 continue
             if name in TYPES:
@@ -189,7 +192,8 @@ class FilmAovs:
                 continue
             layer = FILM_LAYERS[name]
             first, count = self._first[name], len(layer.channels)
-            values = (averages if layer.averaged else nearest)[:, first : first + count].astype(np.float32)
+            values = fetch("sums" if layer.averaged else "nearest")[:, first : first + count]
+            values = (values / samples if layer.averaged else values).astype(np.float32)
             result[name] = values.reshape((self.height, self.width, count) if count > 1 else (self.height, self.width))
         return result
 

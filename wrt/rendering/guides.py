@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.rendering.film import Film
-from wrt.rendering.film_aovs import Labels
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.scene.scene import RenderSettings
 from wrt.upload.camera import outside_cameras
@@ -53,7 +52,7 @@ class Guides:
         target = min(max(self._renderer.spp, 1), MOST_SAMPLES)
         if self._film.tally().least < target:
             self._kernel.launch([target, *self._renderer.arguments_for(self._film)], 0.0)
-        arrays = self._film.aovs.arrays(self._film.counts, Labels())
+        arrays = self._film.aovs.arrays(self._film.counts)
         return {name: np.ascontiguousarray(arrays[name]) for name in LAYERS}
 
     def clear(self) -> None:

@@ -113,7 +113,7 @@ class Picture(ABC):
     def _parts(self, picture: Caught | None) -> dict[str, Any]:
         """Return what belongs to the image, as `develop` takes it. Lines come after denoising, so they stay sharp."""
         settings = self.settings
-        lines = self._film_layers()["edges"] if settings.edges or settings.wireframe else None
+        lines = self._share("edges") if settings.edges or settings.wireframe else None
         alpha = lines if settings.wireframe else self._coverage() if picture is None else picture.alpha
         return {"alpha": alpha, "background": settings.paper, "lines": lines, "line_color": settings.edge_color}
 
@@ -138,7 +138,7 @@ class Picture(ABC):
     def _coverage(self) -> NDArray[np.float32] | None:
         """Return `alpha` with shadow catchers as surfaces."""
         name = "edges" if self.settings.wireframe else "alpha"
-        return self._film_layers()[name] if self.settings.transparent else None
+        return self._share(name) if self.settings.transparent else None
 
     def layers(self) -> dict[str, NDArray[Any]]:
         """Return the selected layers by name: (H, W, channels), or (H, W) for one channel.
@@ -159,6 +159,11 @@ class Picture(ABC):
         of_groups = [name for name in layers if name.startswith(group_layer(""))]
         names = [name for name in self.settings.layers if name != LIGHT_GROUPS]
         return {name: layers[name] for name in (*names, *of_groups)}
+
+    def _share(self, name: str) -> NDArray[np.float32]:
+        """Return (H, W), the layer "alpha" or "edges", without the work for all others."""
+        share: NDArray[np.float32] = self.film.aovs.arrays(self.film.counts, names=(name,))[name]
+        return share
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
         return self.film.aovs.arrays(self.film.counts, self._labels())

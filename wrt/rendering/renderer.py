@@ -495,8 +495,6 @@ class Renderer(Picture):
             InputError: on an array of another shape or with values that are not finite, unknown names, or an integrator
                 or caustics that have no derivatives.
         """
-        if self.settings.caustics:
-            raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
         found: dict[str, NDArray[np.float32]] = _above.gradients().gradients(self, d_image, names, spp, seed)
         return found
 
