@@ -22,7 +22,7 @@ from wrt.kernels.integrators.next_event import LightForGradients
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows, make_mapped
 from wrt.kernels.materials.choice import MOST_PASSED, leaves_of, make_next_leaf
 from wrt.kernels.materials.values import make_bsdf_at, make_share_passed
-from wrt.kernels.media.bodies import Crossing, crossed, is_same_crossing, is_there
+from wrt.kernels.media.bodies import Crossing, crossed_at, is_there
 from wrt.kernels.media.medium import medium_of
 from wrt.kernels.media.skin import Skin, hit_or_skin
 
@@ -56,20 +56,20 @@ def make_add_to_shadow(features: Features) -> wp.Function:
     @wp.func
     def add_to_shadow(sums: GradientSums, scene: SceneData, light: LightForGradients, skin: Skin, gradient: wp.vec3):
         ray = light.shadow_ray
-        inside = light.medium_stack
         if wp.static(not can_attenuate_shadows(features)):
-            add_to_stretch(sums, scene, inside, light.t_max, gradient)
+            add_to_stretch(sums, scene, light.medium_stack, light.t_max, gradient)
         else:
             hit = intersect.closest_hit_before(scene, ray, light.t_max)
             if wp.static(features.media == "scattering"):
                 hit = hit_or_skin(skin, ray, hit)
             last = Crossing()
+            last.stack = light.medium_stack
             t_before = float(0.0)
             surfaces_passed = int(0)
             goes_on = bool(True)
             while goes_on:
                 if wp.static(features.media != "none"):
-                    add_to_stretch(sums, scene, inside, hit.t - t_before, gradient)
+                    add_to_stretch(sums, scene, last.stack, hit.t - t_before, gradient)
                     t_before = hit.t
                 goes_on = hit.triangle != NO_HIT and surfaces_passed < MOST_PASSED
                 if goes_on:
@@ -78,15 +78,10 @@ def make_add_to_shadow(features: Features) -> wp.Function:
                     if wp.static(features.bodies):
                         body = scene.shapes[surface.shape].body
                         if body >= 0:
-                            behind = inside
-                            if not is_same_crossing(last, body, surface.front, hit.t):
-                                behind = crossed(inside, inside, body, surface.front)
-                                last.body = body
-                                last.front = surface.front
-                                last.t = hit.t
+                            crossing = crossed_at(last, body, surface.front, hit.t)
                             if wp.static(features.nested):
-                                is_solid = is_there(scene, surface, inside, behind)
-                            inside = behind
+                                is_solid = is_there(scene, surface, last.stack, crossing.stack)
+                            last = crossing
                     # Here, not in a function: Warp emits one with a `wp.grad` after all callers that have none.
                     if wp.static(bool(panes)):
                         if is_solid:

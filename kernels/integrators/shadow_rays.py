@@ -15,7 +15,7 @@ from wrt.kernels.integrators.sides import is_passed
 from wrt.kernels.lights.shapes import make_light_shapes
 from wrt.kernels.materials.choice import MOST_PASSED
 from wrt.kernels.materials.values import make_share_passed
-from wrt.kernels.media.bodies import Crossing, crossed, is_same_crossing, is_there
+from wrt.kernels.media.bodies import Crossing, crossed_at, is_there
 from wrt.kernels.media.grids import make_shadow_in_media
 from wrt.kernels.media.skin import Skin, hit_or_skin, no_skin
 from wrt.kernels.textures.normal_maps import apply_normal_map
@@ -90,8 +90,8 @@ def make_transmission(features: Features) -> wp.Function:
         if wp.static(bool(features.light_shapes)):
             if light_shapes.blocks(scene, ray, distance, light_point):
                 return wp.vec3(0.0)
-        stack = inside
         last = Crossing()
+        last.stack = inside
         t_before = float(0.0)
         surfaces_passed = int(0)
         hit = intersect.closest_hit_before(scene, ray, distance)
@@ -99,7 +99,7 @@ def make_transmission(features: Features) -> wp.Function:
             hit = hit_or_skin(skin, ray, hit)
         while surfaces_passed < MOST_PASSED:
             if wp.static(features.media != "none"):
-                share = wp.cw_mul(share, shadow_in_media(scene, ray, t_before, hit.t, stack, u, surfaces_passed))
+                share = wp.cw_mul(share, shadow_in_media(scene, ray, t_before, hit.t, last.stack, u, surfaces_passed))
                 t_before = hit.t
             if hit.triangle == NO_HIT:
                 return share
@@ -108,15 +108,10 @@ def make_transmission(features: Features) -> wp.Function:
             if wp.static(features.bodies):
                 body = scene.shapes[surface.shape].body
                 if body >= 0:
-                    stack_behind = stack
-                    if not is_same_crossing(last, body, surface.front, hit.t):
-                        stack_behind = crossed(stack, stack, body, surface.front)
-                        last.body = body
-                        last.front = surface.front
-                        last.t = hit.t
+                    crossing = crossed_at(last, body, surface.front, hit.t)
                     if wp.static(features.nested):
-                        is_solid = is_there(scene, surface, stack, stack_behind)
-                    stack = stack_behind
+                        is_solid = is_there(scene, surface, last.stack, crossing.stack)
+                    last = crossing
             if wp.static(features.single_sided):
                 is_solid = is_solid and not is_passed(scene.shapes[surface.shape], surface.front, False)
             if is_solid:

@@ -39,8 +39,9 @@ class Meeting:
 
 @wp.struct
 class Crossing:
-    """The body surface that a ray crossed last, its side, and its distance."""
+    """The bodies behind the surface that a straight ray crossed last; its body, its side, and its distance."""
 
+    stack: BodyStack
     body: int
     front: bool
     t: float
@@ -117,6 +118,18 @@ def crossed(first: BodyStack, stack: BodyStack, body: int, front: bool) -> BodyS
     elif n >= 0:
         return left(stack, body)
     return stack
+
+
+@wp.func
+def crossed_at(last: Crossing, body: int, front: bool, t: float) -> Crossing:
+    """Return the crossing of a surface of a body, unless the ray has crossed that already, beside it."""
+    crossing = last
+    if not is_same_crossing(last, body, front, t):
+        crossing.stack = crossed(last.stack, last.stack, body, front)
+        crossing.body = body
+        crossing.front = front
+        crossing.t = t
+    return crossing
 
 
 @specialised()
