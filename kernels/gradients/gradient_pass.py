@@ -20,8 +20,8 @@ from wrt.kernels.sampling.sampler import make_sampler_of_pixel
 def make_gradient_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features, of a path tracer without clamping.
 
-    Its arguments are those of a render kernel, but for the first and the last sample, and `upstream`, the derivative of
-    the loss by the radiance of each sample, in place of the film.
+    It takes the arguments of a render kernel, except for the first and the last sample; `upstream`, the derivative of
+    the loss by the radiance of each sample, stands in place of the film.
     """
     camera_sample, sampler_of_pixel = make_camera_sample(features), make_sampler_of_pixel(features.sampler)
     begin_path, trace_path = make_begin_path(features), make_trace_path(features)

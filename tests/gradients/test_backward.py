@@ -136,7 +136,7 @@ def textures() -> wrt.Scene:
 
 
 def mixtures() -> wrt.Scene:
-    """Materials of which each hit chooses one: mixtures, two sides, and opacity."""
+    """Mixtures, two sides and opacity, where a hit chooses one material of several."""
     mix = wrt.Mix(wrt.Diffuse((0.8, 0.3, 0.2)), wrt.Diffuse((0.2, 0.5, 0.6)), weight=0.3)
     holes = wrt.Diffuse((0.5, 0.6, 0.3), opacity=0.6)
     sides = wrt.TwoSided(wrt.Diffuse((0.4, 0.5, 0.6)), wrt.Diffuse((0.7, 0.3, 0.3)))
@@ -168,7 +168,7 @@ def lamps() -> wrt.Scene:
 
 
 def glasses() -> wrt.Scene:
-    """Smooth models, in constant light and that of a lamp: what follows a random choice has no difference quotient."""
+    """Smooth models, in constant light and with a lamp: what follows a random choice has no difference quotient."""
     ball, panel = wrt.sphere((-0.4, 0.5, 0.1), 0.3), wrt.quad((0.2, 0.1, 0.0), (0.5, 0, -0.2), (0, 0.9, 0))
     return box(
         (ball, wrt.Conductor()),
@@ -181,7 +181,7 @@ def glasses() -> wrt.Scene:
 
 
 def fog() -> wrt.Scene:
-    """Media that absorb and shine, around all and in a body."""
+    """Media that absorb and emit, around everything and in a body."""
     inside = wrt.Medium((0.6, 1.2, 0.3), emission=(0.1, 0.2, 0.0))
     body = wrt.box((-0.7, 0.1, -0.4), (-0.1, 0.9, 0.3))
     return box((body, wrt.Null(interior=inside)), medium=wrt.Medium((0.1, 0.05, 0.2), emission=(0.02, 0.0, 0.03)))
@@ -197,7 +197,7 @@ WITHOUT_QUOTIENTS = {
 
 
 def arrays_of(renderer: wrt.Renderer) -> dict[str, NDArray[Any]]:
-    """Return what KEYS name of a scene on the CPU, to change it; of texels, those that are no normals."""
+    """Return the arrays of a scene on the CPU that KEYS name, to change them; texels of normal maps are left out."""
     data = renderer._built.data
     found = {
         "slots": data.slots.rows["value"],
