@@ -133,9 +133,9 @@ class Backward:
         faults = backend.zeros(2, int, name)
         counts = self._counts()
         arrays = {key: backend.zeros(max(1, 3 * count), "int64", name) for key, count in counts.items()}
-        for key, array in arrays.items():
+        for key, integers in arrays.items():
             each = getattr(sums, key)
-            each.sums, each.faults, each.scale = array, faults, scales[key]
+            each.sums, each.faults, each.scale = integers, faults, scales[key]
         weights = backend.array(upstream, "vec3", name)
         shared = self._renderer.arguments_for(self._renderer.film)[1:5]
         samples = max(1, PER_LAUNCH // len(upstream))
@@ -144,7 +144,7 @@ class Backward:
             self._device.launch(self._kernel, len(upstream), [first, last, seed, *shared, weights, sums])
         self.rejected, overflowed = (int(count) for count in backend.fetch(faults))
         found = {
-            key: backend.fetch(array)[: 3 * counts[key]].astype(np.float64).reshape(-1, 3) / scales[key]
-            for key, array in arrays.items()
+            key: backend.fetch(integers)[: 3 * counts[key]].astype(np.float64).reshape(-1, 3) / scales[key]
+            for key, integers in arrays.items()
         }
         return found, overflowed > 0
