@@ -79,7 +79,7 @@ class Backward:
         spp = integer(spp, "spp", minimum=1, maximum=2**31 - 1)
         seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
         film = self._renderer.film
-        upstream = np.ascontiguousarray(array(d_image, "d_image", np.float32))
+        upstream: NDArray[np.float32] = np.ascontiguousarray(array(d_image, "d_image", np.float32))
         if upstream.shape != (film.height, film.width, 3):
             raise InputError(f"d_image must have the shape ({film.height}, {film.width}, 3), not {upstream.shape}")
         if not np.isfinite(upstream).all():
