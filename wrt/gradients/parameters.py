@@ -52,8 +52,9 @@ def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
     A name is the shape's name and a path of attributes: "floor.reflectance", "teapot.roughness",
     "floor.reflectance.texels" for the pixels of an image, "lamp.emission", "floor.first.alpha" of a Mix,
     "jar.interior.absorption"; of a light without a mesh its name or else its type, and the amount that it was given, as
-    "point.intensity" or "point.power"; and "environment.radiance", "environment.texels", "environment.coefficients", "medium.absorption". The second of a name
-    has "#2" after it, as "quad#2.emission". What several shapes share has the name of the first.
+    "point.intensity" or "point.power"; and "environment.radiance", "environment.texels", "environment.coefficients",
+    "medium.absorption". The second of a name has "#2" after it, as "quad#2.emission". What several shapes share has the
+    name of the first.
 
     A number has the shape (), a colour (3,), an image (H, W, 3), or (H, W) where one channel of it is read or a grey
     image is the number. Colours and pixels are linear.

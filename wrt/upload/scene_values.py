@@ -30,10 +30,6 @@ OF_LIGHTS = ("shapes", "lights", "light_thresholds", "light_aliases", "light_tre
 """Fields of SceneData that materials, bodies and lights fill, as far as values of a scene change them."""
 
 
-BYTES_PER_EDITABLE_TEXEL = 12
-"""Three float32, also where a texel takes four bytes before."""
-
-
 class SceneValues:
     """The materials, media, lights and environment of a scene on a device.
 
@@ -94,10 +90,6 @@ class SceneValues:
             InputError: when they need another kernel, or as `check_attributes` does; then nothing has changed.
         """
         old, flux = self._prepared, self._flux
-        if not self.materials.is_editable:
-            arrays = self._data.texels, self._data.texel_codes
-            size = BYTES_PER_EDITABLE_TEXEL * sum(len(array) for array in arrays if array is not None)
-            self._device.require_memory(size, "the scene with editable images", copies=size)
         prepared = old.changed(scene)
         # Upload to a struct of its own, since the change may still be refused.
         data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()
