@@ -22,7 +22,6 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from wrt.backend.adjoints import adjoints_of
 from wrt.backend.cache_folders import ROOM, digest, locked, put, say_unwritable, work_folder
 
 DIGEST = ".checksum"
@@ -156,8 +155,7 @@ class Build:
         # Warp does not repeat a build that failed before, for instance because the disk was full.
         self._module.failed_builds.pop((self._device.context, self._block), None)
         arch = self._module._get_compile_arch(self._device)
-        with adjoints_of(self._module):
-            self._module._compile(self._device, folder, self.files_in(folder)[0].name, arch, options=self.options)
+        self._module._compile(self._device, folder, self.files_in(folder)[0].name, arch, options=self.options)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -167,8 +165,7 @@ class Build:
 
     def generate(self) -> tuple[str, dict[str, Any]]:
         """Return its code for this device, and what Warp's `.meta` file says."""
-        with adjoints_of(self._module):
-            source, _, meta, _, _ = self._module._run_codegen(self.options, self._device.is_cpu)
+        source, _, meta, _, _ = self._module._run_codegen(self.options, self._device.is_cpu)
         return source, meta
 
     def load(self) -> None:
