@@ -49,7 +49,7 @@ _FIELDS: dict[tuple[int, bool], tuple[weakref.ref[Material], tuple[str, ...]]] =
 def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
     """Return what `Renderer.set_parameters` can set and `Renderer.gradients` differentiates by, with their values.
 
-    A name is that of the shape, and the attributes on the way from it: "floor.reflectance", "teapot.roughness",
+    A name is the shape's name and a path of attributes: "floor.reflectance", "teapot.roughness",
     "floor.reflectance.texels" for the pixels of an image, "lamp.emission", "floor.first.alpha" of a Mix,
     "jar.interior.absorption"; of a light without a mesh its name or else its type, as "point.intensity"; and
     "environment.radiance", "environment.texels", "environment.coefficients", "medium.absorption". The second of a name

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
 from wrt.gradients.backward import Backward
 from wrt.gradients.parameters import edited as edited
 from wrt.gradients.parameters import known, parameters, places_of
 from wrt.gradients.places import Texels
 from wrt.gradients.sums import DeviceSums
 from wrt.rendering.renderer import Renderer
-from wrt.values import array, integer
+from wrt.values import integer
 
 
 def gradients(
@@ -26,16 +25,10 @@ def gradients(
     chosen = [
         known(name, places) for name in (places if names is None else [names] if isinstance(names, str) else names)
     ]
-    film = renderer.film
-    upstream = array(d_image, "d_image", np.float32)
-    if upstream.shape != (film.height, film.width, 3):
-        raise InputError(f"d_image must have the shape ({film.height}, {film.width}, 3), not {upstream.shape}")
-    if not np.isfinite(upstream).all():
-        raise InputError("d_image must be finite")
     backward = Backward(renderer)
     if any(isinstance(places[name], Texels) for name in chosen):
         renderer.make_texels_editable()
-    arrays = backward.run(upstream, spp, renderer.seed if seed is None else seed)
+    arrays = backward.run(d_image, spp, renderer.seed if seed is None else seed)
     sums = DeviceSums(renderer._built.values, renderer._built.data, arrays)
     return {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
 

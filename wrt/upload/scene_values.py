@@ -1,4 +1,4 @@
-"""Upload what a scene has beside its geometry: materials, media, lights, the environment; and change it later."""
+"""Upload materials, media, lights and the environment of a scene, and change them later."""
 
 from __future__ import annotations
 

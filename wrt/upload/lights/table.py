@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 def has_light(scene: Scene) -> bool:
-    """Return whether anything in a scene shines."""
+    """Return whether anything in a scene emits light."""
     return (
         any(shines(shape.emission) for shape in scene.shapes)
         or any(light.shines for light in scene.lights)
@@ -85,7 +85,7 @@ class LightTable:
             environment_flux: luminance of the environment integrated over directions; 0 leaves it out.
             texture_slots: slot of a light's texture by the number of the light in `lights`.
             groups: names of the scene's light groups.
-            environment_group: that of the environment.
+            environment_group: the environment's group.
 
         Raises:
             InputError: when a light's model is not registered.
