@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wrt.errors import warn
 from wrt.gradients.backward import Backward
 from wrt.gradients.parameters import edited as edited
 from wrt.gradients.parameters import known, parameters, places_of
@@ -30,7 +31,10 @@ def gradients(
         renderer.make_texels_editable()
     arrays = backward.run(d_image, spp, renderer.seed if seed is None else seed)
     sums = DeviceSums(renderer._built.values, renderer._built.data, arrays)
-    return {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
+    found = {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
+    if names is not None and np.any(d_image) and (without := [name for name in chosen if not found[name].any()]):
+        warn(f"the picture does not depend on {', '.join(without)}: all derivatives are 0")
+    return found
 
 
 BETWEEN_SEEDS = 2**31
