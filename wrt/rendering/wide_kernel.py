@@ -196,7 +196,7 @@ class WideKernel:
         """Say what in a model from outside keeps the kernel from being translated."""
         if own.models_from_outside(self._features) and (why := own.refusal(self._features, self._lanes)):
             self._possible = False
-            cache_folders.warn_once(f"{why} (until then renders take twice as long: docs/own.md)")
+            cache_folders.warn_once(f"{why} (until then renders take twice as long: docs/own-bsdf.md)")
 
 
 def _end(compiler: subprocess.Popen[bytes] | own.Compiler, features: Any, lanes: int) -> None:
