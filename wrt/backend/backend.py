@@ -40,7 +40,7 @@ FLAGS = (
     "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
     " -mllvm=-slp-recursion-max-depth=4"
 )
-"""Warp's flags for compiling for the CPU: what is compiled with others is not for other processes."""
+"""Warp's own flags for compiling for the CPU."""
 
 _NO_SUM = -1.0
 """A result that no sum has, to see whether Warp has written one."""
@@ -100,10 +100,12 @@ class Backend:
 
     Attributes:
         artefacts: What is compiled.
+        flags: Warp's flags for compiling for the CPU: what is compiled with others is not for other processes.
     """
 
     def __init__(self) -> None:
         """Read what is compiled."""
+        self.flags = FLAGS
         self.artefacts = Artefacts()
         self._modules: dict[str, KernelModule] = {}
         self._structs: dict[str, Layout] = {}
@@ -183,7 +185,7 @@ class Backend:
     def struct(self, name: str) -> Layout:
         """Return a struct by its name in the table."""
         if name not in self._structs:
-            size, fields = self.artefacts.table["structs"][name]
+            size, fields = self.artefacts.get("structs", name)
             self._structs[name] = Layout(name, size, fields, self.struct)
         return self._structs[name]
 
@@ -241,7 +243,7 @@ class Backend:
         binary = file.read_bytes()
         # Left out: kernels of one name, or with more than one dimension of threads, and those of users.
         is_shared = len(entries) == len(symbols) and kernel.module.startswith("wrt.") and bool(kernel.key)
-        if is_shared and wp.config.cpu_compiler_flags == FLAGS and COOPERATIVE not in binary:
+        if is_shared and wp.config.cpu_compiler_flags == self.flags and COOPERATIVE not in binary:
             entry = {"file": str(file), "bytes": len(binary), "kernels": entries}
             self.artefacts.add("files", kernel.module, entry)
 
