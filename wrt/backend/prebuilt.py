@@ -1,8 +1,8 @@
 """Kernels that come compiled with the package, for processors of two levels of x86-64.
 
-`wrt/prebuilt/LEVEL` holds compiled files, and a table of artefacts as in the user's cache (see `artefacts.py`), named by
+`wrt/prebuilt/LEVEL` holds compiled files and a table of artefacts as in the user's cache (see `artefacts.py`), named by
 a digest of the code of kernels and of the version of Warp. It is only read, and as trusted as the code beside it.
-`wrt.compiling.prebuild` makes it, for a wheel or for a checkout; where there is none, kernels are compiled on first use.
+`wrt.compiling.prebuild` makes it, for wheels and checkouts; where there is none, kernels are compiled on first use.
 """
 
 from __future__ import annotations
