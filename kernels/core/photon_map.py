@@ -8,7 +8,7 @@ class Photon:
     """Light that smooth surfaces have thrown onto one that scatters.
 
     `towards` is the unit vector to where it came from, `normal` the geometric normal on that side. `power` is in watts;
-    `turns` counts the smooth surfaces that have reflected or refracted it.
+    `turns` counts the surfaces that have turned it. It `was_scattered` if one of them is not smooth.
     """
 
     position: wp.vec3
@@ -16,6 +16,7 @@ class Photon:
     normal: wp.vec3
     power: wp.vec3
     turns: int
+    was_scattered: bool
 
 
 @wp.struct

@@ -7,7 +7,7 @@ of the density that a few of its neighbours show (Abramson 1982): a focus stays 
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_bsdf, models_with
+from wrt.kernels.bsdf import make_bsdf, make_is_matt, models_with
 from wrt.kernels.core.bsdf import Bsdf
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.photon_map import Photon, PhotonMap
@@ -130,8 +130,10 @@ def spread_photons(first: int, photon_map: PhotonMap, places_out: wp.array(dtype
 def make_gather(features: Features) -> wp.Function:
     """Return the device function (map, bsdf, wo, surface, most_turns) -> radiance of photons that is scattered to wo.
 
-    Photons that smooth surfaces have turned more often than `most_turns` are left out.
+    Photons that surfaces have turned more often than `most_turns` are left out, and those that rough surfaces have
+    scattered before are for matt surfaces alone.
     """
+    is_matt = make_is_matt(features.models)
     evaluate = make_bsdf(features.models).evaluate
     transmits = bool(models_with(features.models, "transmits"))
 
@@ -140,6 +142,7 @@ def make_gather(features: Features) -> wp.Function:
         total = wp.vec3()
         radius = photon_map.radius
         buckets = photon_map.starts.shape[0] - 1
+        matt = is_matt(bsdf)
         corner = int(0)
         while corner < 8:
             cell = corner_cell(surface.position, radius, corner)
@@ -155,7 +158,7 @@ def make_gather(features: Features) -> wp.Function:
                     photon = photon_map.photons[i]
                     alike = wp.abs(wp.dot(photon.normal, surface.normal)) > _SAME_SURFACE
                     # Cells that share a bucket must not count its photons twice.
-                    if alike and photon.turns <= most_turns and cell_of(position, radius) == cell:
+                    if alike and photon.turns <= most_turns and (matt or not photon.was_scattered) and cell_of(position, radius) == cell:
                         wi = to_local(surface.frame, photon.towards)
                         # Power per area is radiance times the geometric cosine, not that of `evaluate`.
                         cosine = wp.dot(photon.towards, surface.normal)

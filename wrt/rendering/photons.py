@@ -70,11 +70,12 @@ class Photons:
         self._count = min(max(2 * width * height, FEWEST), MOST)
         self.samples = min(max(2 * self._count // (width * height), 1), MOST_SAMPLES)
         photon = backend.kernels("wrt.kernels.core.photon_map").Photon
-        device.require_memory(2 * self._count * photon.numpy_dtype().itemsize, "a set of photons")
-        self._found, self._arranged = (backend.empty(self._count, photon, device.name) for _ in range(2))
-        self._places = backend.empty(self._count, "vec4", device.name)
-        self._keys = backend.empty(self._count, "int64", device.name)
-        buckets = 1 << (self._count - 1).bit_length()
+        device.require_memory(4 * self._count * photon.numpy_dtype().itemsize, "a set of photons")
+        stored = 2 * self._count
+        self._found, self._arranged = (backend.empty(stored, photon, device.name) for _ in range(2))
+        self._places = backend.empty(stored, "vec4", device.name)
+        self._keys = backend.empty(stored, "int64", device.name)
+        buckets = 1 << (stored - 1).bit_length()
         self._starts = backend.empty(buckets + 1, "int32", device.name)
         self._number: int | None = None
         self._first_radius = 0.0
@@ -106,7 +107,7 @@ class Photons:
         inputs = [number, self._seed, time, scene, settings, self._casters.data, self._found, self._keys]
         self._device.launch(follow, self._count, inputs)
         keys = backend.array(np.sort(backend.fetch(self._keys)), "int64", self._device.name)
-        self._device.launch(arrange, self._count + 1, [keys, self._found, self._arranged, self._places, self._starts])
-        self._device.launch(spread, self._count, [photon_map, self._places])
+        self._device.launch(arrange, 2 * self._count + 1, [keys, self._found, self._arranged, self._places, self._starts])
+        self._device.launch(spread, 2 * self._count, [photon_map, self._places])
         self._number = number
         return end
