@@ -150,7 +150,7 @@ def make_receives_light(names: tuple[str, ...]) -> wp.Function:
 
 @specialised()
 def make_is_matt(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function (bsdf) -> bool: whether all lobes of its model are matt, or delta lobes beside them."""
+    """Return the device function (bsdf) -> bool: whether its model has matt lobes, and delta lobes at most beside."""
     models = {name: model_of(name) for name in names}
     return make_is_any(tuple(k for k, m in models.items() if m.matt or (m.specular is not None and not m.delta)))
 

@@ -158,7 +158,12 @@ def make_gather(features: Features) -> wp.Function:
                     photon = photon_map.photons[i]
                     alike = wp.abs(wp.dot(photon.normal, surface.normal)) > _SAME_SURFACE
                     # Cells that share a bucket must not count its photons twice.
-                    if alike and photon.turns <= most_turns and (matt or not photon.was_scattered) and cell_of(position, radius) == cell:
+                    if (
+                        alike
+                        and photon.turns <= most_turns
+                        and (matt or not photon.was_scattered)
+                        and cell_of(position, radius) == cell
+                    ):
                         wi = to_local(surface.frame, photon.towards)
                         # Power per area is radiance times the geometric cosine, not that of `evaluate`.
                         cosine = wp.dot(photon.towards, surface.normal)

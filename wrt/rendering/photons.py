@@ -28,7 +28,7 @@ FIRST_RADIUS = 2.0
 LARGEST_RADIUS = 0.05
 """Most of it, as a share of the size of what throws caustics."""
 
-FIRST_CROWD = 16.0
+FIRST_CROWD = 32.0
 """Neighbours that the spread of a photon of the first set reaches, where they are dense."""
 
 FEWEST, MOST = 1 << 14, 1 << 20
