@@ -28,7 +28,7 @@ UNLIKE_PATHS = ("whitted", "ao", "aov")
 
 
 def has_wide(features: Any) -> bool:
-    """Return whether there is a wide kernel for these features: it follows paths that gather no photons."""
+    """Return whether there is a wide kernel for these features: it follows paths."""
     return features.integrator not in UNLIKE_PATHS
 
 
