@@ -8,7 +8,6 @@ from wrt.kernels.core.features import Features
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.film.film import is_finite_color
-from wrt.kernels.gradients.bsdf import differentiable, make_weighted
 from wrt.kernels.gradients.replay import make_replay_path
 from wrt.kernels.gradients.sums import GradientSums
 from wrt.kernels.integrators.path import make_begin_path, make_trace_path
@@ -27,7 +26,6 @@ def make_gradient_kernel(features: Features) -> wp.Kernel:
     begin_path, trace_path = make_begin_path(features), make_trace_path(features)
     replay_path = make_replay_path(features)
     module = wp.get_module(make_gradient_kernel.module_name(features))
-    module.differentiated = tuple(make_weighted(differentiable(features.models)))  # see `wrt/backend/adjoints.py`
 
     @wp.kernel(module=module, enable_backward=False)
     def gradient_pass(

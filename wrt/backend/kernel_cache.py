@@ -22,7 +22,6 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from wrt.backend.adjoints import adjoints_of
 from wrt.backend.cache_folders import ROOM, digest, locked, put, say_unwritable, work_folder
 
 DIGEST = ".checksum"
@@ -147,8 +146,7 @@ class Build:
         self._module.failed_builds.pop((self._device.context, self._block), None)
         self._module.get_module_hash(self._block)  # it resolves the options as a side effect
         options, arch = self._module.resolved_options[self._block], self._module._get_compile_arch(self._device)
-        with adjoints_of(self._module):
-            self._module._compile(self._device, folder, self.files_in(folder)[0].name, arch, options=options)
+        self._module._compile(self._device, folder, self.files_in(folder)[0].name, arch, options=options)
 
     def load(self) -> None:
         """Have Warp load it, compiled if necessary."""

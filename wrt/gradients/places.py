@@ -151,7 +151,7 @@ class Emission:
 
 @dataclass(frozen=True)
 class LightAmount:
-    """The intensity, irradiance or radiance of a light without a mesh."""
+    """The amount of a light without a mesh, such as its intensity or power."""
 
     number: int
     light: Any

@@ -20,6 +20,7 @@ def library(lanes: int, *, exact: str = "") -> str:
 _WIDE = {
     "_in_one_tree__locals__traverse": "closest_hit",
     "_sample_tree": "sample_light_tree",
+    "_next_light_box": "next_light_box",
     "reverse_bits": "reverse_bits",
     "further_dimension": "further_dimension",
 }
