@@ -1,7 +1,8 @@
 """`caustics`: errors after equal seconds of CPU with and without `--caustics`, beside Mitsuba's `path` and `ptracer`.
 
 References: of what is not smooth, as first seen, Mitsuba's `ptracer`, which follows light from the lamps and finds all
-caustics there; of glass and metal a long render of wrt's with caustics. Both have other random numbers.
+caustics there; of glass and metal a long render of wrt's with caustics. Both have other random numbers. Under large
+lamps a long render by path tracing is the reference of all.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from numpy.typing import NDArray
 from peers.mitsuba_scene import to_mitsuba
 from peers.mitsuba_worker import write_scene
 from peers.peer import LLVM_HINT, OWN, PEERS, Environments, Session, prepare
-from pictures.caustics import pool
 
 import wrt
 from benchmarks.measure import Row, geometric_mean, table
+from benchmarks.scenes import Budget, cornell_glass
 
 Array = NDArray[np.float64]
 
@@ -72,6 +73,13 @@ def point() -> wrt.Scene:
     return scene
 
 
+def sun() -> wrt.Scene:
+    """Return the ball in parallel light."""
+    scene = add_ball(floor_and_camera())
+    scene.add_light(wrt.DirectionalLight((1.6, -3.0, -0.6), 2.7))
+    return scene
+
+
 def ring() -> wrt.Scene:
     """Return a ring of copper on the floor under the lamp."""
     scene = add_lamp(floor_and_camera())
@@ -106,10 +114,15 @@ def room() -> wrt.Scene:
 SCENES: dict[str, tuple[Callable[[], wrt.Scene], str]] = {
     "lamp": (lambda: add_lamp(add_ball(floor_and_camera())), "a glass ball under a lamp of 4 cm"),
     "point": (point, "a glass ball under a point"),
-    "pool": (pool, "waves in the sun"),
+    "sun": (sun, "a glass ball in the sun"),
     "ring": (ring, "a copper ring under a lamp of 4 cm"),
     "room": (room, "a glass ball in a room, a lamp of 4 cm"),
+    "cornell-glass": (lambda: cornell_glass(Budget()), "balls of glass and copper under a large lamp"),
+    "still-life": (lambda: wrt.load("still-life"), "glass, copper and plastic in the studio's light"),
 }
+
+LIT_BROADLY = ("cornell-glass", "still-life")
+"""Scenes whose lamps are large, so that path tracing converges and is their reference."""
 
 
 def benchmark(options: argparse.Namespace) -> Row:
@@ -199,7 +212,7 @@ class Renderers:
 def reference_of(renderers: Renderers, folder: Path, seconds: float) -> tuple[Array, NDArray[np.bool_]]:
     """Return a reference, and which pixels see neither a caster nor the edge of one."""
     pictures = []
-    for renderer in ("ptracer", "caustics"):
+    for renderer in ("path", "path") if folder.name in LIT_BROADLY else ("ptracer", "caustics"):
         file = folder / f"reference_{renderer}.npy"
         if not file.exists():
             np.save(file, renderers.picture(renderer, seconds, SEED_OF_REFERENCE)[0])
