@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,24 +17,22 @@ from wrt.errors import InputError, warn
 from wrt.io.safe_read import PathLike
 from wrt.rendering import checkpoint
 from wrt.rendering.catchers import Catchers, Caught, any_catchers
+from wrt.rendering.editing import EditablePicture
 from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import Labels, labels_of
 from wrt.rendering.guides import Guides
 from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
 from wrt.rendering.photons import Photons
-from wrt.rendering.picture import Picture
 from wrt.rendering.render_kernel import RenderKernel
-from wrt.scene.camera import Camera, require_camera
 from wrt.scene.layers import CATCHER, LIGHT_GROUPS, SHADOW
-from wrt.scene.scene import RenderSettings, Scene, Shape, require_scene
+from wrt.scene.scene import RenderSettings, Scene, require_scene
 from wrt.studio.framing import with_camera
-from wrt.upload.camera import CropWindow, build_camera, filter_table, outside_cameras
+from wrt.upload.camera import filter_table, outside_cameras
 from wrt.upload.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
 from wrt.upload.lights.choice import LIGHT_CHOICES
 from wrt.upload.lights.table import has_light
 from wrt.upload.scene_data import SceneUpload
-from wrt.upload.vertex_updates import shape_number
 from wrt.values import integer, one_of
 
 if TYPE_CHECKING:
@@ -46,7 +44,7 @@ STRATEGIES = ("mis", "light", "bsdf")
 """How surface and image lights are sampled: by lights and BSDFs with MIS weights, or by one of them alone."""
 
 
-class Renderer(Picture):
+class Renderer(EditablePicture):
     """Renders a scene pass after pass; the picture improves with each and is available at any time.
 
     The picture depends only on scene, size, seed, sample count, device and version. It is the same bit for bit for any
@@ -221,9 +219,6 @@ class Renderer(Picture):
         if self._photons is not None:
             self._photons.forget()
 
-    def _device_camera(self) -> Any:
-        return build_camera(self.camera, self.width, self.height, self.crop, device=self.device.name)
-
     @property
     def _inputs(self) -> list[Any]:
         """The arguments of the kernel after the number of samples."""
@@ -232,27 +227,6 @@ class Renderer(Picture):
     def arguments_for(self, film: Film) -> list[Any]:
         """Return the kernel's arguments, without the first (the target count), for a film of this picture's size."""
         return [self.seed, *self._shared_inputs, film.data, film.aovs.data]
-
-    @property
-    def camera(self) -> Camera:
-        """The camera in use; `set_camera` changes it."""
-        assert self.scene.camera is not None
-        return self.scene.camera
-
-    @property
-    def width(self) -> int:
-        """Width of the whole picture, pixels."""
-        return self.settings.width
-
-    @property
-    def height(self) -> int:
-        """Height of the whole picture, pixels."""
-        return self.settings.height
-
-    @property
-    def crop(self) -> CropWindow:
-        """The rendered part of the picture: first column and row, and those after the last."""
-        return self.settings.crop or (0, 0, self.width, self.height)
 
     @property
     def threads(self) -> int:
@@ -354,9 +328,10 @@ class Renderer(Picture):
             self._kernel.launch([target, *self._inputs], seconds_left)
             return
         _, _, scene, path = self._shared_inputs
-        for sample in range(self.film.tally().least, target):
-            self._photons.provide(sample, scene, path, self.camera.shutter_open)
-            self._kernel.launch([sample + 1, *self._inputs], seconds_left)
+        sample = self.film.tally().least
+        while sample < target:
+            sample = min(self._photons.provide(sample, scene, path, self.camera.shutter_open), target)
+            self._kernel.launch([sample, *self._inputs], seconds_left)
             if self.device.cancelled.is_set():
                 return
 
@@ -408,120 +383,6 @@ class Renderer(Picture):
         if self._guides is None:
             self._guides = Guides(self)
         return self._guides.layers()
-
-    def set_camera(self, camera: Camera) -> None:
-        """Restart the picture with another camera; nothing is built again.
-
-        Args:
-            camera: one with the same shutter times; a class of your own cannot replace another class.
-
-        Raises:
-            InputError: if the kernel or the trees do not fit this camera.
-        """
-        require_camera(camera)
-        old = self.camera
-        if outside_cameras(camera) != outside_cameras(old):
-            names = f"from {type(old).__name__} ({old.model}) to {type(camera).__name__} ({camera.model})"
-            raise InputError(f"the camera cannot change {names}, which need different kernels; make a new Renderer")
-        if (camera.shutter_open, camera.shutter_close) != (old.shutter_open, old.shutter_close):
-            raise InputError("the camera must have the same shutter times as before; make a new Renderer")
-        self.scene.camera = camera
-        self._built.look_from(camera)
-        if self._photons is not None:
-            self._photons.look_from(camera)
-        self._shared_inputs[0] = self._device_camera()
-        if self._catchers is not None:
-            self._catchers.look_from(camera)
-        self._clear()
-
-    def update_vertices(self, shape: Shape | int, vertices: Any, normals: Any = None) -> None:
-        """Move a shape's vertices and restart the picture, for the next frame of a simulation.
-
-        The ray tree is refitted, which takes a fraction of the time of a build; tracing is fastest near the positions
-        of the build. Nothing else in the scene changes.
-
-        Args:
-            shape: one of the scene's shapes, or its number; it must not emit, and the scene must have no instances and
-                no motion.
-            vertices: (N, 3) NumPy array, or Warp array of vec3 on the device; metres, in world space, as many as the
-                mesh has.
-            normals: shading normals, likewise; by default they are recomputed if the mesh has any.
-
-        Raises:
-            InputError: when the shape cannot be updated, on arrays of other sizes, or on values that are not finite or
-                beyond 10^12.
-        """
-        number = shape_number(self.scene, shape)
-        if self.scene.shapes[number].shadow_catcher:
-            raise InputError("the vertices of a shadow catcher cannot be updated; make a new Renderer")
-        self._built.world.update(number, self.scene.shapes[number], vertices, normals)
-        self.has_updated_vertices = True
-        self._clear()
-
-    def set_parameters(self, values: Mapping[str, Any]) -> None:
-        """Restart the picture with other values of the scene's parameters; geometry, trees and kernels stay.
-
-        The picture then has the same bits as that of a new Renderer of the changed scene, which is `scene` from then
-        on; `wrt.save_scene` writes it.
-
-        Args:
-            values: arrays by name, of the shapes that `wrt.parameters` returns; others keep their values.
-
-        Raises:
-            InputError: when there is no such parameter, a value has another shape, is not finite or out of range, or
-                the values need another kernel; then nothing has changed.
-        """
-        self._change_values(_above.gradients().edited(self.scene, values))
-        self._clear()
-
-    def gradients(
-        self, d_image: Any, names: Iterable[str] | None = None, *, spp: int = 16, seed: int | None = None
-    ) -> dict[str, NDArray[np.float32]]:
-        """Return the derivatives of a loss by parameters of the scene, from its derivative by the picture.
-
-        They are estimates, as the picture is, and without bias for a given `d_image`. A loss that squares the noise of
-        the picture needs other random numbers than the picture's (docs/gradients.md). The picture stays as it is.
-
-        Args:
-            d_image: (H, W, 3), derivative of the loss by the mean radiance of each pixel; see `image`.
-            names: parameters, as `wrt.parameters` names them; by default all.
-            spp: samples per pixel.
-            seed: 0 to 2³² − 1; by default the picture's, whose first `spp` samples are then differentiated.
-
-        Returns:
-            An array for each parameter, of its shape.
-
-        Raises:
-            InputError: on an array of another shape or with values that are not finite, unknown names, or an integrator
-                or caustics that have no derivatives.
-        """
-        found: dict[str, NDArray[np.float32]] = _above.gradients().gradients(self, d_image, names, spp, seed)
-        return found
-
-    def make_texels_editable(self) -> None:
-        """Store the texels of all images as numbers of their own, where they are not yet; the picture stays."""
-        if not self._built.values.materials.is_editable:
-            self._change_values(self.scene)
-
-    def _change_values(self, scene: Scene) -> None:
-        """Upload the values of a scene that differs from this one in values of its parameters alone."""
-        has_environment = scene.environment is not self.scene.environment
-        is_first = not self._built.values.materials.is_editable
-        self._built.values.change(scene)
-        for name in ("shapes", "lights", "environment", "medium"):  # of all renderers that share the scene
-            setattr(self.scene, name, getattr(scene, name))
-        if is_first or (has_environment and self.integrator == "whitted"):
-            self._start_kernel()  # larger arrays, or another ambient light
-        if self._catchers is not None:
-            self._catchers.forget()
-
-    def _clear(self) -> None:
-        self.film.clear()
-        self.noise_estimate = NoiseEstimate(self.film)
-        if self._photons is not None:
-            self._photons.forget()
-        if self._guides is not None:
-            self._guides.clear()
 
     def device_image(self) -> Any:
         """Return `image` as a (H, W) wp.array of vec3 on the renderer's device.
