@@ -40,7 +40,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.parse_args()
     for level in prebuilt.NEEDED:
-        run("wrt.compiling.prebuild", level)
+        run("wrt.prebuilding", level)
     dist = ROOT / "dist"
     dist.mkdir(exist_ok=True)
     for has_kernels in (False, True):

@@ -12,13 +12,13 @@ from support.caches import python, without_artefacts
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
-from wrt import backend
+from wrt import backend, prebuilding
 from wrt.backend import artefacts, current_backend, fingerprint, prebuilt, processor
 from wrt.backend.artefacts import Artefacts
 from wrt.backend.backend import Backend
 from wrt.backend.kernel_cache import DIGEST
 from wrt.backend.processor import lanes_of
-from wrt.compiling import later, prebuild
+from wrt.compiling import later
 
 FILM = "wrt.kernels.film.film"
 
@@ -89,15 +89,15 @@ def test_levels_of_processors(monkeypatch):
     assert [prebuilt.level_of(frozenset(flags)) for flags in (v4, v3, v4 - {"avx512vl"}, v3 - {"fma"}, {"asimd"})] == [
         *("v4", "v3", "v3", "", "")
     ]
-    assert prebuild.flags_of("v3").startswith("-target-cpu x86-64-v3 -mllvm")
+    assert prebuilding.flags_of("v3").startswith("-target-cpu x86-64-v3 -mllvm")
     monkeypatch.setenv(prebuilt.SWITCH, "")
     monkeypatch.setattr(prebuilt, "processor_flags", lambda: frozenset({"asimd", "sve"}))
     assert Artefacts().prebuilt["values"] == {}
     monkeypatch.setattr(processor, "processor_flags", lambda: frozenset({"asimd", "sve"}))
     assert lanes_of(processor.processor_flags()) == 0
-    assert prebuild.main(["prebuild"]) == 0
+    assert prebuilding.main(["prebuild"]) == 0
     with pytest.raises(SystemExit, match="2"):
-        prebuild.main(["prebuild", "v3"])
+        prebuilding.main(["prebuild", "v3"])
 
 
 def test_other_systems_read_no_prebuilt_kernels(package, monkeypatch):
@@ -125,19 +125,19 @@ def test_what_is_there_is_kept_and_code_that_changes_meanwhile_is_not_published(
         monkeypatch.setenv(name, "v3" if name == prebuilt.SWITCH else "0")  # `main` changes them
     monkeypatch.setattr(backend, "_backend", None)
     monkeypatch.setattr(processor, "processor_flags", lambda: prebuilt.NEEDED["v3"])
-    monkeypatch.setattr(prebuild, "variants", lambda lanes: [("features", lanes)])
-    monkeypatch.setattr(prebuild, "is_compiled", lambda features, lanes: False)
-    monkeypatch.setattr(prebuild, "build", lambda *_: current_backend().artefacts.add("values", "new", {"value": 1}))
+    monkeypatch.setattr(prebuilding, "variants", lambda lanes: [("features", lanes)])
+    monkeypatch.setattr(prebuilding, "is_compiled", lambda features, lanes: False)
+    monkeypatch.setattr(prebuilding, "build", lambda *_: current_backend().artefacts.add("values", "new", {"value": 1}))
     (package / "stale.o").touch()
-    assert prebuild.main(["prebuild", "v3", "--beside"]) == 0, "as the environment forbids it"
+    assert prebuilding.main(["prebuild", "v3", "--beside"]) == 0, "as the environment forbids it"
     assert (package / "stale.o").exists()
-    assert prebuild.main(["prebuild", "v3"]) == 0
+    assert prebuilding.main(["prebuild", "v3"]) == 0
     assert not (package / "stale.o").exists()
     assert Artefacts().get("values", "new") == {"value": 1}
     assert kernel_of_film() is not None
-    monkeypatch.setattr(prebuild, "digest_of_code", lambda _: "of other code")
+    monkeypatch.setattr(prebuilding, "digest_of_code", lambda _: "of other code")
     with pytest.raises(wrt.InputError, match="has changed while they were compiled"):
-        prebuild.main(["prebuild", "v3"])
+        prebuilding.main(["prebuild", "v3"])
 
 
 IN_FOLDER = """
@@ -148,10 +148,10 @@ prebuilt.FOLDER = Path("prebuilt").resolve()
 """
 
 BUILD = """
-from wrt.compiling import prebuild
-of_level = prebuild.variants
-prebuild.variants = lambda lanes: of_level(lanes)[:1]
-sys.exit(prebuild.main(sys.argv))
+from wrt import prebuilding
+of_level = prebuilding.variants
+prebuilding.variants = lambda lanes: of_level(lanes)[:1]
+sys.exit(prebuilding.main(sys.argv))
 """
 
 RENDER = """

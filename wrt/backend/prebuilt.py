@@ -2,7 +2,7 @@
 
 `wrt/prebuilt/LEVEL` holds compiled files and a table of artefacts as in the user's cache (see `artefacts.py`), named by
 a digest of the code of kernels and of the version of Warp. It is only read, and as trusted as the code beside it.
-`wrt.compiling.prebuild` makes it, for wheels and checkouts; where there is none, kernels are compiled on first use.
+`wrt.prebuilding` makes it, for wheels and checkouts; where there is none, kernels are compiled on first use.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Those of pictures are wide, those of a denoiser's guides scalar. They decide at run time what the kernel of a scene
 knows beforehand (`Features.covers`), so they are slower, with the same bits. They come compiled with the package (see
-`wrt.compiling.prebuild`), or `wrt compile --general` compiles them.
+`wrt.prebuilding`), or `wrt compile --general` compiles them.
 """
 
 from __future__ import annotations

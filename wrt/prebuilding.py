@@ -110,7 +110,7 @@ def publish(level: str) -> int:
 
 def main(arguments: list[str]) -> int:
     """Make those kernels of a level, by default of this processor, that are not there yet."""
-    parser = argparse.ArgumentParser(prog="python -m wrt.compiling.prebuild", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m wrt.prebuilding", description=__doc__)
     flags = processor.processor_flags()
     fitting = [level for level, needed in prebuilt.NEEDED.items() if flags >= needed]
     parser.add_argument("level", nargs="?", choices=fitting, default=fitting[0] if fitting else None)
