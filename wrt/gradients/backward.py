@@ -132,6 +132,7 @@ class Backward:
         sums = backend.kernels("wrt.kernels.gradients.sums").GradientSums()
         faults = backend.zeros(2, int, name)
         counts = self._counts()
+        self._device.require_memory(24 * sum(counts.values()) + upstream.nbytes, "adding up derivatives")
         arrays = {key: backend.zeros(max(1, 3 * count), "int64", name) for key, count in counts.items()}
         for key, integers in arrays.items():
             each = getattr(sums, key)
