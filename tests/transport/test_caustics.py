@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from support.fresnel import by_angles
 from support.small_scenes import finish, image_of
 from support.statistics import two_sample_z
-from support.wide_scenes import needs_lanes
 
 import wrt
 from wrt.kernels.bsdf import smooth_lobes
@@ -231,15 +230,6 @@ def test_threads_slices_passes_and_seeds(expected: Array, monkeypatch: pytest.Mo
     assert (image_of(renderer(seed=4), 6) != expected).any()
     monkeypatch.setattr("wrt.slices.SLICES_PER_THREAD", 97)
     np.testing.assert_array_equal(image_of(renderer(), 6), expected)
-
-
-@needs_lanes
-@pytest.mark.slow
-def test_the_wide_kernel_gathers_the_same(expected: Array) -> None:
-    wide = renderer()
-    wide.compile()
-    assert wide.lanes > 1
-    np.testing.assert_array_equal(image_of(wide, 6), expected)
 
 
 def test_crops_parts_and_resumed_pictures(expected: Array, tmp_path: Path) -> None:

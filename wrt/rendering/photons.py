@@ -107,7 +107,8 @@ class Photons:
         inputs = [number, self._seed, time, scene, settings, self._casters.data, self._found, self._keys]
         self._device.launch(follow, self._count, inputs)
         keys = backend.array(np.sort(backend.fetch(self._keys)), "int64", self._device.name)
-        self._device.launch(arrange, 2 * self._count + 1, [keys, self._found, self._arranged, self._places, self._starts])
+        inputs = [keys, self._found, self._arranged, self._places, self._starts]
+        self._device.launch(arrange, 2 * self._count + 1, inputs)
         self._device.launch(spread, 2 * self._count, [photon_map, self._places])
         self._number = number
         return end
