@@ -244,7 +244,7 @@ def test_an_integrating_sphere_has_the_radiance_of_its_closed_form(report: Repor
         return scene
 
     expected = reflectance / (4.0 * np.pi**2 * 2.0**2 * (1.0 - reflectance))
-    found = means(make, 32, max_depth=64, caustics=True)
+    found = means(make, 160, max_depth=64, caustics=True)
     report("radiance", found.mean() / expected, 1.0)
     assert found.std() < 0.02 * expected
     assert deviation(found, expected, BIAS) < 3.5
