@@ -8,7 +8,6 @@ from wrt.kernels.core.features import Features
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.film.film import is_finite_color
-from wrt.kernels.gradients.bsdf import differentiable, make_weighted
 from wrt.kernels.gradients.replay import make_replay_path
 from wrt.kernels.gradients.sums import GradientSums
 from wrt.kernels.integrators.path import make_begin_path, make_trace_path
@@ -20,14 +19,13 @@ from wrt.kernels.sampling.sampler import make_sampler_of_pixel
 def make_gradient_kernel(features: Features) -> wp.Kernel:
     """Return the kernel for scenes with these features, of a path tracer without clamping.
 
-    Its arguments are those of a render kernel, but for the first and the last sample, and `upstream`, the derivative of
-    the loss by the radiance of each sample, in place of the film.
+    It takes the arguments of a render kernel, except for the first and the last sample; `upstream`, the derivative of
+    the loss by the radiance of each sample, stands in place of the film.
     """
     camera_sample, sampler_of_pixel = make_camera_sample(features), make_sampler_of_pixel(features.sampler)
     begin_path, trace_path = make_begin_path(features), make_trace_path(features)
     replay_path = make_replay_path(features)
     module = wp.get_module(make_gradient_kernel.module_name(features))
-    module.differentiated = tuple(make_weighted(differentiable(features.models)))  # see `wrt/backend/adjoints.py`
 
     @wp.kernel(module=module, enable_backward=False)
     def gradient_pass(

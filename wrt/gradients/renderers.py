@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
+from wrt.errors import InputError, warn
 from wrt.gradients.backward import Backward
 from wrt.gradients.parameters import edited as edited
 from wrt.gradients.parameters import known, mapping_of, parameters, places_of, require_shape
@@ -24,22 +24,20 @@ def gradients(
 ) -> dict[str, NDArray[np.float32]]:
     """Return the derivatives of a loss by parameters; see `Renderer.gradients`."""
     places = places_of(renderer.scene)
-    names = places if names is None else [names] if isinstance(names, str) else names
-    if not isinstance(names, Iterable):
+    wanted = places if names is None else [names] if isinstance(names, str) else names
+    if not isinstance(wanted, Iterable):
         raise InputError(f"names must be names of parameters, not {names!r}")
-    chosen = [known(name, places) for name in names]
-    film = renderer.film
-    upstream = array(d_image, "d_image", np.float32)
-    if upstream.shape != (film.height, film.width, 3):
-        raise InputError(f"d_image must have the shape ({film.height}, {film.width}, 3), not {upstream.shape}")
-    if not np.isfinite(upstream).all():
-        raise InputError("d_image must be finite")
+    chosen = [known(name, places) for name in wanted]
+    d_image = array(d_image, "d_image", np.float32)
     backward = Backward(renderer)
     if any(isinstance(places[name], Texels) for name in chosen):
         renderer.make_texels_editable()
-    arrays = backward.run(upstream, spp, renderer.seed if seed is None else seed)
+    arrays = backward.run(d_image, spp, renderer.seed if seed is None else seed)
     sums = DeviceSums(renderer._built.values, renderer._built.data, arrays)
-    return {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
+    found = {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
+    if names is not None and np.any(d_image) and (without := [name for name in chosen if not found[name].any()]):
+        warn(f"the picture does not depend on {', '.join(without)}: all derivatives are 0")
+    return found
 
 
 BETWEEN_SEEDS = 2**31

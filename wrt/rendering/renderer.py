@@ -328,9 +328,10 @@ class Renderer(EditablePicture):
             self._kernel.launch([target, *self._inputs], seconds_left)
             return
         _, _, scene, path = self._shared_inputs
-        for sample in range(self.film.tally().least, target):
-            self._photons.provide(sample, scene, path, self.camera.shutter_open)
-            self._kernel.launch([sample + 1, *self._inputs], seconds_left)
+        sample = self.film.tally().least
+        while sample < target:
+            sample = min(self._photons.provide(sample, scene, path, self.camera.shutter_open), target)
+            self._kernel.launch([sample, *self._inputs], seconds_left)
             if self.device.cancelled.is_set():
                 return
 
