@@ -149,6 +149,9 @@ _BEFORE_LIGHT = wp.constant(1.0 - 2.0**-16)
 _TOLERANCE = wp.constant(2.0**-14)
 """How far from the point that it was aimed at a photon may meet a shape, as a share of its way: rounding."""
 
+_ROUNDING = wp.constant(2.0**-20)
+"""As much again, as a share of the point's coordinates: a photon from far away starts close to it."""
+
 
 @wp.func
 def way_out(low: wp.vec3, high: wp.vec3, position: wp.vec3, direction: wp.vec3) -> float:
@@ -211,7 +214,7 @@ def make_depart(features: Features) -> wp.Function:
         departure.power = irradiance * (aim.area / caster.probability)
         departure.shape = caster.shape
         departure.position = aim.position
-        departure.tolerance = distance * _TOLERANCE
+        departure.tolerance = distance * _TOLERANCE + wp.max(wp.abs(aim.position)) * _ROUNDING
         return departure
 
     return depart
