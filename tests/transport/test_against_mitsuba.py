@@ -176,9 +176,9 @@ def before_a_mirror() -> wrt.Scene:
 
 @pytest.mark.parametrize("make", [below_a_ball, before_a_mirror])
 def test_caustics_are_those_of_light_traced_from_its_source(make: Callable[[], wrt.Scene], report: Report) -> None:
-    """By Mitsuba's `ptracer`. The caustic lies within the picture, so that what photons blur stays in it."""
+    """By Mitsuba's `ptracer`. Paths that find a lamp of 6 cm by chance are too few to tell here."""
     scene, size, seeds = make(), 32, 8
-    scene.camera = wrt.PerspectiveCamera((0.5, 0.75, 1.2), (0.0, 0.0, 0.0), fov_degrees=60.0)
+    scene.camera = wrt.PerspectiveCamera((0.5, 0.75, 1.2), (0.0, 0.0, 0.0), fov_degrees=50.0)
     options: dict[str, Any] = {"width": size, "height": size, "max_depth": 6}
     theirs = render_reference(scene, spp=16384, integrator="ptracer", **options)
     options |= {"filter": "box", "caustics": True}
@@ -192,7 +192,7 @@ def test_caustics_are_those_of_light_traced_from_its_source(make: Callable[[], w
     report("mean against Mitsuba", ours.mean() / mean.mean(), 1.0)
     report("blocks of 8x8 apart", blocks_apart, 0.0)
     report("share of caustics", 1.0 - alone.mean() / mean.mean(), 0.0)
-    assert alone.mean() < 0.9 * mean.mean()
+    assert alone.mean() < 0.95 * mean.mean()
     assert abs(ours.mean() - mean.mean()) < 3.5 * spread + 0.003 * mean.mean()
     assert blocks_apart < 0.03
 
