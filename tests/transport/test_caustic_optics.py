@@ -152,9 +152,7 @@ def test_a_parabolic_mirror_sends_all_light_to_its_focus(report: Report) -> None
     screen = screen_under(wrt.Shape(mesh, wrt.Mirror((0.9, 0.6, 0.3))), height=focus - drop, view=0.6, upwards=True)
     arrivals = radius * drop / (focus - height)
     relative = Screen(screen.irradiance / (0.9, 0.6, 0.3), *screen[1:])
-    check_circles(
-        relative, 0.5 * (arrivals[1:] + arrivals[:-1]), np.pi * np.diff(radius**2), (0.07, 0.17, 0.29), report
-    )
+    check_circles(relative, 0.5 * (arrivals[1:] + arrivals[:-1]), np.pi * np.diff(radius**2), (0.17, 0.29), report)
 
 
 def test_a_prism_parts_the_colours(report: Report) -> None:
