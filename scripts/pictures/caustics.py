@@ -130,18 +130,19 @@ def prism() -> wrt.Scene:
     return scene
 
 
-WITH = {"caustics": True, "clamp_indirect": 2.0}
-"""Bright dots are light that goes on from a focus."""
+WITH = {"caustics": True}
+
+CLAMPED = {**WITH, "clamp_indirect": 2.0}
 
 PICTURES = {
     "caustics-pool-path": Picture(pool, 400, 280),
     "caustics-pool": Picture(pool, 400, 280, 128, WITH),
     "caustics-wine-path": Picture(wine_glass, 400, 280, 64),
-    "caustics-wine": Picture(wine_glass, 400, 280, 384, WITH),
+    "caustics-wine": Picture(wine_glass, 400, 280, 384, CLAMPED),
     "caustics-ring-path": Picture(ring, 400, 280, 64),
-    "caustics-ring": Picture(ring, 400, 280, 144, WITH),
+    "caustics-ring": Picture(ring, 400, 280, 144, CLAMPED),
     "caustics-lens-path": Picture(magnifying_glass, 400, 280, 64),
-    "caustics-lens": Picture(magnifying_glass, 400, 280, 144, WITH),
+    "caustics-lens": Picture(magnifying_glass, 400, 280, 144, CLAMPED),
     "caustics-prism-path": Picture(prism, 400, 280, 64),
-    "caustics-prism": Picture(prism, 400, 280, 256, WITH),
+    "caustics-prism": Picture(prism, 400, 280, 256, CLAMPED),
 }
