@@ -33,7 +33,7 @@ _COUNTED = wp.constant(24)
 """Photons of a bucket that tell how crowded it is."""
 
 _LEAST_SPREAD = wp.constant(1.0 / 16.0)
-"""Least r² of a photon over the map's: half a pixel at first. A smaller dot would be missed by most samples of a pixel."""
+"""Least r² of a photon over the map's: half a pixel at first. Most samples of a pixel would miss smaller dots."""
 
 
 @wp.func
