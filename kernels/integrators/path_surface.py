@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_bsdf, make_is_any, make_receives_light, models_with
+from wrt.kernels.bsdf import make_bsdf, make_is_any, make_is_matt, make_receives_light, models_with
 from wrt.kernels.core.bsdf import Bsdf, BsdfSample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import Hit
@@ -20,6 +20,7 @@ from wrt.kernels.geometry.surface import (
     make_surface_at,
 )
 from wrt.kernels.geometry.triangles import WIDELY
+from wrt.kernels.integrators.images import make_sample_image
 from wrt.kernels.integrators.light_groups import add_to_group
 from wrt.kernels.integrators.next_event import emitter_hit_weight
 from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, make_begin_indirect
@@ -298,6 +299,7 @@ def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> 
     A path of photons runs the other way: what depends on the direction to the light depends on where it comes from.
     """
     lets_pass = features.has_holes or features.nested or bool(models_with(features.models, "straight"))
+    is_matt = make_is_matt(features.models)
 
     @wp.func
     @inline_stage
@@ -313,6 +315,8 @@ def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> 
         path.is_done = not (wp.dot(direction, vertex.surface.normal) * sample.wi[2] > 0.0)
         if wp.static(features.caustics):
             path.has_gathered = path.has_gathered or sample.pdf > 0.0
+            if wp.static(features.media != "scattering"):
+                path.has_settled = path.has_settled or (sample.pdf > 0.0 and is_matt(vertex.bsdf))
         if wp.static(of_photons):
             # With shading normals the adjoint of a BSDF is another one (Veach 1997, section 5.3).
             came = wp.abs(vertex.wo[2]) * wp.abs(wp.dot(direction, vertex.surface.normal))
@@ -352,6 +356,7 @@ def make_sample_bsdf(features: Features, *, of_photons: bool = False) -> wp.Func
     A path that goes straight through a pane passes it, as if it were not there.
     """
     panes = bool(models_with(features.models, "straight"))
+    sample_image = make_sample_image(features.models)
     bsdf_sample, begin_indirect = make_bsdf(features.models).sample, make_begin_indirect(features)
     scatter_at_surface = make_scatter_at_surface(features, of_photons=of_photons)
 
@@ -362,6 +367,9 @@ def make_sample_bsdf(features: Features, *, of_photons: bool = False) -> wp.Func
         if wp.static(panes):
             u_lobe = wp.where(vertex.is_pane, u_pane, u[2])
         sample = bsdf_sample(vertex.bsdf, vertex.wo, wp.vec2(u[0], u[1]), u_lobe)
+        if wp.static(features.caustics and not of_photons):
+            if path.depth < 2 and not path.has_gathered:
+                sample = sample_image(vertex.bsdf, vertex.wo, u_lobe, sample)
         path.throughput = wp.cw_mul(path.throughput, sample.weight)
         if wp.static(panes):
             if vertex.is_pane and not (sample.wi[2] > 0.0):

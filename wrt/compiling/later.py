@@ -1,4 +1,4 @@
-"""Compile kernels for the next render, after one that is too short to wait for its own.
+"""Compile a wide kernel for the next render, after one that is too short to wait for it, where that pays.
 
 A render writes a request into a folder beside the table of artefacts, and starts a process that compiles what is
 requested there. One such process runs at a time: it holds a lock on the folder, and others that find the lock taken end
@@ -11,16 +11,30 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wrt.backend import cache_folders, current_backend
 from wrt.backend.artefacts import Artefacts
-from wrt.compiling.kernel import as_json, compile_kernel, from_json, is_compiled, name_of_kernel, start
+from wrt.compiling.kernel import (
+    as_json,
+    compile_generated,
+    compile_kernel,
+    from_json,
+    is_compiled,
+    name_of_kernel,
+    start,
+)
+from wrt.compiling.own import code_of, models_from_outside
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 SWITCH = "WRT_BACKGROUND"
 """Environment variable: 0 compiles nothing for the next render; 1 does so on build machines, too."""
@@ -34,8 +48,11 @@ RETRY_SECONDS = 3600.0
 KEPT_SECONDS = 7 * 86400.0
 """Age from which requests are removed."""
 
-LONGEST_SECONDS = 3600
-"""Time after which the compiler is ended, whatever it does; kernels take seconds, minutes on a machine that is busy."""
+LONGEST_SECONDS, MOST_CPU_SECONDS = 3600, 90
+"""Time, and time of one core, after which the compiler is ended, whatever it does; kernels take 6 to 20 s of a core."""
+
+WORTH = 3.0
+"""Kernels are compiled if they save the next render at least this many times the time that compiling them takes."""
 
 PRIORITY = 10
 """The compiler's niceness: where all cores are busy, it gets about a tenth of one. At 19 it does not finish while
@@ -45,12 +62,20 @@ REQUESTED, BEGUN = ".json", ".begun"
 """Suffixes of a request, and of one whose kernel is being compiled, or was when its compiler ended."""
 
 _started: list[subprocess.Popen[bytes]] = []
+_being_generated: set[Path] = set()
+"""Requests whose code this process still generates."""
 
 
 def is_wanted() -> bool:
     """Return whether kernels may be compiled for later renders, by what the environment says."""
     switch = os.environ.get(SWITCH, "")
     return switch == "1" or (switch != "0" and os.environ.get(BUILD_MACHINE, "").lower() in ("", "0", "false"))
+
+
+def is_running() -> bool:
+    """Return whether a process compiles for later renders now."""
+    path = current_backend().artefacts.path
+    return path is not None and requests_folder(path).is_dir() and _is_locked(requests_folder(path))
 
 
 def request(features: Any, lanes: int) -> Path | None:
@@ -70,12 +95,28 @@ def request(features: Any, lanes: int) -> Path | None:
         folder.mkdir(parents=True, exist_ok=True)
         if _is_young(path.with_suffix(BEGUN), RETRY_SECONDS):
             return path if _is_locked(folder) else None
-        cache_folders.put(path, json.dumps([as_json(features), lanes]).encode())
-        if not _is_locked(folder):  # the process that holds the lock looks for requests again after releasing it
-            _start(artefacts.path, kernels)
+        if not models_from_outside(features):
+            _put(path, json.dumps([as_json(features), lanes]), artefacts.path, kernels)
+        elif path not in _being_generated:
+            _being_generated.add(path)
+            code_of(features, lanes).add_done_callback(partial(_put_code, path, artefacts.path, kernels))
     except (OSError, TypeError):
         return None
     return path
+
+
+def _put_code(path: Path, table: Path, kernels: Path, code: Future[str]) -> None:
+    """Request the compilation of code once it is generated."""
+    with contextlib.suppress(OSError):
+        if code.exception() is None:
+            _put(path, code.result(), table, kernels)
+    _being_generated.discard(path)
+
+
+def _put(path: Path, text: str, table: Path, kernels: Path) -> None:
+    cache_folders.put(path, text.encode())
+    if not _is_locked(path.parent):  # the process that holds the lock looks for requests again after releasing it
+        _start(table, kernels)
 
 
 def _start(table: Path, kernels: Path) -> None:
@@ -86,7 +127,7 @@ def _start(table: Path, kernels: Path) -> None:
 
 def is_done(path: Path) -> bool:
     """Return whether a request is not pending any more."""
-    return not path.exists() and not path.with_suffix(BEGUN).exists()
+    return path not in _being_generated and not path.exists() and not path.with_suffix(BEGUN).exists()
 
 
 def requests_folder(table: Path) -> Path:
@@ -100,7 +141,8 @@ def main(arguments: list[str]) -> int:
     The arguments are the program's name, the stem of the table of artefacts, and Warp's folder of compiled kernels.
     """
     signal.alarm(LONGEST_SECONDS)
-    _give_way()
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_SECONDS, MOST_CPU_SECONDS))
+    give_way()
     artefacts, kernels = current_backend().artefacts, Path(arguments[2])
     if artefacts.path is None or artefacts.path.stem != arguments[1]:
         return 1  # the sources of kernels have changed since
@@ -119,20 +161,20 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
     """Compile what a request says. If that fails it stays as BEGUN, so that it is not repeated at once."""
     import warp as wp
 
-    from wrt.compiling.general import exercise, is_general
     from wrt.spmd.ir import Unsupported
 
     begun = path.with_suffix(BEGUN)
     with contextlib.suppress(OSError, RuntimeError, ValueError, Unsupported):
         path.replace(begun)
         os.utime(begun)
-        features, lanes = json.loads(begun.read_text(encoding="utf-8"))
-        features = from_json(features)
+        requested = json.loads(begun.read_text(encoding="utf-8"))
         artefacts.refresh()
-        if not is_compiled(features, lanes):
-            if wp.config.kernel_cache_dir is None:  # Warp adds its version when it starts
-                wp.config.kernel_cache_dir = str(kernels)
-            compile_kernel(features, lanes, exercise if is_general(features) else None)
+        if wp.config.kernel_cache_dir is None:  # Warp adds its version when it starts
+            wp.config.kernel_cache_dir = str(kernels)
+        if isinstance(requested, dict):
+            compile_generated(requested)
+        elif not is_compiled(features := from_json(requested[0]), lanes := requested[1]):
+            compile_kernel(features, lanes)
         begun.unlink(missing_ok=True)
 
 
@@ -159,7 +201,7 @@ def _remove_old(folder: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _give_way() -> None:
+def give_way() -> None:
     """Take a low priority among all processes, and be the first to end when memory is short."""
     with contextlib.suppress(OSError):
         os.nice(PRIORITY)

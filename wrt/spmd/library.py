@@ -1,5 +1,7 @@
 """The C++ that wide kernels call, and native functions for lanes."""
 
+import functools
+import re
 from collections.abc import Collection
 from typing import Any
 
@@ -15,6 +17,12 @@ def library(lanes: int, *, exact: str = "") -> str:
     """
     define = text_of(exact) if exact else ""
     return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"
+
+
+@functools.cache
+def names() -> frozenset[str]:
+    """Return the names of functions in that C++: Warp's functions that are not among them have no version for lanes."""
+    return frozenset(re.findall(r"(?<=[\w>&] )\w+(?=[(<])|(?<=\()\w+(?=,)", library(16)))
 
 
 _WIDE = {
