@@ -193,7 +193,9 @@ def pixels(seed: int) -> NDArray[np.float32]:
 def bumpy() -> wrt.Scene:
     """Bumps where light is turned, and where it arrives."""
     bumps = wrt.NormalMap(0.5 + (pixels(5) - 0.5) * (0.3, 0.3, 0.0) + (0.0, 0.0, 0.5))
-    return scene_of(floor(wrt.Diffuse(0.5, normal_map=bumps)), lamp(), ball(wrt.Dielectric(normal_map=bumps)))
+    mesh = ball().mesh
+    glass = wrt.Shape(dataclasses.replace(mesh, uvs=mesh.vertices[:, :2]), wrt.Dielectric(normal_map=bumps))
+    return scene_of(floor(wrt.Diffuse(0.5, normal_map=bumps)), lamp(), glass)
 
 
 def fog() -> wrt.Scene:
