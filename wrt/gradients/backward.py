@@ -138,11 +138,12 @@ class Backward:
             each = getattr(sums, key)
             each.sums, each.faults, each.scale = array, faults, scales[key]
         weights = backend.array(upstream, "vec3", name)
+        radiances = backend.zeros(1, "vec3", name)
         shared = self._renderer.arguments_for(self._renderer.film)[1:5]
         samples = max(1, PER_LAUNCH // len(upstream))
         for first in range(0, spp, samples):
             last = min(spp, first + samples)
-            self._device.launch(self._kernel, len(upstream), [first, last, seed, *shared, weights, sums])
+            self._device.launch(self._kernel, len(upstream), [first, last, seed, *shared, weights, radiances, sums])
         self.rejected, overflowed = (int(count) for count in backend.fetch(faults))
         found = {
             key: backend.fetch(array)[: 3 * counts[key]].astype(np.float64).reshape(-1, 3) / scales[key]

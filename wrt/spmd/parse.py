@@ -5,12 +5,13 @@ variables that are mostly set once. Only this file knows their syntax.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from warp._src.codegen import strip_reference
 
 from wrt.spmd import ir
+from wrt.spmd.analysis import uses
 
 _V = r"(var_\w+)"
 _LABEL = r"((?:for|while)_\d+)"
@@ -31,20 +32,39 @@ def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
     Raises:
         Unsupported: A line has an unknown form.
     """
-    adj = function.adj
-    arguments, variables = ([_variable(v) for v in of] for of in (adj.args, adj.variables))
-    parser = _Parser(structs, {v.name: v for v in (*arguments, *variables)})
+    arguments, variables = ([variable(v) for v in of] for of in (function.adj.args, function.adj.variables))
     is_native = bool(getattr(function, "native_snippet", None))
-    lines = [] if is_native else [line.strip() for line in adj.blocks[0].body_forward]
-    for number, line in enumerate(line for line in lines if line and not line.startswith(("//", "#line"))):
-        parser.statement(line, number)
+    lines = [] if is_native else code_lines(function.adj.blocks[0].body_forward)
+    body = statements(lines, structs, [*arguments, *variables])
     marks = frozenset(getattr(function.func, "spmd_marks", ()))
-    result = adj.return_var[0].type if adj.return_var else None
+    result = function.adj.return_var[0].type if function.adj.return_var else None
     name = getattr(function, "native_func", "")
-    return ir.Function(function.key, name, arguments, variables, parser.bodies[0], marks, result)
+    return ir.Function(function.key, name, arguments, variables, body, marks, result)
 
 
-def _variable(v: Any) -> ir.Variable:
+def code_lines(lines: Iterable[str]) -> list[str]:
+    """Return lines of Warp's C++ without indentation, comments and directives."""
+    stripped = (line.strip() for line in lines)
+    return [line for line in stripped if line and not line.startswith(("//", "#line"))]
+
+
+def statements(lines: list[str], structs: dict[str, Any], variables: list[ir.Variable]) -> list[ir.Statement]:
+    """Return the statements of lines in which there are these variables.
+
+    Raises:
+        Unsupported: A line has an unknown form.
+    """
+    parser = _Parser(structs, {v.name: v for v in variables})
+    for number, line in enumerate(lines):
+        parser.statement(line, number)
+    (body,) = parser.bodies
+    if lost := {v.name for v in uses(body)} & parser.unset:
+        raise ir.Unsupported(f"uses {min(lost)}, a derivative by another than the first argument of a function")
+    return body
+
+
+def variable(v: Any) -> ir.Variable:
+    """Return Warp's variable."""
     return ir.Variable(v.emit(), strip_reference(v.type), v.ctype(), v.constant)
 
 
@@ -53,6 +73,7 @@ class _Parser:
 
     Attributes:
         bodies: The open lists of statements, outermost first.
+        unset: Names of variables that stay without a value.
     """
 
     def __init__(self, structs: dict[str, Any], variables: dict[str, ir.Variable]) -> None:
@@ -60,6 +81,8 @@ class _Parser:
         self.variables = variables
         self._pointers: dict[str, ir.Expression] = {}
         self._loops: list[str] = []
+        self._tuples: dict[str, list[str]] = {}
+        self.unset: set[str] = set()
         self.bodies: list[list[ir.Statement]] = [[]]
 
     def statement(self, line: str, number: int) -> None:
@@ -114,6 +137,24 @@ class _Parser:
 
     def update(self, name: str, fields: str, value: str) -> ir.Statement:
         return ir.Update(self.variables[name], tuple(fields.split(".")[1:]), self.variables[value])
+
+    # Of `wp.grad`, whose function Warp calls after it has set all adjoints to zero, and that of the result to one.
+
+    def gradient(self, function: str, arguments: str) -> ir.Statement:
+        names = arguments.split(", ")
+        count = len(names) // 2
+        first, *others = names[count:-1]
+        self.unset.update(others)
+        return ir.Set(self.variables[first], self.call(f"grad_{function}", ", ".join(names[:count])))
+
+    def pack(self, name: str, parts: str) -> None:
+        self._tuples[name] = parts.split(", ")
+
+    def unpack(self, name: str, number: str, of: str) -> ir.Statement | None:
+        if number == "0":
+            return ir.Set(self.variables[name], ir.Builtin("copy", (self.operand(self._tuples[of][0]),)))
+        self.unset.add(name)
+        return None
 
     def operand(self, name: str) -> ir.Expression:
         """Return a variable, or the target of a pointer."""
@@ -173,6 +214,11 @@ _STATEMENTS = _compiled(
         ),
         rf"goto (start|end)_{_LABEL};": _Parser.jump,
         rf"return ?{_V}?;": lambda p, name: ir.Return(p.variables[name] if name else None),
+        r"goto (label\d+);": lambda _, label: ir.Return(None, label),
+        rf"{_V} = (?:\{{\}}|wp::vec_t<\d+, wp::float32>\(1\));": lambda *_: None,
+        r"adj_(\w+)\((.*)\);": _Parser.gradient,
+        rf"{_V} = wp::tuple_t<.*>\((.*)\);": _Parser.pack,
+        rf"{_V} = wp::extract<(\d+)>\({_V}\);": _Parser.unpack,
         rf"wp::assign\({_V}, {_V}\);": lambda p, name, value: p.update(name, "", value),
         r"wp::(assign_inplace|array_store|store)\((.*)\);": lambda p, name, arguments: ir.Do(
             ir.Builtin(name, p.operands(arguments))
