@@ -20,7 +20,7 @@ from typing import Any
 
 from wrt.backend import cache_folders, current_backend
 from wrt.backend.artefacts import Artefacts
-from wrt.compiling.kernel import as_json, compile_kernel, from_json, is_compiled, name_of_kernel, start
+from wrt.compiling.kernel import RENDER, as_json, compile_kernel, from_json, is_compiled, name_of_kernel, start
 
 SWITCH = "WRT_BACKGROUND"
 """Environment variable: 0 compiles nothing for the next render; 1 does so on build machines, too."""
@@ -53,7 +53,7 @@ def is_wanted() -> bool:
     return switch == "1" or (switch != "0" and os.environ.get(BUILD_MACHINE, "").lower() in ("", "0", "false"))
 
 
-def request(features: Any, lanes: int) -> Path | None:
+def request(features: Any, lanes: int, part: str = RENDER) -> Path | None:
     """Have another process compile a kernel, and return the path of the request, which is removed once it is done.
 
     Return None if the environment forbids that, if the cache cannot be written to, or if the kernel's compiler was
@@ -65,12 +65,12 @@ def request(features: Any, lanes: int) -> Path | None:
     try:
         kernels = cache_folders.kernels_folder()
         cache_folders.require_writable(kernels / artefacts.warp_version)
-        folder, name = requests_folder(artefacts.path), _digest(name_of_kernel(features, lanes).encode())
+        folder, name = requests_folder(artefacts.path), _digest(name_of_kernel(features, lanes, part).encode())
         path = folder / f"{_group(artefacts.path, kernels)}-{name}{REQUESTED}"
         folder.mkdir(parents=True, exist_ok=True)
         if _is_young(path.with_suffix(BEGUN), RETRY_SECONDS):
             return path if _is_locked(folder) else None
-        cache_folders.put(path, json.dumps([as_json(features), lanes]).encode())
+        cache_folders.put(path, json.dumps([as_json(features), lanes, part]).encode())
         if not _is_locked(folder):  # the process that holds the lock looks for requests again after releasing it
             _start(artefacts.path, kernels)
     except (OSError, TypeError):
@@ -126,13 +126,13 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
     with contextlib.suppress(OSError, RuntimeError, ValueError, Unsupported):
         path.replace(begun)
         os.utime(begun)
-        features, lanes = json.loads(begun.read_text(encoding="utf-8"))
+        features, lanes, part = json.loads(begun.read_text(encoding="utf-8"))
         features = from_json(features)
         artefacts.refresh()
-        if not is_compiled(features, lanes):
+        if not is_compiled(features, lanes, part):
             if wp.config.kernel_cache_dir is None:  # Warp adds its version when it starts
                 wp.config.kernel_cache_dir = str(kernels)
-            compile_kernel(features, lanes, exercise if is_general(features) else None)
+            compile_kernel(features, lanes, exercise if is_general(features) else None, part)
         begun.unlink(missing_ok=True)
 
 

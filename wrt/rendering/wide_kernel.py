@@ -55,11 +55,16 @@ class WideKernel:
         tile: Pixels along each side of the square that one of its threads renders.
     """
 
-    def __init__(self, device: Device, features: Any, records: tuple[Any, ...]) -> None:
-        """Start without a kernel; `features` and `records` are those of the scalar kernel (see RenderKernel)."""
+    def __init__(
+        self, device: Device, features: Any, records: tuple[Any, ...], part: str = compiler.RENDER
+    ) -> None:
+        """Start without a kernel; `features` and `records` are those of the scalar kernel (see RenderKernel).
+
+        `part` is what the kernel does (see `wrt.compiling.kernel`).
+        """
         self.kernel: Any = None
         self.tile = 0
-        self._device, self._features, self._records = device, features, records
+        self._device, self._features, self._records, self._part = device, features, records, part
         self._lanes = 0
         self._possible: bool | None = None if device.is_cpu else False  # None: not known yet
         self._compiler: subprocess.Popen[bytes] | None = None
@@ -99,7 +104,7 @@ class WideKernel:
                 self._compile()
             elif may_compile and seconds_left > WORTH_SECONDS and not self._is_requested:
                 self._is_requested = True
-                self._request = later.request(self._features, self._lanes)
+                self._request = later.request(self._features, self._lanes, self._part)
         finally:
             _LOADING.release()
 
@@ -141,12 +146,12 @@ class WideKernel:
         return self._possible
 
     def _is_compiled(self) -> bool:
-        return compiler.is_compiled(self._features, self._lanes)
+        return compiler.is_compiled(self._features, self._lanes, self._part)
 
     def _load(self) -> None:
         self._possible = False  # do not try again, whatever happens
         with contextlib.suppress(OSError):  # the scalar kernel continues, with the same bits
-            kernel = self._device.backend.call(*compiler.declaration(self._features, self._lanes))
+            kernel = self._device.backend.call(*compiler.declaration(self._features, self._lanes, self._part))
             self.tile = self._device.backend.kernels("wrt.kernels.native.constants").TILE
             self._device.compile(kernel)
             self.kernel = kernel
@@ -155,13 +160,14 @@ class WideKernel:
         """Start compiling the kernel in another process."""
         try:
             environment = {**os.environ, "TMPDIR": str(cache_folders.work_folder())}  # which this process removes
-            arguments = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
+            of_kernel = compiler.as_json(self._features), str(self._lanes), self._part
+            arguments = [*of_kernel, str(os.getpid()), *self._folders()]
             self._compiler = compiler.start(compiler.__name__, *arguments, env=environment)
         except OSError:  # no folder has room, or there is no Python
             self._possible = False
             return
         self._compiling_since = time.perf_counter()
-        weakref.finalize(self, _end, self._compiler, self._features, self._lanes)  # nothing else would end it
+        weakref.finalize(self, _end, self._compiler, self._features, self._lanes, self._part)  # nothing else would end it
 
     def _folders(self) -> list[str]:
         """Return the folders for compiled kernels, and for the table of artefacts if its usual folder fails."""
@@ -183,12 +189,12 @@ class WideKernel:
         self._possible = self._is_compiled()
 
 
-def _end(compiler: subprocess.Popen[bytes], features: Any, lanes: int) -> None:
+def _end(compiler: subprocess.Popen[bytes], features: Any, lanes: int, part: str) -> None:
     """End the compiler of a render that ends before it; the next render gets the kernel nevertheless."""
     if compiler.poll() is None:
         compiler.kill()
         compiler.wait()
-        later.request(features, lanes)
+        later.request(features, lanes, part)
 
 
 def compiling_pays(seconds_left: float, threads: int, speedup: float) -> bool:

@@ -33,6 +33,7 @@ def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
         Unsupported: A line has an unknown form.
     """
     arguments, variables = ([variable(v) for v in of] for of in (function.adj.args, function.adj.variables))
+    variables = [v for v in variables if not v.ctype.startswith("wp::tuple_t")]  # see `_Parser.pack`
     is_native = bool(getattr(function, "native_snippet", None))
     lines = [] if is_native else code_lines(function.adj.blocks[0].body_forward)
     body = statements(lines, structs, [*arguments, *variables])
