@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.wide_scenes import CAMERAS, SCENES, needs_lanes
+from support.wide_scenes import CAMERAS, LANES, SCENES, needs_lanes
 
 import wrt
 from wrt.gradients import backward, kernels
@@ -42,6 +42,15 @@ def renderer_of(name: str, **changes: Any) -> wrt.Renderer:
     return wrt.Renderer(scene, **{"width": 45, "height": 31, **options, **changes})
 
 
+def with_wide_kernels(name: str, monkeypatch: pytest.MonkeyPatch, **changes: Any) -> wrt.Renderer:
+    monkeypatch.setenv("WRT_WIDE", str(LANES))
+    renderer = renderer_of(name, **changes)
+    Backward(renderer)
+    renderer._kernel.gradients.wait()
+    assert renderer._kernel.gradients.lanes == LANES
+    return renderer
+
+
 @needs_lanes
 @pytest.mark.parametrize(
     "name",
@@ -55,15 +64,11 @@ def test_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also with other threads, and if a launch takes fewer samples."""
     renderer = renderer_of(name)
     scalar = sums(renderer)
-    of_scene = renderer._kernel.gradients
-    assert of_scene.lanes == 1
-    of_scene.wait()
-    assert of_scene.lanes > 1
+    assert renderer._kernel.gradients.lanes == 1
+    renderer = with_wide_kernels(name, monkeypatch)
     wide = sums(renderer)
     monkeypatch.setattr(kernels, "PER_LAUNCH", 7 * renderer.film.pixels)
-    alone = renderer_of(name, threads=1)
-    again = sums(alone)
-    assert alone._kernel.gradients.lanes > 1
+    again = sums(with_wide_kernels(name, monkeypatch, threads=1))
     assert sum(scalar[key].any() for key in KEYS) >= 2
     for key in KEYS:
         np.testing.assert_array_equal(wide[key], scalar[key], err_msg=key)
@@ -73,15 +78,10 @@ def test_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 @needs_lanes
 @pytest.mark.slow
 def test_sums_beyond_the_limit_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lanes that add to one sum at once must not leave the range of integers unseen."""
-    renderer = renderer_of(SLOW)
-    Backward(renderer)
-    renderer._kernel.gradients.wait()
-    for power in (57.0, 59.0, 61.0, 63.0):
-        monkeypatch.setattr(backward, "LARGEST", 2.0**power)
-        monkeypatch.setattr(backward, "PILOT", (0,))
-        with pytest.raises(wrt.errors.InputError, match="too large"):
-            sums(renderer)
+    renderer = with_wide_kernels(SLOW, monkeypatch)
+    monkeypatch.setattr(backward, "LARGEST", 2.0**63)
+    with pytest.raises(wrt.errors.InputError, match="too large"):
+        sums(renderer)
 
 
 def test_a_scene_whose_adjoints_have_a_loop_stays_scalar() -> None:
