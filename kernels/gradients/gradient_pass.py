@@ -36,8 +36,8 @@ def make_gradient_kernel(features: Features, part: Literal["both", "radiance", "
     """Return the kernel for scenes with these features, of a path tracer without clamping.
 
     Its arguments are those of a render kernel, but for the first and the last sample, and in place of the film
-    `upstream`, the derivative of the loss by the radiance of each sample, and `radiances`. Wide kernels do one `part` of
-    it each: "radiance" writes what each path finds to `radiances`, those of a pixel side by side, and "replay" reads it.
+    `upstream`, the derivative of the loss by the radiance of each sample, and `radiances`. Wide kernels do one `part`
+    each: "radiance" writes what paths find to `radiances`, those of a pixel side by side, and "replay" reads it.
     """
     camera_sample, sampler_of_pixel = make_camera_sample(features), make_sampler_of_pixel(features.sampler)
     trace_path, replay_path = make_trace_path(features), make_replay_path(features)
@@ -48,9 +48,7 @@ def make_gradient_kernel(features: Features, part: Literal["both", "radiance", "
     @wp.kernel(module=module, enable_backward=False)
     @pixel_kernel
     @of_gradients
-    def gradient_pass(
-        first_pixel, first, last, seed, camera, filter_table, scene, settings, upstream, radiances, sums
-    ):
+    def gradient_pass(first_pixel, first, last, seed, camera, filter_table, scene, settings, upstream, radiances, sums):
         pixel = first_pixel + wp.tid()
         x = camera.crop_x + pixel % camera.crop_width
         y = camera.crop_y + pixel // camera.crop_width

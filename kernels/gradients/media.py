@@ -45,10 +45,11 @@ def mean_free_length_slope(extinction: float, distance: float) -> float:
 
 @specialised("media", "grid_media")
 def make_add_to_medium(features: Features) -> wp.Function:
-    """Return (sums, scene, stack, hit, length, throughput, scatters, distance, upstream, later): from a segment of a path.
+    """Return the device function that adds the derivatives by the medium in which a segment of a path lies.
 
-    The path is before the segment, of a `length` up to the hit, in a medium of the body `stack`; `later` is the radiance
-    that it finds after it, without the medium's own emission.
+    Its arguments are (sums, scene, stack, hit, length, throughput, scatters, distance, upstream, later). The throughput
+    is that before the segment, `length` that of the way to the hit, and `later` the radiance that the path finds after
+    the segment, without the medium's own emission.
     """
     extinction_of, add_to_extinction = make_extinction(features.media), make_add_to_extinction(features.media)
 

@@ -46,11 +46,11 @@ from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_
 
 @specialised()
 def make_replay_path(features: Features) -> wp.Function:
-    """Return the device function (sums, scene, camera_ray, pixel_footprint, sampler, settings, radiance, upstream) -> int.
+    """Return the device function that adds the derivatives of the radiance of a path.
 
-    It follows a path from its begin, as `make_follow_path` does, with the same random numbers, and adds derivatives to
-    `sums`. `radiance` is what it finds in all, and `upstream` the derivative of the loss by that. It returns how many
-    surfaces scattered the path.
+    Its arguments are (sums, scene, camera_ray, pixel_footprint, sampler, settings, radiance, upstream). It follows the
+    path from its begin, as `make_follow_path` does, with the same random numbers. `radiance` is what the path finds in
+    all, and `upstream` the derivative of the loss by that. The result is how many surfaces scattered it.
     """
     begin_path = make_begin_path(features)
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
@@ -191,9 +191,7 @@ def make_replay_path(features: Features) -> wp.Function:
                 arriving = wp.cw_mul(arriving, light.light.radiance)
                 if wp.static(shadows):
                     by_shadow = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.radiance)
-                    add_to_shadow(
-                        sums, scene, light.shadow_ray, light.t_max, light.medium_stack, no_skin(), by_shadow
-                    )
+                    add_to_shadow(sums, scene, light.shadow_ray, light.t_max, light.medium_stack, no_skin(), by_shadow)
             gradients = slot_values()
             if wp.static(is_smooth):
                 if wp.max(wp.abs(arriving)) > 0.0:

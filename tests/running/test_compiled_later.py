@@ -66,8 +66,9 @@ def compiled(monkeypatch):
     """Return what `main` would have compiled; diffuse surfaces are not translated, or rejected by clang."""
     features = []
 
-    def compile_kernel(requested, lanes, uses):
+    def compile_kernel(requested, lanes, uses, part):
         assert (uses is not None) == is_general(requested)
+        assert part == kernel.RENDER
         if requested == DIFFUSE:
             raise Unsupported("diffuse") if lanes == 8 else RuntimeError("CPU kernel build failed")
         features.append(requested)

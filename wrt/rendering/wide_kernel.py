@@ -55,9 +55,7 @@ class WideKernel:
         tile: Pixels along each side of the square that one of its threads renders.
     """
 
-    def __init__(
-        self, device: Device, features: Any, records: tuple[Any, ...], part: str = compiler.RENDER
-    ) -> None:
+    def __init__(self, device: Device, features: Any, records: tuple[Any, ...], part: str = compiler.RENDER) -> None:
         """Start without a kernel; `features` and `records` are those of the scalar kernel (see RenderKernel).
 
         `part` is what the kernel does (see `wrt.compiling.kernel`).
@@ -167,7 +165,8 @@ class WideKernel:
             self._possible = False
             return
         self._compiling_since = time.perf_counter()
-        weakref.finalize(self, _end, self._compiler, self._features, self._lanes, self._part)  # nothing else would end it
+        # Nothing else would end it.
+        weakref.finalize(self, _end, self._compiler, self._features, self._lanes, self._part)
 
     def _folders(self) -> list[str]:
         """Return the folders for compiled kernels, and for the table of artefacts if its usual folder fails."""

@@ -121,11 +121,16 @@ class Adjoints:
         count = len(inputs_of(f))
         arguments, variables = ([variable(v) for v in of] for of in (f.adj.args, f.adj.variables))
         adjoints = [ir.Variable(f"var_{_adjoint_of(v)}", v.type, v.ctype) for v in arguments[:count]]
-        lines = [re.sub(r"\badj_(?=\w+\b(?! *\())", "var_adj_", line) for line in code_lines(f.adj.blocks[0].body_forward)]
-        body = ir.rebuilt(
-            self.body(lines, [*arguments, *variables, *adjoints]),
-            lambda s: [ir.Update(s.variable, (), s.value) if isinstance(s, ir.Set) and s.variable in adjoints else s],
-        )
+        lines = [
+            re.sub(r"\badj_(\w+)\b(?!\()", r"var_adj_\1", line) for line in code_lines(f.adj.blocks[0].body_forward)
+        ]
+
+        def masked(s: ir.Statement) -> list[ir.Statement]:
+            if isinstance(s, ir.Set) and isinstance(s.value, ir.Variable) and s.variable in adjoints:
+                return [ir.Update(s.variable, (), s.value)]
+            return [s]
+
+        body = ir.rebuilt(self.body(lines, [*arguments, *variables, *adjoints]), masked)
         function = ir.Function(f.key, f.native_func, arguments, variables, body, frozenset())
         wide = self._types.wide
         parameters = [f"const {wide(v.type)}& {v.name}" for v in arguments]

@@ -14,7 +14,8 @@ def library(lanes: int, *, exact: str = "", adjoints: bool = False) -> str:
     disks and cylinders, too. `adjoints` adds those of Warp's functions.
     """
     define = text_of(exact) if exact else ""
-    return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}{text_of('lanes/adjoints.h') if adjoints else ''}"
+    last = text_of("lanes/adjoints.h") if adjoints else ""
+    return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}{last}"
 
 
 _WIDE = {
