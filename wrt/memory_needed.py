@@ -35,6 +35,8 @@ class DeviceMemory:
         kept: all of these, for as long as the renderer lives.
         peak: the most at once, while trees are built.
         peak_if_cut: the same if the builder has to cut large triangles.
+        editing: more that images take from the first `set_parameters`, or gradients by pixels, on.
+        gradients: more that `Renderer.gradients` takes while it runs.
     """
 
     geometry: int
@@ -46,6 +48,8 @@ class DeviceMemory:
     kept: int
     peak: int
     peak_if_cut: int
+    editing: int
+    gradients: int
 
 
 def device_memory(
@@ -104,6 +108,8 @@ def device_memory(
         kept,
         peak=max(finishing, building + first.scratch),
         peak_if_cut=max(finishing, building + first.scratch_if_cut),
+        editing=sum(each.editing for each in of_scenes),
+        gradients=first.gradients + 12 * pixels,
     )
 
 

@@ -151,7 +151,7 @@ def make_receives_light(names: tuple[str, ...]) -> wp.Function:
 def smooth_lobes(name: str) -> str:
     """Return which lobes of a model reflect or refract light in one direction only: "all", "some" or "none".
 
-    Those that let light straight through panes do not count.
+    Models of panes, which let light straight through, do not count.
     """
     model = model_of(name)
     if model.specular is None and model.index_slot < 0 and (not model.delta or model.straight is not None):

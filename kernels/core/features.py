@@ -29,8 +29,8 @@ class Features:
         instances: "none" where all triangles lie in one tree, else the most general kind of instance: "still",
             "moving" rigidly, or "deforming".
         integrator: the integrator's name (see `kernels/integrators/registry.py`).
-        cameras: names of the camera models that the scene uses and that are not in all kernels: those that distort, and
-            those registered from outside the package.
+        cameras: names of the camera models that the scene uses and that not all kernels have: models with distortion,
+            and models registered from outside the package.
         light_tree: whether lights are chosen by a light tree instead of by power alone.
         light_shapes: names of the light models, where any light has a shape: all built-in ones, and those registered
             from outside that the scene uses (see `kernels/lights/shapes.py`).

@@ -22,7 +22,7 @@ class Photon:
 class PhotonMap:
     """The photons of a set by buckets: those of bucket b are `starts[b]` to `starts[b + 1]` − 1 of `photons`.
 
-    Cells of a grid, twice `radius` wide, are hashed into buckets, of which there are a power of two.
+    Cells of a grid, twice `radius` wide, are hashed into buckets; the number of buckets is a power of two.
     """
 
     photons: wp.array(dtype=Photon)

@@ -13,7 +13,6 @@ from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import pixel_kernel
 from wrt.kernels.film.film import is_finite_color
-from wrt.kernels.gradients.bsdf import differentiable, make_weighted
 from wrt.kernels.gradients.replay import make_replay_path
 from wrt.kernels.gradients.sums import GradientSums
 from wrt.kernels.integrators.path import make_trace_path
@@ -42,7 +41,6 @@ def make_gradient_kernel(features: Features, part: Literal["both", "radiance", "
     camera_sample, sampler_of_pixel = make_camera_sample(features), make_sampler_of_pixel(features.sampler)
     trace_path, replay_path = make_trace_path(features), make_replay_path(features)
     module = wp.get_module(f"{make_gradient_kernel.module_name(features)}.{part}")
-    module.differentiated = tuple(make_weighted(differentiable(features.models)))  # see `wrt/backend/adjoints.py`
     traces, replays = part != "replay", part != "radiance"
 
     @wp.kernel(module=module, enable_backward=False)

@@ -5,7 +5,7 @@
 
 namespace wrt {
 // Lanes are bits. Lanes that vote together name the same lanes and wait for all of them. So between two votes, loops must
-// continue or end by what the lanes have in common, such as a vote.
+// continue or end by a value that is the same in all lanes, such as a vote.
 WRT_INLINE unsigned lanes_beside() {
 #if defined(__CUDA_ARCH__)
     return __activemask();

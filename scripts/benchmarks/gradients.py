@@ -61,7 +61,7 @@ def metal() -> wrt.Scene:
 
 
 def principled() -> wrt.Scene:
-    """Return a box with a textured principled metal at its back, of which alone Mitsuba has the same model."""
+    """Return a box with a textured metal at its back: Mitsuba has the same model of such a Principled."""
     pixels = np.random.default_rng(3).uniform(0.2, 0.8, (8, 8, 3))
     return room(back=wrt.Principled(wrt.ImageTexture(pixels), metallic=1.0, roughness=0.5))
 
@@ -94,7 +94,7 @@ def mitsuba_names(scene: wrt.Scene, name: str) -> list[str]:
 
 
 def as_ours(name: str, gradient: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return Mitsuba's derivative by a parameter as that by wrt's; `to_mitsuba` says how textures differ."""
+    """Return Mitsuba's derivative by a parameter in wrt's layout; see `to_mitsuba` for textures."""
     if name == "environment.texels":
         # A column is repeated on either side, and between two rows their mean is.
         gradient = gradient.reshape(2 * shape[0] + 1, shape[1] + 2, 3)

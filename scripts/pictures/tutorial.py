@@ -19,7 +19,7 @@ MESH = ROOT / "meshes" / "teapot.ply"
 
 
 def scene_file(step: int) -> str:
-    """Return the scene file after a step of the page, each of which replaces tables of the file or adds some."""
+    """Return the scene file after a step of the page; a step replaces or adds tables."""
     steps = re.findall(r"^```toml\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     tables: dict[str, str] = {}
     for text in steps[: step + 1]:

@@ -12,7 +12,6 @@ from support.films_of_devices import FILMS, OPTIONS, film_cases
 
 import wrt
 import wrt.kernels
-from wrt.backend.adjoints import adjoints_of
 from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.bsdf import models_with
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
@@ -112,8 +111,7 @@ def compile_for_cuda(module: wp.Module, folder: Path, mode: str = "release") -> 
     usual = module.options["mode"]
     module.options["mode"] = mode
     try:
-        with adjoints_of(module):
-            paths = wp.compile_aot_module(module, arch=ARCHITECTURE, module_dir=folder, use_ptx=True)
+        paths = wp.compile_aot_module(module, arch=ARCHITECTURE, module_dir=folder, use_ptx=True)
     finally:
         module.options["mode"] = usual
     assert [path.suffix for path in paths] == [".ptx"]

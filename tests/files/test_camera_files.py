@@ -117,7 +117,7 @@ def test_pictures_name_cameras_and_give_their_size(tmp_path):
 
 @pytest.mark.slow
 def test_pictures_of_all_cameras_of_a_file(tmp_path, monkeypatch, capsys):
-    """A triangle stays where its file has it, and each picture is that of a render with its camera."""
+    """A triangle stays where its file has it, and each picture equals a render with its camera."""
     monkeypatch.chdir(tmp_path)
     Path("a.obj").write_text("v -0.5 -0.5 0.2\nv 0.5 -0.5 0\nv 0 0.5 0\nf 1 2 3\n")
     frames = [{"file_path": f"./images/{name}.png"} for name in ("left", "right")]

@@ -82,7 +82,7 @@ def test_the_scene_is_in_metres_with_y_up_and_also_in_an_archive(scene, folder):
 
 
 @pytest.mark.parametrize(
-    ("up", "signed_axes"),  # of the file, from 1: those that become x, y and z
+    ("up", "signed_axes"),  # axes of the file, from 1, that become x, y and z
     [
         (None, (1, 3, -2)),
         ("z", (1, 3, -2)),

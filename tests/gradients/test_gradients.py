@@ -52,6 +52,16 @@ def test_gradients_are_those_of_the_picture(renderer):
             assert gradients[name][tuple(index)] == pytest.approx(slope, abs=tolerance), (name, index)
 
 
+def test_a_name_that_the_picture_does_not_depend_on_is_told(renderer):
+    scene = room()
+    scene.add(wrt.quad((0.0, 0.0, 9.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), material=(0.5, 0.5, 0.5), name="behind")
+    hidden = wrt.Renderer(scene, **{**SMALL, "max_depth": 1})
+    names = ["behind.reflectance", "environment.radiance"]
+    with pytest.warns(wrt.InputWarning, match=r"does not depend on behind\.reflectance: all derivatives are 0"):
+        gradients = hidden.gradients(np.ones((12, 16, 3)), names, spp=1)
+    assert gradients["environment.radiance"].all()
+
+
 def test_gradients_leave_the_picture_and_take_names_and_seeds(renderer):
     renderer.set_parameters({})
     image = renderer.render(spp=SPP)

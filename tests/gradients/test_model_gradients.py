@@ -106,7 +106,6 @@ def kernels_of(model: str) -> Kernels:
     weighted_value, weighted_lobes = weighted.value, weighted.lobes
     evaluate = make_bsdf((model,)).evaluate
     module = wp.get_module(f"test.gradient.{identifier((model,))}")
-    module.differentiated = tuple(weighted)
 
     @wp.kernel(module=module, enable_backward=False)
     def values(

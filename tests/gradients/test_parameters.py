@@ -27,6 +27,7 @@ def rich_scene(
     lamp=(4.0, 3.0, 2.0),
     panel=PANEL,
     key=(3.0, 2.0, 1.0),
+    power=(9.0, 9.0, 9.0),
     slide=SLIDE,
     sky=SKY,
     fog=(0.1, 0.2, 0.3),
@@ -51,7 +52,7 @@ def rich_scene(
     scene.add(wrt.quad((-1.0, 3.0, -1.0), (2.0, 0.0, 0.0), (0.0, 0.0, 2.0)), emission=lamp, name="lamp")
     glowing = image(panel, factor=3.0)
     scene.add(wrt.quad((-3.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)), emission=glowing, name="lamp")
-    scene.add_light(wrt.PointLight((1.0, 2.0, 3.0), power=9.0))
+    scene.add_light(wrt.PointLight((1.0, 2.0, 3.0), power=power))
     scene.add_light(wrt.PointLight((-1.0, 2.0, 3.0), key, name="key"))
     scene.add_light(wrt.SpotLight((0.0, 3.0, 3.0), (0.0, -1.0, -1.0), 20.0, texture=image(slide)))
     return scene
@@ -68,6 +69,7 @@ CHANGES = {
     "lamp.emission": ("lamp", (1.0, 5.0, 2.0)),
     "lamp#2.emission.texels": ("panel", np.linspace(2.0, 0.5, 12).reshape(2, 2, 3)),
     "key.intensity": ("key", (0.0, 4.0, 8.0)),
+    "point.power": ("power", (2.0, 3.0, 4.0)),
     "spot.texture.texels": ("slide", np.linspace(1.0, 2.0, 18).reshape(3, 2, 3)),
     "environment.texels": ("sky", np.random.default_rng(5).random((4, 8, 3))),
     "jar.interior.absorption": ("fog", (2.0, 0.0, 1.0)),
@@ -124,7 +126,7 @@ def test_names_and_shapes():
         *("wall.second.alpha", "wall.second.eta", "wall.second.k", "wall.second.reflectance"),
     ]
     assert shapes["floor.coat"] == ()
-    assert "point.power" not in shapes
+    assert [name for name in shapes if name.startswith("point.")] == ["point.power"]  # the amount that was given
     # A coat of 0 is another kernel, and a table is made from the roughness of a coat.
     for material, missing in ((wrt.Principled(), "coat"), (wrt.RoughPlastic(), "alpha"), (wrt.Null(), "priority")):
         scene = wrt.Scene([wrt.Shape(wrt.box(), material, name="it")])
@@ -156,7 +158,7 @@ def test_images_and_channels_are_one_parameter_where_they_share_an_array():
         ({"floor.roughness.texels": np.full((3, 5), 1e300)}, "floor.roughness.texels must be finite"),
         ({"floor.coat": 0.0}, "these values need another kernel (models ("),
         ({"lamp.emission": (0.0, 0.0, 0.0)}, "lamp.emission must stay above 0 in a channel"),
-        ({"point.intensity": (0.0, -1.0, 0.0)}, "point.intensity[1] must be at least 0"),
+        ({"point.power": (0.0, -1.0, 0.0)}, "point.power[1] must be at least 0"),
         ({"environment.texels": np.full((4, 8, 3), -1.0)}, "environment.texels: environment environment: pixels must"),
         ({"jar.interior.absorption": "red"}, "jar.interior.absorption must be an array of numbers"),
     ],

@@ -28,7 +28,7 @@ kernels_of_the_file = rendering_with(covering("diffuse", aovs=True, composite="h
 
 
 def panes() -> wrt.Scene:
-    """Panes out of focus that shine in a channel each: red has holes, green moves, blue are two of one name."""
+    """Panes out of focus that emit one channel each: red has holes, green moves, blue are two of one name."""
     view = {"fov_degrees": 40.0, "aperture_radius": 0.2, "focus_distance": 6.0, "shutter_close": 1.0}
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), **view))
     move = wrt.Motion.translation((0.4, 0.1, 0.0))
@@ -112,7 +112,7 @@ def test_coverage_is_the_share_of_samples_that_show_an_object(device):
 
 
 def test_a_large_object_is_found_behind_many_small_ones(device):
-    """It covers a fifth of pixels that show 40 others, of which eight at most are counted."""
+    """It covers a fifth of pixels that show 40 others; at most eight are counted."""
     camera = wrt.OrthographicCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), view_height=1.0, shutter_close=1.0)
     scene = wrt.Scene(camera=camera)
     for number in range(41):

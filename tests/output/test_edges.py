@@ -210,7 +210,7 @@ def test_polygons_of_files_keep_their_edges(suffix, polygons, tmp_path):
 
 
 def test_diagonals_are_not_drawn(device):
-    """Of a grid of squares each cell stays open but for half the width along its edges."""
+    """Each cell of a grid of squares stays open, except for half the width along its edges."""
     scene = wrt.Scene(camera=wrt.OrthographicCamera((0.0, 0.0, 5.0), (0.0, 0.0, 0.0), view_height=4.0))
     for x, y in np.ndindex(3, 2):
         scene.add(wrt.quad((x - 1.7, y - 0.9, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), material=wrt.Diffuse(0.5))

@@ -71,6 +71,16 @@ def test_kernels_import_warp_and_themselves_and_keep_their_annotations():
             assert standard or within(name, ("warp", "wrt.kernels")), f"{name_of(path)} imports {name}"
 
 
+def test_functions_are_differentiated_where_adjoints_are_complete():
+    """Importing `kernels/gradients` completes the adjoints of Warp."""
+    found = {path.parent for path in KERNEL_FILES for node in nodes_of(path) if is_call_of(node, "wp.grad")}
+    assert found == {ROOT / "kernels" / "gradients"}
+
+
+def is_call_of(node: ast.AST, function: str) -> bool:
+    return isinstance(node, ast.Call) and ast.unparse(node.func) == function
+
+
 def test_kernels_are_declared_without_gradients():
     """Gradients would be half of the compiled code, and nothing uses them."""
     count = 0

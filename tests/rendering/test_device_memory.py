@@ -21,6 +21,7 @@ from wrt.backend.device import Device
 from wrt.backend.memory import memory_left
 from wrt.cli import main
 from wrt.errors import NotEnoughMemory
+from wrt.gradients.backward import Backward
 from wrt.memory_needed import DeviceMemory, device_memory, memory_text
 
 GPU = "cuda:0"
@@ -101,6 +102,31 @@ def test_a_scene_is_refused_before_anything_is_taken_if_a_byte_is_missing(gpu, m
 
 
 @pytest.mark.usefixtures("render_kernels_when_launched")
+def test_changing_values_takes_what_is_foretold_or_is_refused(monkeypatch):
+    """Codes of texels become numbers, and equal images no longer share them."""
+    codes = RNG.integers(0, 256, (100, 80, 3)).astype(np.float32) / np.float32(255.0)
+    paints = [wrt.Diffuse(wrt.ImageTexture(codes.copy(), filter="trilinear")) for _ in range(3)]
+    bumps = wrt.Diffuse(normal_map=wrt.NormalMap(np.full((40, 40, 3), (0.5, 0.5, 1.0), np.float32)))
+    quad = wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    scene = scene_of(*(wrt.Shape(quad, material) for material in (*paints, bumps)))
+    scene.environment = wrt.ImageEnvironment(RNG.random((16, 32, 3)).astype(np.float32))
+    memory = device_memory(scene, device="cpu")
+    renderer = wrt.Renderer(scene)
+    monkeypatch.setattr("wrt.backend.device.memory_left", lambda: memory.editing - 1)
+    with pytest.raises(NotEnoughMemory, match="storing each texel of the images as a value that can change needs"):
+        renderer.set_parameters({})
+    monkeypatch.setattr("wrt.backend.device.memory_left", lambda: memory.editing)
+    renderer.set_parameters({})
+    assert renderer._built.data.texels.rows.nbytes == memory.editing
+    backward = Backward(renderer)
+    counted = 24 * sum(backward._counts().values()) + 12 * 64 * 48
+    assert memory.gradients == pytest.approx(counted, rel=0.01)
+    monkeypatch.setattr("wrt.backend.device.memory_left", lambda: counted - 1)
+    with pytest.raises(NotEnoughMemory, match="adding up derivatives needs"):
+        backward.run(np.ones((48, 64, 3)), 1, 0)
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
 def test_the_builder_on_the_cpu_is_counted(monkeypatch):
     monkeypatch.setattr("wrt.upload.scene_data.WORTH_ASKING", 0)
     monkeypatch.setattr("wrt.backend.device.memory_left", lambda: 1_000_000)
@@ -124,7 +150,7 @@ def test_the_command_lists_the_parts_and_whether_they_fit(monkeypatch, capsys):
     assert lines[0] == "memory of a picture of 1000x500 on a GPU"
     assert ["film", "32.0", "MB"] in [line.split() for line in lines]
     assert any(line.startswith("  at most") and "while the ray tree is built" in line for line in lines)
-    memory = DeviceMemory(1, 2, 0, 4, 10**9, 6, 3 * 10**9, 4 * 10**9, 5 * 10**9)
+    memory = DeviceMemory(1, 2, 0, 4, 10**9, 6, 3 * 10**9, 4 * 10**9, 5 * 10**9, 0, 0)
     with emulated_cuda() as gpu:
         for free, verdict in ((4 * 10**9, "4.00 GB free: enough"), (4 * 10**9 - 1, "4.00 GB free: not enough")):
             monkeypatch.setattr(type(gpu), "memory_of", lambda *_, free=free: free)

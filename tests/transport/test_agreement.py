@@ -61,7 +61,7 @@ def test_every_difference_from_embree_is_explained(name: str, kind: str, benchma
         report("against float64", ", ".join(f"{n} {reason.value}" for reason, n in counts.items() if n))
         assert counts[Reason.NONE] == 0
     # Distances are right to four units in the last place, or, of a triangle seen edge on, to what rounding its edge
-    # functions may make of them. Those that Embree has as well need no other judge.
+    # functions may make of them. Distances that Embree has as well need no other judge.
     hit = ours.triangle >= 0
     hit[hit] = differ[hit] | (ulps(ours.t[hit] - t[hit], t[hit]) > 4.0)
     exact, error = exact_distances(corners[ours.triangle[hit]], rays[0][hit], rays[1][hit])

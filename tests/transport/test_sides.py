@@ -72,7 +72,7 @@ def test_what_is_behind_a_back_is_seen(way: str, sheet: str) -> None:
 
 
 ASIDE = wrt.Shape(wrt.quad((99, 0, 0), (1, 0, 0), (0, 1, 0)), double_sided=False)
-"""Out of sight, so that scenes without other single-sided shapes share a kernel with those that have some."""
+"""Out of sight, so that all scenes share a kernel, whether they have other single-sided shapes or not."""
 
 
 @pytest.mark.parametrize("integrator", ["whitted", "ao"])
@@ -160,4 +160,4 @@ def test_a_shell_of_unlit_black_draws_an_outline_and_darkens_nothing() -> None:
     middle = slice(20, 28), slice(20, 28)
     assert np.allclose(drawn[middle].mean((0, 1)), plain[middle].mean((0, 1)), rtol=1e-3)
     dark = (drawn.sum(axis=2) == 0.0) & (plain.sum(axis=2) > 0.0)
-    assert 100 < dark.sum() < 500  # a ring of 0.05 round 0.2: 390 pixels, without those that it covers in part
+    assert 100 < dark.sum() < 500  # a ring of 0.05 round 0.2: 390 pixels that it covers wholly

@@ -109,11 +109,11 @@ def compile_kernel(
 
 
 def main(arguments: list[str]) -> int:
-    """Compile the kernel for features given as JSON.
+    """Compile the kernel for features given as JSON, or from a file of code that the parent has generated.
 
-    The arguments are the program's name, the features, the lanes, the kernel's part, the id of the parent process, and
-    the folders of Warp's kernels and of the table of artefacts if the usual one fails. This process ends with its
-    parent. Concurrent processes compile one after the other.
+    The arguments are the program's name, the features or the file, the lanes, the kernel's part, the id of the parent
+    process, and the folders of Warp's kernels and of the table of artefacts if the usual one fails. This process ends
+    with its parent. Concurrent processes compile one after the other.
     """
     import warp as wp
 
@@ -125,12 +125,22 @@ def main(arguments: list[str]) -> int:
     if arguments[5:]:
         wp.config.kernel_cache_dir, table = arguments[5:]
         artefacts.folders.append(Path(table))
-    features, lanes, part = from_json(arguments[1]), int(arguments[2]), arguments[3]
+    what, lanes, part = arguments[1], int(arguments[2]), arguments[3]
     with artefacts.lock():
         artefacts.refresh()
-        if not is_compiled(features, lanes, part):
+        if os.path.isabs(what):
+            compile_generated(json.loads(Path(what).read_text(encoding="utf-8")))
+        elif not is_compiled(features := from_json(what), lanes, part):
             compile_kernel(features, lanes, part=part)
     return 0
+
+
+def compile_generated(code: Any) -> None:
+    """Compile code that another process has generated, unless that is done; raises as `compile_code` does."""
+    from wrt.backend.generated import compile_code
+
+    if not current_backend().artefacts.has(code["call"]):
+        compile_code(current_backend(), code)
 
 
 def _end_with_parent() -> None:

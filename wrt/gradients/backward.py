@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.gradients.kernels import GradientKernels
-from wrt.values import integer
+from wrt.values import array, integer
 
 KEYS = (
     *("slots", "texels", "emission", "lights", "environment", "environment_texels"),
@@ -78,12 +78,11 @@ class Backward:
         spp = integer(spp, "spp", minimum=1, maximum=2**31 - 1)
         seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
         film = self._renderer.film
-        upstream = np.ascontiguousarray(d_image, np.float32)
+        upstream: NDArray[np.float32] = np.ascontiguousarray(array(d_image, "d_image", np.float32))
         if upstream.shape != (film.height, film.width, 3):
-            shape = "x".join(map(str, upstream.shape))
-            raise InputError(f"d_image must have the shape of the picture, {film.height}x{film.width}x3, not {shape}")
+            raise InputError(f"d_image must have the shape ({film.height}, {film.width}, 3), not {upstream.shape}")
         if not np.isfinite(upstream).all():
-            raise InputError("d_image has values that are not finite")
+            raise InputError("d_image must be finite")
         total = float(np.abs(upstream).sum(dtype=np.float64))
         if total == 0.0:
             return {key: np.zeros((count, 3)) for key, count in self._counts().items()}
@@ -132,17 +131,18 @@ class Backward:
         sums = backend.kernels("wrt.kernels.gradients.sums").GradientSums()
         faults = backend.zeros(2, int, name)
         counts = self._counts()
+        self._device.require_memory(24 * sum(counts.values()) + upstream.nbytes, "adding up derivatives")
         arrays = {key: backend.zeros(max(1, 3 * count), "int64", name) for key, count in counts.items()}
-        for key, array in arrays.items():
+        for key, integers in arrays.items():
             each = getattr(sums, key)
-            each.sums, each.faults, each.scale = array, faults, scales[key]
+            each.sums, each.faults, each.scale = integers, faults, scales[key]
         weights = backend.array(upstream, "vec3", name)
         shared = self._renderer.arguments_for(self._renderer.film)[1:5]
         film = self._renderer.film
         self._kernels.run(spp, seed, shared, weights, sums, film.width, film.height)
         self.rejected, overflowed = (int(count) for count in backend.fetch(faults))
         found = {
-            key: backend.fetch(array)[: 3 * counts[key]].astype(np.float64).reshape(-1, 3) / scales[key]
-            for key, array in arrays.items()
+            key: backend.fetch(integers)[: 3 * counts[key]].astype(np.float64).reshape(-1, 3) / scales[key]
+            for key, integers in arrays.items()
         }
         return found, overflowed > 0

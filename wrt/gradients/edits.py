@@ -21,7 +21,7 @@ from wrt.values import Vec3, sealed
 T = TypeVar("T")
 
 AMOUNTS = ("intensity", "irradiance", "radiance", "power", "color")
-"""Attributes of lights that say how much light they give; all but one are forgotten when that one is set."""
+"""Attributes of lights for the amount of light; setting one clears the others."""
 
 
 @dataclass

@@ -73,7 +73,9 @@ class GradientKernels:
         backend, pixels = self._device.backend, width * height
         most = max(1, PER_LAUNCH // pixels)
         wide = self._wide if self.lanes > 1 else []
-        radiances = backend.empty(pixels * min(most, spp) if wide else 1, "vec3", self._device.name)
+        kept = pixels * min(most, spp) if wide else 1
+        self._device.require_memory(12 * kept, "replaying paths")
+        radiances = backend.empty(kept, "vec3", self._device.name)
         for first, last in portions(spp, most):
             begun = time.perf_counter()
             inputs = [first, last, seed, *shared, upstream, radiances, sums]

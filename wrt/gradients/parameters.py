@@ -49,11 +49,12 @@ _FIELDS: dict[tuple[int, bool], tuple[weakref.ref[Material], tuple[str, ...]]] =
 def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
     """Return what `Renderer.set_parameters` can set and `Renderer.gradients` differentiates by, with their values.
 
-    A name is that of the shape, and the attributes on the way from it: "floor.reflectance", "teapot.roughness",
+    A name is the shape's name and a path of attributes: "floor.reflectance", "teapot.roughness",
     "floor.reflectance.texels" for the pixels of an image, "lamp.emission", "floor.first.alpha" of a Mix,
-    "jar.interior.absorption"; of a light without a mesh its name or else its type, as "point.intensity"; and
-    "environment.radiance", "environment.texels", "environment.coefficients", "medium.absorption". The second of a name
-    has "#2" after it, as "quad#2.emission". What several shapes share has the name of the first.
+    "jar.interior.absorption"; of a light without a mesh its name or else its type, and the amount that it was given, as
+    "point.intensity" or "point.power"; and "environment.radiance", "environment.texels", "environment.coefficients",
+    "medium.absorption". The second of a name has "#2" after it, as "quad#2.emission". What several shapes share has the
+    name of the first.
 
     A number has the shape (), a colour (3,), an image (H, W, 3), or (H, W) where one channel of it is read or a grey
     image is the number. Colours and pixels are linear.
@@ -145,9 +146,9 @@ class _Names:
         textures = len(scene.shapes)
         for number, light in enumerate(scene.lights):
             name = self._unused(light.name or light.type_name)
-            fields = [each.name for each in dataclasses.fields(light)]
-            if amount := next((each for each in AMOUNTS if each in fields), None):
-                self.places[f"{name}.{amount}"] = LightAmount(number, light, amount)
+            # The first of several follows from the one that was given.
+            if amounts := [each for each in AMOUNTS if getattr(light, each, None) is not None]:
+                self.places[f"{name}.{amounts[-1]}"] = LightAmount(number, light, amounts[-1])
             if isinstance(texture := getattr(light, "texture", None), ImageTexture):
                 self._add_image(f"{name}.texture", texture, textures, is_number=False)
                 textures += 1

@@ -1,7 +1,7 @@
 """The places of parameters in a scene: their values, how to change them, and the derivatives by them.
 
-A kernel differentiates by the values that it reads from the device (`DeviceSums`). What the upload makes of a person's
-value, such as the ratio of two indices, is differentiated here, on the host.
+A kernel differentiates by the values that it reads from the device (`DeviceSums`). Values that the upload computes,
+such as the ratio of two indices, are differentiated here, on the host.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ class Emission:
 
 @dataclass(frozen=True)
 class LightAmount:
-    """The intensity, irradiance or radiance of a light without a mesh."""
+    """The amount of a light without a mesh, such as its intensity or power."""
 
     number: int
     light: Any

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import InputError
+from wrt.errors import warn
 from wrt.gradients.backward import Backward
 from wrt.gradients.parameters import edited as edited
 from wrt.gradients.parameters import known, parameters, places_of
 from wrt.gradients.places import Texels
 from wrt.gradients.sums import DeviceSums
 from wrt.rendering.renderer import Renderer
-from wrt.values import array, integer
+from wrt.values import integer
 
 
 def gradients(
@@ -26,18 +26,15 @@ def gradients(
     chosen = [
         known(name, places) for name in (places if names is None else [names] if isinstance(names, str) else names)
     ]
-    film = renderer.film
-    upstream = array(d_image, "d_image", np.float32)
-    if upstream.shape != (film.height, film.width, 3):
-        raise InputError(f"d_image must have the shape ({film.height}, {film.width}, 3), not {upstream.shape}")
-    if not np.isfinite(upstream).all():
-        raise InputError("d_image must be finite")
     backward = Backward(renderer)
     if any(isinstance(places[name], Texels) for name in chosen):
         renderer.make_texels_editable()
-    arrays = backward.run(upstream, spp, renderer.seed if seed is None else seed)
+    arrays = backward.run(d_image, spp, renderer.seed if seed is None else seed)
     sums = DeviceSums(renderer._built.values, renderer._built.data, arrays)
-    return {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
+    found = {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
+    if names is not None and np.any(d_image) and (without := [name for name in chosen if not found[name].any()]):
+        warn(f"the picture does not depend on {', '.join(without)}: all derivatives are 0")
+    return found
 
 
 BETWEEN_SEEDS = 2**31

@@ -67,7 +67,7 @@ def unused_keys(
     """Yield the path of each key below a JSON value that the reader did not ask for, such as "materials.alphaMode".
 
     Numbers of arrays are left out of paths. Keys below an unused key are not yielded, and neither
-    are objects in arrays that nobody has looked into: they are not reached.
+    are objects in arrays that were never read.
 
     Args:
         value: the JSON value.

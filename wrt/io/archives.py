@@ -162,7 +162,7 @@ def _decompress(path: Path, data: bytes, target: Path) -> None:
 
 
 def _decompress_xz(decoder: Any, data: bytes, file: IO[bytes]) -> None:
-    """Decompress one stream; its header says how much memory that takes, which the module's `open` would not limit."""
+    """Decompress one stream by a decoder with a memory limit, which the `open` of `lzma` does not have."""
     while not decoder.eof:
         chunk = decoder.decompress(data if decoder.needs_input else b"", _CHUNK)
         if not chunk and decoder.needs_input and not decoder.eof:

@@ -1,6 +1,6 @@
 """Meshes and points of PyVista, VTK, Open3D, and of anything with arrays of vertices and faces, as trimesh objects.
 
-They are told by their attributes: none of the libraries is imported.
+They are recognised by their attributes: none of the libraries is imported.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def as_trimesh(source: Any) -> Any:
 
 
 def _of_open3d(source: Any, kind: str) -> Any:
-    """Return a mesh, or a scene of one for each of its textures, the first row of which lies at v = 0."""
+    """Return a mesh, or a scene with one mesh per texture; the first row of a texture lies at v = 0."""
     import trimesh
 
     mesh = _mesh(kind, source.vertices, source.triangles, source.vertex_normals, source.vertex_colors)

@@ -116,8 +116,8 @@ class EditablePicture(Picture):
     def set_parameters(self, values: Mapping[str, Any]) -> None:
         """Restart the picture with other values of the scene's parameters; geometry, trees and kernels stay.
 
-        The picture then has the same bits as that of a new Renderer of the changed scene, which is `scene` from then
-        on; `wrt.save_scene` writes it.
+        The picture then has the same bits as a new Renderer's of the changed scene, which is `scene` from then on;
+        `wrt.save_scene` writes it.
 
         Args:
             values: arrays by name, of the shapes that `wrt.parameters` returns; others keep their values.

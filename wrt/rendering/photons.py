@@ -33,7 +33,7 @@ FEWEST, MOST = 1 << 14, 1 << 20
 
 
 def squared_shrinkage(number: int) -> float:
-    """Return by how much r² of set `number`, counted from 0, is less than that of the first."""
+    """Return r² of set `number`, counted from 0, over r² of set 0."""
     # The product of (i + α) / (i + 1) for i from 1 to `number`
     log = math.lgamma(number + 1.0 + ALPHA) - math.lgamma(1.0 + ALPHA) - math.lgamma(number + 2.0)
     return math.exp(log)

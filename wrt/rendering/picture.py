@@ -98,7 +98,7 @@ class Picture(ABC):
         """Return what 8-bit codes are developed from: the image, its parts, and the exposure in stops.
 
         Args:
-            exposure: as for `wrt.develop_image`; by default that of the settings.
+            exposure: as for `wrt.develop_image`; by default the settings' exposure.
             denoised: whether the image is denoised.
         """
         picture = self._caught(denoised=denoised)
@@ -258,7 +258,7 @@ def layer_colors(name: str, values: NDArray[Any]) -> NDArray[np.float32]:
     Albedo, coverage and edges are unchanged. Normals map -1 to 1 to 0 to 255. Depth and z are white at the nearest
     point, black at the farthest. Each coordinate of positions runs from black at its lowest to full at its highest.
     Texture coordinates repeat every 1, in red and green. Zero motion is grey, and the longest reaches the limits. Each
-    object and material has its own colour, weighted by its coverage where that is ranked.
+    object and material has its own colour, weighted by its coverage if it is ranked.
     """
     if name == "albedo":
         shown = np.asarray(values, np.float64)

@@ -25,7 +25,7 @@ _RIGID = 1e-4
 """Tolerance for stretch in a camera's motion, due to rounding."""
 
 _PARALLEL = 1e-9
-"""Sine of the angle to the view below which `up` says nothing."""
+"""Sine of the angle between `up` and the view below which they count as parallel."""
 
 C = TypeVar("C", bound="Camera")
 Points = NDArray[np.float64]

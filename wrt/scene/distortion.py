@@ -65,7 +65,7 @@ class Radial(NamedTuple):
         """Return the radius up to which the distorted radius grows: beyond, it has no inverse.
 
         Args:
-            largest: the radius at most; an angle, if `tangent`, of which the radius is the tangent.
+            largest: the largest radius; if `tangent`, the largest angle, whose tangent is the radius.
             tangent: whether the radius is a tangent.
         """
 

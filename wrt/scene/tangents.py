@@ -26,7 +26,7 @@ def moved_tangents(tangents: NDArray[Any], linear: _Float) -> _Float:
 def tangents_by_edges(mesh: Mesh) -> _Float:
     """Return (M, 3, 4) the tangents at the corners of a mesh, relative to each triangle; zero where there are none.
 
-    They are the parts along the edges e1 and e2 and along the unit normal of the triangle, the latter over √|e1 × e2|,
+    They are the parts along the edges e1 and e2 and along the unit normal of the triangle, this one over √|e1 × e2|,
     and the sign of the bitangent about that normal.
     """
     assert mesh.tangents is not None

@@ -15,7 +15,7 @@ from warp._src.types import type_is_matrix, type_is_vector
 from wrt.spmd import ir
 from wrt.spmd.analysis import changes
 from wrt.spmd.emit import Emitter
-from wrt.spmd.parse import code_lines, statements, variable
+from wrt.spmd.parse import is_code, statements, variable
 from wrt.spmd.types import Types, name_of
 
 _PLACE = r"(adj_\w+)((?:\.\w+)*)"
@@ -113,24 +113,22 @@ class Adjoints:
         """Return whether a function is written in C++, and has no derivative."""
         return bool(getattr(self._functions[name], "native_snippet", None))
 
-    def body(self, lines: list[str], variables: list[ir.Variable]) -> list[ir.Statement]:
-        """Return the statements of lines with these variables."""
-        return statements(lines, self._structs, variables)
+    def body(self, f: Any, lines: Iterable[str], variables: list[ir.Variable]) -> list[ir.Statement]:
+        """Return the statements of lines of a function with these variables."""
+        return statements(f, lines, self._structs, variables)
 
     def _by_hand(self, f: Any) -> str:
         count = len(inputs_of(f))
         arguments, variables = ([variable(v) for v in of] for of in (f.adj.args, f.adj.variables))
         adjoints = [ir.Variable(f"var_{_adjoint_of(v)}", v.type, v.ctype) for v in arguments[:count]]
-        lines = [
-            re.sub(r"\badj_(\w+)\b(?!\()", r"var_adj_\1", line) for line in code_lines(f.adj.blocks[0].body_forward)
-        ]
+        lines = [re.sub(r"\badj_(\w+)\b(?!\()", r"var_adj_\1", line) for line in f.adj.blocks[0].body_forward]
 
         def masked(s: ir.Statement) -> list[ir.Statement]:
             if isinstance(s, ir.Set) and isinstance(s.value, ir.Variable) and s.variable in adjoints:
                 return [ir.Update(s.variable, (), s.value)]
             return [s]
 
-        body = ir.rebuilt(self.body(lines, [*arguments, *variables, *adjoints]), masked)
+        body = ir.rebuilt(self.body(f, lines, [*arguments, *variables, *adjoints]), masked)
         function = ir.Function(f.key, f.native_func, arguments, variables, body, frozenset())
         wide = self._types.wide
         parameters = [f"const {wide(v.type)}& {v.name}" for v in arguments]
@@ -148,8 +146,7 @@ class _Reversed:
         self._types, self._adjoints, self._f = types, adjoints, f
         self._arguments, self._variables = ([variable(v) for v in of] for of in (f.adj.args, f.adj.variables))
         named = {v.name: v for v in (*self._arguments, *self._variables)}
-        lines = code_lines(f.adj.blocks[0].body_replay)
-        body = adjoints.body(lines, list(named.values()))
+        body = adjoints.body(f, f.adj.blocks[0].body_replay, list(named.values()))
         function = ir.Function(f.key, f.native_func, self._arguments, self._variables, body, frozenset())
         self._changed = [a for a in self._arguments if changes(body, a)]
         self._body, self._emitter = body, Emitter(types, function)
@@ -159,7 +156,7 @@ class _Reversed:
 
     def code(self) -> str:
         types, f = self._types, self._f
-        lines = code_lines(reversed(f.adj.blocks[0].body_reverse))
+        lines = list(filter(is_code, map(str.strip, reversed(f.adj.blocks[0].body_reverse))))
         reverse = "".join(f"    {text}\n" for text in self._lines(lines) if text)
         labels = sorted(set(_LABEL.findall("\n".join(lines))))
         stays = [a for a in self._arguments if a not in self._changed or types.is_shared(a.type)]

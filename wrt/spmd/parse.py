@@ -6,12 +6,14 @@ variables that are mostly set once. Only this file knows their syntax.
 
 import re
 from collections.abc import Callable, Iterable
+from pathlib import PurePath
 from typing import Any
 
 from warp._src.codegen import strip_reference
 
 from wrt.spmd import ir
 from wrt.spmd.analysis import uses
+from wrt.spmd.remedies import refusal
 
 _V = r"(var_\w+)"
 _LABEL = r"((?:for|while)_\d+)"
@@ -35,29 +37,45 @@ def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
     arguments, variables = ([variable(v) for v in of] for of in (function.adj.args, function.adj.variables))
     variables = [v for v in variables if not v.ctype.startswith("wp::tuple_t")]  # see `_Parser.pack`
     is_native = bool(getattr(function, "native_snippet", None))
-    lines = [] if is_native else code_lines(function.adj.blocks[0].body_forward)
-    body = statements(lines, structs, [*arguments, *variables])
+    lines = [] if is_native else function.adj.blocks[0].body_forward
+    body = statements(function, lines, structs, [*arguments, *variables])
     marks = frozenset(getattr(function.func, "spmd_marks", ()))
     result = function.adj.return_var[0].type if function.adj.return_var else None
     name = getattr(function, "native_func", "")
-    return ir.Function(function.key, name, arguments, variables, body, marks, result)
+    outside = not function.func.__module__.startswith("wrt.")
+    return ir.Function(function.key, name, arguments, variables, body, marks, result, outside)
 
 
-def code_lines(lines: Iterable[str]) -> list[str]:
-    """Return lines of Warp's C++ without indentation, comments and directives."""
-    stripped = (line.strip() for line in lines)
-    return [line for line in stripped if line and not line.startswith(("//", "#line"))]
+_SOURCE = re.compile(r"// (.*?) *<L (\d+)>")
+"""Warp's comment above the code of a line of Python."""
 
 
-def statements(lines: list[str], structs: dict[str, Any], variables: list[ir.Variable]) -> list[ir.Statement]:
-    """Return the statements of lines in which there are these variables.
+def is_code(line: str) -> bool:
+    """Return whether a line of Warp's C++, without indentation, is neither empty nor a comment nor a directive."""
+    return bool(line) and not line.startswith(("//", "#line"))
+
+
+def statements(
+    function: Any, lines: Iterable[str], structs: dict[str, Any], variables: list[ir.Variable]
+) -> list[ir.Statement]:
+    """Return the statements of lines of a function, in which there are these variables.
 
     Raises:
         Unsupported: A line has an unknown form.
     """
     parser = _Parser(structs, {v.name: v for v in variables})
-    for number, line in enumerate(lines):
-        parser.statement(line, number)
+    source, number, file = "", 0, PurePath(function.adj.filename or "").name
+    for line in map(str.strip, lines):
+        if m := _SOURCE.fullmatch(line):
+            source = f"{file}:{m[2]}: {function.key}: `{m[1]}`"
+        elif is_code(line):
+            try:
+                parser.statement(line, number, source)
+            except ir.Unsupported as error:
+                raise refusal(source, str(error)) from None
+            except KeyError:
+                raise refusal(source, line) from None
+            number += 1
     (body,) = parser.bodies
     if lost := {v.name for v in uses(body)} & parser.unset:
         raise ir.Unsupported(f"uses {min(lost)}, a derivative by another than the first argument of a function")
@@ -86,7 +104,7 @@ class _Parser:
         self.unset: set[str] = set()
         self.bodies: list[list[ir.Statement]] = [[]]
 
-    def statement(self, line: str, number: int) -> None:
+    def statement(self, line: str, number: int, source: str) -> None:
         """Add the statement of a line, or open or close a block."""
         for pattern, make in _STATEMENTS:
             if m := pattern.fullmatch(line):
@@ -96,7 +114,7 @@ class _Parser:
             raise ir.Unsupported(line)
         if s is None:
             return
-        s.line, s.number = line, number
+        s.line, s.number, s.source = line, number, source
         if isinstance(s, (ir.If, ir.Loop)):
             self.bodies[-2].append(s)
         else:
@@ -174,6 +192,8 @@ class _Parser:
         raise ir.Unsupported(text)
 
     def call(self, name: str, arguments: str) -> ir.Call:
+        if not _OF_MODULE.fullmatch(name):
+            raise ir.Unsupported(f"{name}({arguments})")
         return ir.Call(name, tuple(self.variables[a] for a in arguments.split(", ") if a))
 
     def function(self, name: str, arguments: str) -> ir.Expression:
@@ -182,6 +202,10 @@ class _Parser:
         if arguments:
             raise ir.Unsupported(f"{name}({arguments}): constructs a struct from values")
         return ir.Zero(self._structs[name])
+
+
+_OF_MODULE = re.compile(r"\w+_\d+")
+"""Names of the functions of a module in Warp's C++."""
 
 
 def _path(members: str) -> tuple[str, ...]:
@@ -221,7 +245,7 @@ _STATEMENTS = _compiled(
         rf"{_V} = wp::tuple_t<.*>\((.*)\);": _Parser.pack,
         rf"{_V} = wp::extract<(\d+)>\({_V}\);": _Parser.unpack,
         rf"wp::assign\({_V}, {_V}\);": lambda p, name, value: p.update(name, "", value),
-        r"wp::(assign_inplace|array_store|store)\((.*)\);": lambda p, name, arguments: ir.Do(
+        r"wp::(\w+_inplace|array_store|store)\((.*)\);": lambda p, name, arguments: ir.Do(
             ir.Builtin(name, p.operands(arguments))
         ),
         rf"{_V}((?:\.\w+)+) = {_V};": _Parser.update,
@@ -243,7 +267,7 @@ _EXPRESSIONS = _compiled(
         r"wp::(vec|mat)_t<(.*), ?(wp::\w+|bool)>\((.*)\)": lambda p, container, size, number, arguments: ir.Compose(
             container, size, number, p.operands(arguments)
         ),
-        r"wp::(\w+)\((.*)\)": _builtin,
+        r"wp::(\w+(?:<[\w:, ]+>)?)\((.*)\)": _builtin,
         r"bool\((.*)\)": lambda p, value: ir.Builtin("to_bool", p.operands(value)),
         r"builtin_tid1d\(\)": lambda _: ir.Builtin("tid", ()),
         rf"\({_V} (==|!=|<|>|<=|>=) {_V}\)": _operation,

@@ -84,7 +84,7 @@ class BodyTable:
         return any(medium.density is not None for medium in self.media)
 
     def upload(self, data: Any, device: Device, *, grids_too: bool = True) -> None:
-        """Fill the tables of a SceneData struct, those of grids unless they are there already."""
+        """Fill the tables of a SceneData struct; tables of grids only if `grids_too`."""
         backend = current_backend()
         scene_data = backend.kernels("wrt.kernels.core.scene_data")
         upload_media(data, self.media, device, grids_too=grids_too)

@@ -52,7 +52,7 @@ def minorants(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def upload_media(data: Any, media: Sequence[Medium], device: Device, *, grids_too: bool = True) -> None:
-    """Fill the media of a SceneData struct, and their grids unless they are there already.
+    """Fill the media of a SceneData struct, and their grids if `grids_too`.
 
     Raises:
         InputError: when a medium is too dense to track rays through, or grids have more cells than 32 bits can count.

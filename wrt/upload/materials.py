@@ -38,6 +38,7 @@ class MaterialTable:
         first_slots: the first slot of each material.
         emission_slots: slot of each emission that varies, otherwise −1.
         is_editable: whether each array of pixels has float32 texels of its own.
+        editable_texels: number of texels of all images, mip levels and normal maps where it is.
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
         uv2_alpha: whether any texture uses second texture coordinates or the alpha of vertex colours.
@@ -95,6 +96,7 @@ class MaterialTable:
         self._records = packed([self._record(material) for material in self.materials], k.MaterialRecord)
         self.first_slots: list[int] = self._records["first_slot"].tolist()
         self.emission_slots = [self._slots.add(emission) if _varies(emission) else -1 for emission in emissions]
+        self.editable_texels = self._slots.editable_texels
         self._uploaded: dict[str, Any] = {}
         self._pixels = self._slots.pixels if editable else []
         if before is not None and self._has_pixels_of(before):
@@ -240,6 +242,10 @@ def _needs_uv2_alpha(value: ColorSource) -> bool:
     return isinstance(value, VertexColor) and value.alpha
 
 
+def _texels_in(pixels: NDArray[np.float32]) -> int:
+    return int(pixels.shape[0]) * int(pixels.shape[1])
+
+
 class _Slots:
     """Rows of ColorSlot, ImageRecord and NormalMapRecord, and the pixels that they read."""
 
@@ -250,6 +256,7 @@ class _Slots:
         self.pixels: list[NDArray[np.float32]] = []
         self.normal_maps: list[tuple[int, ...]] = []
         self._pixel_numbers: dict[int, int] = {}
+        self._texels_of: dict[tuple[int, bool], int] = {}
         self._first_alike = FirstAlike() if alike else None
         self._derived = derived
         self._levels: dict[int, list[int]] = {}
@@ -267,6 +274,8 @@ class _Slots:
         if isinstance(value, ImageTexture):
             pixels = value.pixels if self._first_alike is None else self._first_alike(value.pixels)
             image, uv_set = self.add_image(pixels, value), value.uv_set
+            if pixels is not value.pixels:
+                self._count_copy(value, self._pixel_numbers[id(pixels)])
             channel = -1 if value.channel is None else CHANNELS.index(value.channel)
             if value.vertex_colors or value.vertex_alpha:
                 colors = k.VERTEX_COLOR if value.vertex_colors else k.VERTEX_ALPHA
@@ -274,6 +283,18 @@ class _Slots:
             colors = k.VERTEX_ALPHA if value.alpha else k.VERTEX_COLOR
         self.rows.append((factor, image, channel, int(colors), -1.0 if cutoff is None else cutoff, uv_set))
         return len(self.rows) - 1
+
+    @property
+    def editable_texels(self) -> int:
+        """Number of texels if none are shared between arrays."""
+        return sum(map(_texels_in, self.pixels)) + sum(self._texels_of.values())
+
+    def _count_copy(self, texture: ImageTexture, number: int) -> None:
+        """Remember the texels of an image that shares those of an equal one, and of its mip levels."""
+        self._texels_of[id(texture.pixels), False] = _texels_in(texture.pixels)
+        if texture.has_levels:
+            levels = (self.pixels[level] for level in self._levels[number])
+            self._texels_of[id(texture.pixels), True] = sum(map(_texels_in, levels))
 
     def add_image(self, pixels: NDArray[np.float32], mapping: ImageTexture | NormalMap) -> int:
         """Return the number of the image record for pixels and their mapping; equal records share one."""

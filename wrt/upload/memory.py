@@ -48,6 +48,8 @@ class SceneMemory:
         scratch: the most that building takes in addition; it is released afterwards.
         scratch_if_cut: the same if the builder cuts large triangles; it decides that from the finished tree.
         lasting: the built scene.
+        editing: more that images take once values of the scene are changed.
+        gradients: more that sums of derivatives take while they are made.
     """
 
     def __init__(self, prepared: PreparedScene, *, is_cpu: bool, texture_coordinates: bool = False) -> None:
@@ -62,6 +64,10 @@ class SceneMemory:
         self.materials = materials.bytes + _environment(prepared.environment) + _grids(prepared.scene.media)
         self.lights = _lights(prepared)
         self.lasting = self.geometry + self.trees + self.materials + self.lights
+        self.editing = 12 * materials.editable_texels
+        pixels = getattr(prepared.environment, "pixels", np.zeros((0, 0, 3)))
+        values = materials.editable_texels + pixels.size // 3 + len(prepared.scene.shapes) + _light_count(prepared)
+        self.gradients = 3 * 8 * values
 
 
 def _geometry(layout: Layout, *, textured: bool, uv2_alpha: bool, tangents: bool) -> int:
@@ -165,10 +171,15 @@ def _grids(media: Sequence[Medium]) -> int:
     return size
 
 
-def _lights(prepared: PreparedScene) -> int:
+def _light_count(prepared: PreparedScene) -> int:
     of_triangles = sum(len(shape.mesh.faces) for shape in prepared.scene.shapes if shape.emits)
-    near = of_triangles + sum(light.extent().corners is not None for light in prepared.lights)
-    count = of_triangles + len(prepared.lights) + (environment_kind(prepared.environment) == "image")
+    return of_triangles + len(prepared.lights) + (environment_kind(prepared.environment) == "image")
+
+
+def _lights(prepared: PreparedScene) -> int:
+    count = _light_count(prepared)
+    near = count - sum(light.extent().corners is None for light in prepared.lights)
+    near -= environment_kind(prepared.environment) == "image"
     has_tree = near > FEW_LIGHTS
     size = count * _size("wrt.kernels.core.scene_data", "LightRecord")
     if not has_tree or count > near:  # a table of those at infinity, or of all

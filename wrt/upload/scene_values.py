@@ -1,4 +1,4 @@
-"""Upload what a scene has beside its geometry: materials, media, lights, the environment; and change it later."""
+"""Upload materials, media, lights and the environment of a scene, and change them later."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 OF_MATERIALS = ("materials", "slots", "images", "texels", "texel_codes", "palettes", "normal_maps")
 OF_BODIES = ("bodies", "media")
-OF_LIGHTS = ("shapes", "lights", "light_thresholds", "light_aliases", "light_tree", "light_shapes")
+OF_LIGHTS = ("shapes", "lights", "light_thresholds", "light_aliases", "light_tree", "light_shapes", "light_boxes")
 """Fields of SceneData that materials, bodies and lights fill, as far as values of a scene change them."""
 
 
@@ -88,8 +88,12 @@ class SceneValues:
 
         Raises:
             InputError: when they need another kernel, or as `check_attributes` does; then nothing has changed.
+            NotEnoughMemory: when the device lacks memory for the texels.
         """
         old, flux = self._prepared, self._flux
+        if not self.materials.is_editable:
+            size = 12 * self.materials.editable_texels
+            self._device.require_memory(size, "storing each texel of the images as a value that can change")
         prepared = old.changed(scene)
         # Upload to a struct of its own, since the change may still be refused.
         data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()

@@ -13,7 +13,6 @@ from typing import Any
 
 from support.emulated_cuda.ptx import NotTranslated, parse
 from support.emulated_cuda.translation import to_cpp
-from wrt.backend.adjoints import adjoints_of
 
 BLOCK = 256
 """Threads of a block, Warp's default."""
@@ -89,8 +88,7 @@ def ptx_of(module: Any, arch: int) -> str:
     cached = _folder() / f"{module.name[:80]}-{module.get_module_hash(BLOCK).hex()}-{arch}.ptx"
     if not cached.is_file():
         with tempfile.TemporaryDirectory(dir=cached.parent) as folder:
-            with adjoints_of(module):
-                built = wp.compile_aot_module(module, arch=arch, use_ptx=True, module_dir=Path(folder))
+            built = wp.compile_aot_module(module, arch=arch, use_ptx=True, module_dir=Path(folder))
             os.replace(built[0], cached)
     return cached.read_text(encoding="latin-1")
 

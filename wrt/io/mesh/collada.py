@@ -134,7 +134,7 @@ WITHOUT_EFFECT = {
 """Elements and attributes that do not change a picture, and why."""
 
 _NUMBERS = {"matrix": 16, "bind_shape_matrix": 16, "translate": 3, "rotate": 4, "scale": 3, "lookat": 9}
-"""Numbers in each kind of transform; the library passes over those that have others."""
+"""Numbers in each kind of transform; the library ignores transforms with more or fewer."""
 
 _IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
 _WITHOUT_IMAGE = "0.8 0.8 0.8 1"

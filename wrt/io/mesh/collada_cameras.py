@@ -69,7 +69,7 @@ def _nodes(root: Any, world: Matrix) -> Iterator[tuple[Any, Matrix]]:
 
 
 def local_matrix(node: Any) -> Matrix:
-    """Return (4, 4) the product of a node's transforms in their order; a skew is left out."""
+    """Return (4, 4) the product of a node's transforms, in the order of the file; a skew is left out."""
     matrix = np.eye(4)
     for element in node.iterchildren(tag="{*}*"):
         kind = element.tag.rpartition("}")[2]

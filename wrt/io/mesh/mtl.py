@@ -101,7 +101,7 @@ class MtlMaterials:
     def dressed(self, part: Part, name: str, statements: Statements, *, number: int = 0) -> Part:
         """Return a part with the material of a name, and texture coordinates as its normal map places them.
 
-        Materials of one name are told apart by a `number`.
+        Materials with the same name get different `number`s.
         """
         key = name, number, part.uvs is not None, part.colors is not None
         if key not in self._made:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 SIZES = range(8 << 20, 1 << 30)
-"""Bytes of texts for the kernel. Compiling it, once for a machine, takes as long as NumPy for 60 MB; beyond, indices
-might not fit 32 bits."""
+"""Bytes of texts for the kernel. Compiling the kernel, once a machine, takes as long as NumPy for 60 MB. Beyond the
+upper limit indices might not fit 32 bits."""
 
 _CHUNK = 1 << 18
 """Bytes that a thread of the kernel parses."""

@@ -58,7 +58,7 @@ _SYNONYMS = (
     (("normal_x", "normal_y", "normal_z"), _NORMAL),
     (("texcoords",), ("texcoord",)),
 )
-"""Other names of the properties of an element, which count if all are there, and those by which they are read."""
+"""Alternative names of the properties of an element, used if all are present, and the names to read them by."""
 
 WITHOUT_EFFECT = {
     "*.quality": "a measurement at a vertex or face, not a colour",

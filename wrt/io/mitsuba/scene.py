@@ -73,7 +73,7 @@ def load_mitsuba(
 
 
 def _sensors(plugins: list[Plugin]) -> dict[str, Plugin]:
-    """Return sensors by id: those that are cameras, or else all."""
+    """Return sensors by id: the cameras, or all if there are none."""
     cameras = [each for each in plugins if each.type in SENSORS] or plugins
     for each in plugins:
         if each not in cameras:
