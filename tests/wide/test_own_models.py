@@ -213,8 +213,8 @@ def test_what_cannot_be_translated_is_named_with_what_to_write_instead(function:
     @wp.func
     @path_function
     def path(mirrors: Mirrors, camera_ray: Ray, seed: int, max_depth: int) -> float:
-        light = 0.0
-        depth = 0
+        light = float(0.0)
+        depth = int(0)
         while depth < max_depth:
             depth += 1
             t = next_mirror(mirrors, camera_ray)
