@@ -45,8 +45,7 @@ def renderer_of(name: str, **changes: Any) -> wrt.Renderer:
 def with_wide_kernels(name: str, monkeypatch: pytest.MonkeyPatch, **changes: Any) -> wrt.Renderer:
     monkeypatch.setenv("WRT_WIDE", str(LANES))
     renderer = renderer_of(name, **changes)
-    Backward(renderer)
-    renderer._kernel.gradients.wait()
+    Backward(renderer).compile()
     assert renderer._kernel.gradients.lanes == LANES
     return renderer
 

@@ -60,6 +60,10 @@ class Backward:
         self._kernels: GradientKernels = kernel.gradients
         self.rejected = 0
 
+    def compile(self) -> None:
+        """Compile the wide kernels if necessary, and load them if possible."""
+        self._kernels.wait()
+
     def run(self, d_image: ArrayLike, spp: int, seed: int) -> dict[str, NDArray[np.float64]]:
         """Return the derivatives of a loss by the values of the scene.
 
