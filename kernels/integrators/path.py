@@ -147,8 +147,9 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
 
             # ---- Caustics
             if wp.static(features.caustics):
-                if receives_light(vertex.bsdf):
-                    caustic = gather(settings.photon_map, vertex, settings.max_depth - path.depth - 2)
+                if receives_light(vertex.bsdf) and not path.has_settled:
+                    most_turns = settings.max_depth - path.depth - 2
+                    caustic = gather(settings.photon_map, vertex.bsdf, vertex.wo, vertex.surface, most_turns)
                     path.radiance += wp.cw_mul(path.throughput, caustic)
 
             # ---- BSDF sampling and roulette

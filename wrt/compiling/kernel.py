@@ -28,8 +28,8 @@ UNLIKE_PATHS = ("whitted", "ao", "aov")
 
 
 def has_wide(features: Any) -> bool:
-    """Return whether there is a wide kernel for these features: it follows paths that gather no photons."""
-    return features.integrator not in UNLIKE_PATHS and not features.caustics
+    """Return whether there is a wide kernel for these features: it follows paths."""
+    return features.integrator not in UNLIKE_PATHS
 
 
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
