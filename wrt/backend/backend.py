@@ -40,7 +40,7 @@ FLAGS = (
     "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
     " -mllvm=-slp-recursion-max-depth=4"
 )
-"""Warp's flags for compiling for the CPU: what is compiled with others is not for other processes."""
+"""Warp's own flags for compiling for the CPU."""
 
 _NO_SUM = -1.0
 """A result that no sum has, to see whether Warp has written one."""
@@ -100,10 +100,12 @@ class Backend:
 
     Attributes:
         artefacts: What is compiled.
+        flags: Warp's flags for compiling for the CPU: what is compiled with others is not for other processes.
     """
 
     def __init__(self) -> None:
         """Read what is compiled."""
+        self.flags = FLAGS
         self.artefacts = Artefacts()
         self._modules: dict[str, KernelModule] = {}
         self._structs: dict[str, Layout] = {}
@@ -184,7 +186,7 @@ class Backend:
     def struct(self, name: str) -> Layout:
         """Return a struct by its name in the table."""
         if name not in self._structs:
-            size, fields = self.artefacts.table["structs"][name]
+            size, fields = self.artefacts.get("structs", name)
             self._structs[name] = Layout(name, size, fields, self.struct)
         return self._structs[name]
 
@@ -246,7 +248,7 @@ class Backend:
     def add_file(self, module: str, file: Path, kernels: dict[str, Any], flags: str) -> None:
         """Add a module, compiled with these flags, to the table; `kernels` are symbols and layouts of arguments."""
         binary = file.read_bytes()
-        if flags == FLAGS and COOPERATIVE not in binary:
+        if flags == self.flags and COOPERATIVE not in binary:
             entry = {"file": str(file), "bytes": len(binary), "kernels": kernels}
             self.artefacts.add("files", module, entry)
 
