@@ -19,6 +19,9 @@ PER_LAUNCH = 1 << 20
 MULTIPLE = 16
 """Samples of a pixel of which a wide kernel takes any multiple at once. Of fewer it takes a power of two."""
 
+STILL_TO_COME = 5.0
+"""How much longer gradients are expected to take than so far, as few descents end after some steps."""
+
 SPEEDUP = 2.5
 """How much faster the wide kernels are than the scalar one."""
 
@@ -86,6 +89,5 @@ class GradientKernels:
                 self._device.launch(self._scalar, pixels, inputs, spared=spared)
             self._seconds += time.perf_counter() - begun
         if not wide:
-            # Perhaps as many gradients are still to come; two kernels take longer to compile than one.
             for part in self._wide:
-                part.prepare(self._seconds / 2.0, SPEEDUP)
+                part.prepare(STILL_TO_COME * self._seconds, SPEEDUP)
