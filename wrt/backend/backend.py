@@ -31,6 +31,7 @@ from wrt.backend.cuda.warp_errors import on_device, plain, ran_out
 from wrt.backend.describe import COOPERATIVE, call_name, describe, describe_arguments
 from wrt.backend.kernel_cache import Build
 from wrt.backend.memory import LARGE, trim
+from wrt.backend.user_code import naming_faults
 from wrt.backend.warp_start import initialize_warp
 
 LOAD_SECONDS = 0.2
@@ -212,9 +213,10 @@ class Backend:
         """Load a kernel's module, and compile it if necessary."""
         kernel, start = self.kernel_of(kernel), time.perf_counter()
         if device != "cpu" or not self.artefacts.can_launch:
-            build = Build(kernel.declared().module, device)
-            if not build.is_loaded:
-                build.load()
+            with naming_faults():
+                build = Build(kernel.declared().module, device)
+                if not build.is_loaded:
+                    build.load()
         elif (found := self.artefacts.kernel(kernel.module, kernel.key)) is not None:
             kernel.function, (size, fields) = found
             kernel.arguments = Layout("", size, fields, self.struct)
@@ -228,7 +230,8 @@ class Backend:
         """Compile a kernel's module for the CPU, load it, and add it to the table."""
         wp, declared = self._wp, kernel.declared()
         build = Build(declared.module, "cpu")
-        file, _ = build.files_in(build.provide())
+        with naming_faults():
+            file, _ = build.files_in(build.provide())
         symbols = build.symbols()
         with _DESCRIBING:
             entries = {
