@@ -252,21 +252,6 @@ def test_an_integrating_sphere_has_the_radiance_of_its_closed_form(report: Repor
     assert deviation(found, expected, BIAS) < 3.5
 
 
-@pytest.mark.slow
-def test_clear_glass_is_invisible_in_a_white_furnace(report: Report) -> None:
-    """Camera paths choose between reflected and refracted light by other shares than Fresnel's."""
-
-    def make() -> wrt.Scene:
-        scene = scene_of(ball(exact=True), environment=wrt.ConstantEnvironment(1.0))
-        scene.camera = wrt.PerspectiveCamera((0.0, 0.9, 4.0), (0.0, 0.9, 0.0), fov_degrees=8.0)
-        return scene
-
-    found = means(make, 64, max_depth=64, caustics=True)
-    report("radiance", found.mean(), 1.0)
-    assert 0.0 < found.std() < 0.01
-    assert deviation(found, 1.0) < 3.5
-
-
 def test_models_say_what_turns_light() -> None:
     found = {
         name: smooth_lobes(name) for name in ("diffuse", "null", "mirror", "dielectric", "thin_dielectric", "plastic")
