@@ -2,21 +2,22 @@
 
 import functools
 import re
-from collections.abc import Iterable
+from collections.abc import Collection
 from typing import Any
 
 from wrt.kernels.native import headers_of, included_by, text_of
 from wrt.spmd.ir import Unsupported
 
 
-def library(lanes: int, *, exact: str = "") -> str:
+def library(lanes: int, *, exact: str = "", adjoints: bool = False) -> str:
     """Return the C++ that all wide code with this number of lanes begins with.
 
     `exact` is a header that comes first: "exact/with_spheres.h" or "exact/with_quadrics.h" if kernels test spheres, or
-    disks and cylinders, too.
+    disks and cylinders, too. `adjoints` adds those of Warp's functions.
     """
     define = text_of(exact) if exact else ""
-    return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"
+    last = text_of("lanes/adjoints.h") if adjoints else ""
+    return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}{last}"
 
 
 @functools.cache
@@ -27,6 +28,7 @@ def names() -> frozenset[str]:
 
 _WIDE = {
     "_in_one_tree__locals__traverse": "closest_hit",
+    "add_exactly": "add_exactly",
     "_sample_tree": "sample_light_tree",
     "_next_light_box": "next_light_box",
     "reverse_bits": "reverse_bits",
@@ -35,9 +37,21 @@ _WIDE = {
 """Native functions (`wp.func_native`) with a version for lanes in `kernels/native/lanes`, by name."""
 
 
-def traverses_one_tree(functions: Iterable[str]) -> bool:
-    """Return whether any of the functions with these names looks for hits in a tree without instances."""
-    return any(_WIDE.get(name) == "closest_hit" for name in functions)
+def trees_of(query: str, functions: Collection[str]) -> str | None:
+    """Return the C++ type of the trees through which the rays of a ray query go together.
+
+    Args:
+        query: the name of its function.
+        functions: the names of all functions of the module.
+
+    Returns:
+        A type of `kernels/native/lanes/ray_queries.h`; None for queries of other things, and for moving instances.
+    """
+    if query in ("closest_hit", "occluded") and "_in_one_tree__locals__traverse" in functions:
+        return "InOneTree"
+    if query.startswith(("closest_hit_still", "occluded_still")) and "_in_instances__locals__traverse" in functions:
+        return "InInstances"
+    return None
 
 
 def native_function(types: Any, function: Any) -> str:
