@@ -46,7 +46,7 @@ def test_pictures_of_them(folder: Path) -> None:
     for command in (
         ("render", *own, *small, "-o", "moon.npy"),
         ("compile", *own, *small[:2]),
-        ("convert", "again.toml", *own),
+        ("convert", "moon.toml", "again.toml", *own[1:]),
         ("materials", "lunar", *own[1:]),
     ):
         done = run(folder, *command)
