@@ -14,6 +14,7 @@ import wrt
 import wrt.kernels
 from wrt.backend.warp_start import initialize_warp
 from wrt.kernels.bsdf import models_with
+from wrt.kernels.bsdf.arrays import kernels_of
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
@@ -37,6 +38,7 @@ FACTORIES = {
     ("wrt.kernels.media.bodies", "make_count_crossings"),
     ("wrt.kernels.integrators.photons", "make_photon_kernel"),
     ("wrt.kernels.gradients.gradient_pass", "make_gradient_kernel"),
+    ("wrt.kernels.bsdf.arrays", "kernels_of"),
     *((f.__module__, f.__name__) for f in TABLE_KERNELS),
 }
 """Functions that make kernels; each is called below."""
@@ -153,9 +155,14 @@ def test_modules_compile(name, tmp_path):
             assert f".visible .entry {kernel.get_mangled_name()}" in text
 
 
+def kernel_over_arrays(model: str) -> wp.Kernel:
+    """Return one of the kernels of a model for checks; the other is in its module."""
+    return kernels_of(model).evaluate
+
+
 OTHERS = [(make_count_crossings, instances) for instances in ("none", "still", "deforming")]
 OTHERS += [(make_kernel, "ggx", "smith") for make_kernel in TABLE_KERNELS]
-OTHERS += [(make_photon_kernel, CAUSTICS)]
+OTHERS += [(make_photon_kernel, CAUSTICS), (kernel_over_arrays, "diffuse")]
 
 
 @pytest.mark.machinery
