@@ -59,6 +59,8 @@ THREE = [
         grid_media=True,
         nested=True,
         light_groups=True,
+        single_sided=True,
+        edges="surfaces",
     ),
     # One loop that begins paths together.
     Features(
@@ -98,13 +100,17 @@ COMPILED = [
         ("diffuse", "null", "thin_dielectric"), False, "constant", aovs=True, media="absorbing", light_shapes=ALL_LIGHTS
     ),
     Features(("diffuse",), False, "none", integrator="aov", aovs=True, guides=True),
+    Features(("diffuse",), False, "none", integrator="aov", aovs=True, edges="wires"),
     *(f for f in FEATURES if f.integrator not in ("path", "aov") or f.exact == "spheres" or f.composite == "mixed"),
     *SHADING,
     FEATURES[-1],
 ]
 """What no kernel has that test_cuda_films.py compiles for its films; see test_every_feature_is_compiled."""
 
-MODULES = sorted({kernel.module.name for kernel in declared_kernels().values()})
+ON_CPUS = {"wrt.kernels.files.obj_text"}
+"""Modules that no GPU runs, with integers of 128 bits."""
+
+MODULES = sorted({kernel.module.name for kernel in declared_kernels().values()} - ON_CPUS)
 
 
 def compile_for_cuda(module: wp.Module, folder: Path, mode: str = "release") -> str:
@@ -180,6 +186,7 @@ VALUES = {
     "media": ("none", "absorbing", "scattering"),
     "composite": ("none", "sides", "mixed", "holes"),
     "exact": ("none", "spheres", "quadrics"),
+    "edges": ("none", "surfaces", "wires"),
     "models": MODELS,
     "light_shapes": ALL_LIGHTS,
 }
