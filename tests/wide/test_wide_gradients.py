@@ -83,6 +83,7 @@ def test_sums_beyond_the_limit_are_noticed(monkeypatch: pytest.MonkeyPatch) -> N
         sums(renderer)
 
 
+@pytest.mark.slow
 def test_a_scene_whose_adjoints_have_a_loop_stays_scalar() -> None:
     renderer = renderer_of(ONLY_SCALAR)
     with pytest.raises(Unsupported, match="iter_reverse"):
