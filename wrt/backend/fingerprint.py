@@ -69,7 +69,7 @@ def _warp_and_processor(warp: Path) -> list[object]:
         found = (warp / "bin" / name).stat()
         things += [name, found.st_size, found.st_mtime_ns]
     processor = Path("/proc/cpuinfo").read_bytes().partition(b"\n\n")[0]
-    kind = (b"vendor", b"cpu family", b"model", b"flags")
+    kind = (b"vendor", b"cpu family", b"model", b"flags", b"CPU ", b"Features")  # the last two are of ARM
     return things + [line for line in processor.splitlines() if line.startswith(kind)]
 
 
