@@ -4,6 +4,7 @@
     python scripts/benchmark.py rays [--triangles N ...] [--threads N ...] [--repeats N]
     python scripts/benchmark.py checkouts FOLDER ... [--scenes NAME ...] [--rounds N]
     python scripts/benchmark.py gradients [--scenes NAME ...] [--spp N] [--seeds N] [--llvm FOLDER]
+    python scripts/benchmark.py caustics [--scenes NAME ...] [--seconds S ...] [--folder FOLDER] [--llvm FOLDER]
     python scripts/benchmark.py found [--scenes NAME ...] [--spp N ...] [--folder FOLDER] [--llvm FOLDER]
 
 Each command prints its results, and writes them as JSON with --json FILE. With --docs, results go to docs/measured, and
@@ -20,10 +21,17 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import checkouts, found, gradients, rays, render, report
+from benchmarks import caustics, checkouts, found, gradients, rays, render, report
 from benchmarks.measure import machine
 
-MODULES = {"render": render, "rays": rays, "found": found, "checkouts": checkouts, "gradients": gradients}
+MODULES = {
+    "render": render,
+    "rays": rays,
+    "found": found,
+    "checkouts": checkouts,
+    "gradients": gradients,
+    "caustics": caustics,
+}
 
 
 def command_line() -> argparse.ArgumentParser:

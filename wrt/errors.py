@@ -68,6 +68,10 @@ class InputWarning(UserWarning):
     """
 
 
+class Hint(InputWarning):
+    """A setting would show more of the scene; the message is one line that names it."""
+
+
 def warn(message: str, category: type[Warning] = InputWarning) -> None:
     """Warn, in one line, as if the line of the caller's program that called wrt did so."""
     frame, level = sys._getframe(1), 2

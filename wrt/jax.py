@@ -37,9 +37,10 @@ def render(
         gradient_spp: samples per pixel of the gradients; by default `spp`.
 
     Raises:
-        InputError: as `Renderer.set_parameters` and `Renderer.gradients` do.
+        InputError: for unknown names and wrong shapes. What `Renderer.set_parameters` refuses of the values themselves
+            JAX raises as an error of its own, with that message.
     """
-    function = Differentiable(renderer, spp, gradient_spp, seed)
+    function = Differentiable(renderer, values, spp, gradient_spp, seed)
 
     def image_of(values: Mapping[str, Any]) -> Any:
         function.render({name: np.asarray(value) for name, value in values.items()})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from wrt.errors import InputError
 from wrt.gradients.renderers import Differentiable
 from wrt.rendering.renderer import Renderer
 
@@ -38,9 +39,18 @@ def render(
     Raises:
         InputError: as `Renderer.set_parameters` and `Renderer.gradients` do.
     """
-    function = Differentiable(renderer, spp, gradient_spp, seed)
+    for name, value in values.items() if isinstance(values, Mapping) else ():
+        if not isinstance(value, torch.Tensor):
+            raise InputError(f"{name} must be a torch Tensor, not a {type(value).__name__}")
+    function = Differentiable(renderer, values, spp, gradient_spp, seed)
     picture: torch.Tensor = _Picture.apply(renderer, function, tuple(values), *values.values())
     return picture
+
+
+def _numbers(tensor: torch.Tensor) -> Any:
+    """Return a copy for NumPy, which has no bfloat16."""
+    tensor = tensor.detach().cpu()
+    return (tensor.float() if tensor.dtype == torch.bfloat16 else tensor).numpy().copy()
 
 
 class _Picture(torch.autograd.Function):  # type: ignore[misc]
@@ -51,7 +61,7 @@ class _Picture(torch.autograd.Function):  # type: ignore[misc]
         ctx: Any, renderer: Renderer, function: Differentiable, names: tuple[str, ...], *tensors: torch.Tensor
     ) -> torch.Tensor:
         """Set the parameters, and render."""
-        ctx.values = {name: tensor.detach().cpu().numpy().copy() for name, tensor in zip(names, tensors, strict=True)}
+        ctx.values = {name: _numbers(tensor) for name, tensor in zip(names, tensors, strict=True)}
         ctx.function, ctx.kinds = function, [(tensor.dtype, tensor.device) for tensor in tensors]
         function.render(ctx.values)
         if renderer.device.is_cpu:

@@ -165,7 +165,10 @@ def array(value: object, name: str, dtype: type[Any] | None = None) -> NDArray[A
     Warp and torch arrays on a GPU are copied to the CPU.
     """
     if not isinstance(value, np.ndarray) and callable(to_numpy := getattr(value, "numpy", None)):
-        value = to_numpy()
+        try:
+            value = to_numpy() if not callable(to_cpu := getattr(value, "cpu", None)) else to_cpu().numpy()
+        except (TypeError, RuntimeError) as error:  # of torch: a tensor that tracks gradients, or is sparse
+            raise InputError(f"{name} cannot be an array of NumPy: {error}") from None
     refuse_masked(value, name)
     try:
         if isinstance(value, np.ndarray) and value.dtype.kind == "c":

@@ -148,6 +148,13 @@ def make_receives_light(names: tuple[str, ...]) -> wp.Function:
     return make_is_any(tuple(name for name in names if not model_of(name).delta))
 
 
+@specialised()
+def make_is_matt(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf) -> bool: whether its model has matt lobes, and delta lobes at most beside."""
+    models = {name: model_of(name) for name in names}
+    return make_is_any(tuple(k for k, m in models.items() if m.matt or (m.specular is not None and not m.delta)))
+
+
 def smooth_lobes(name: str) -> str:
     """Return which lobes of a model reflect or refract light in one direction only: "all", "some" or "none".
 

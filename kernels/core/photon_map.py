@@ -8,7 +8,7 @@ class Photon:
     """Light that smooth surfaces have thrown onto one that scatters.
 
     `towards` is the unit vector to where it came from, `normal` the geometric normal on that side. `power` is in watts;
-    `turns` counts the smooth surfaces that have reflected or refracted it.
+    `turns` counts the surfaces that have turned it. It `was_scattered` if one of them is not smooth.
     """
 
     position: wp.vec3
@@ -16,15 +16,20 @@ class Photon:
     normal: wp.vec3
     power: wp.vec3
     turns: int
+    was_scattered: bool
 
 
 @wp.struct
 class PhotonMap:
     """The photons of a set by buckets: those of bucket b are `starts[b]` to `starts[b + 1]` − 1 of `photons`.
 
-    Cells of a grid, twice `radius` wide, are hashed into buckets; the number of buckets is a power of two.
+    Cells of a grid, twice `radius` wide, are hashed into buckets; the number of buckets is a power of two. `places` has
+    the position of each photon and the square of the radius over which it is spread, at most that of the map. Spread by
+    `crowd` on average, photons would each cover so many others.
     """
 
     photons: wp.array(dtype=Photon)
+    places: wp.array(dtype=wp.vec4)
     starts: wp.array(dtype=int)
     radius: float
+    crowd: float

@@ -8,8 +8,9 @@ confused.
 
 import functools
 import importlib
+import re
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Generic, NamedTuple, TypeVar
 
 M = TypeVar("M")
@@ -19,10 +20,11 @@ USER_MODELS: set[str] = set()
 
 
 class _Registered(NamedTuple):
-    """A model from outside: its owner, and all its versions, the current one last."""
+    """A model from outside: its owner, its versions by the digests of their code, and the digest of the current one."""
 
     owner: str
-    revisions: list[Any]
+    versions: dict[str, Any]
+    current: str
 
 
 class Registry(Generic[M]):
@@ -58,15 +60,15 @@ class Registry(Generic[M]):
         """
         if not name.isidentifier():
             raise ValueError(f"a model's name must be an identifier, not {name!r}")
-        entry = self._registered.get(name, _Registered(owner, []))
+        entry = self._registered.get(name, _Registered(owner, {}, ""))
         if name in self._built_in or entry.owner != owner:
             raise ValueError(f"there is a model {name!r} already")
         self._check(name, model)
-        if entry.revisions[-1:] != [model]:
-            entry.revisions.append(model)
-        self._registered[name] = entry
+        digest = _digest(model)
+        entry.versions[digest] = model
+        self._registered[name] = entry._replace(current=digest)
         USER_MODELS.add(name)
-        self.families[name] = lambda revision="revision0": entry.revisions[int(revision.removeprefix("revision"))]
+        self.families[name] = entry.versions.__getitem__
 
     def forget(self, name: str) -> None:
         """Undo all registrations of a name."""
@@ -77,11 +79,10 @@ class Registry(Generic[M]):
     def current_name(self, name: str) -> str:
         """Return the name that kernels use for the current version of a model.
 
-        A model that is registered again gets a new one, so that neither dispatch nor compiled kernels, which are cached
-        by name, keep the old functions.
+        Of a model from outside it contains a digest of its code. So neither dispatch nor compiled kernels, which are
+        cached by name, keep old functions, and other processes find the kernels.
         """
-        revision = len(self._registered[name].revisions) - 1 if name in self._registered else 0
-        return f"{name}:revision{revision}" if revision else name
+        return f"{name}:{self._registered[name].current}" if name in self._registered else name
 
     def model_of(self, name: str) -> M:
         """Return the model with a name such as "diffuse" or "rough_conductor:ggx:smith"."""
@@ -89,6 +90,34 @@ class Registry(Generic[M]):
             family, *parts = name.split(":")
             self._models[name] = self.families[family](*parts)
         return self._models[name]
+
+
+def names_user_model(text: str) -> bool:
+    """Return whether text, such as the repr of Features, has the quoted name of a model from outside.
+
+    Names with the digest of a version do not count: they mean the same in all processes.
+    """
+    return not USER_MODELS.isdisjoint(re.findall(r"'(\w+)'", text))
+
+
+def from_outside(names: Iterable[str]) -> list[str]:
+    """Return those of the `names` in Features that are of models from outside."""
+    return [name for name in names if name.partition(":")[0] in USER_MODELS]
+
+
+def _digest(model: Any) -> str:
+    """Return a digest of a model: of the code of its functions and all that they call, and of its other values."""
+    import hashlib
+    import secrets
+
+    from warp._src.context import Function, ModuleHasher
+
+    hasher = ModuleHasher([], {})
+    values = [hasher.hash_function(value) if isinstance(value, Function) else value for value in model]
+    outside = [f for f in hasher.function_hashes if not f.func.__module__.startswith("wrt.")]
+    if any(each.adj.has_unresolved_static_expressions for f in outside for each in f.user_overloads.values()):
+        values.append(secrets.token_bytes())  # what a `wp.static` in a loop says is known only to Warp's compiler
+    return hashlib.blake2b(repr(values).encode(), digest_size=8).hexdigest()
 
 
 def _model_in(module: str, name: str, *parts: str) -> Any:

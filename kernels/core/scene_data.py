@@ -239,6 +239,16 @@ class LightShape:
 
 
 @wp.struct
+class LightBox:
+    """A box around a light that rays can hit, or around a subtree of such boxes (`kernels/native/light_boxes.h`)."""
+
+    middle: wp.vec3
+    half: wp.vec3
+    behind: int  # place of the first box that is not within this one
+    shape: int  # index in `light_shapes`; -1 for a subtree
+
+
+@wp.struct
 class LightTree:
     """The tree in the layout of `wrt.upload.lights.tree.LightTree`, with at least one node.
 
@@ -312,6 +322,7 @@ class SceneData:
     light_aliases: wp.array(dtype=int)
     light_tree: LightTree  # if Features.light_tree; the table above then has the lights at infinity
     light_shapes: wp.array(dtype=LightShape)  # the ones that rays can hit, suns, spots
+    light_boxes: wp.array(dtype=LightBox)  # around those that rays can hit, in depth-first order
     solid_light_shapes: int
     sun_light_shapes: int  # index of the first one after the suns
     light_groups: wp.array(dtype=int)  # of what is no light of the table, of each light there, and of the environment

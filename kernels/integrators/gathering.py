@@ -1,17 +1,19 @@
 """Photons on a grid, and the light that they bring to a point.
 
 The density of photons is estimated with the kernel of Epanechnikov (Silverman 1986, eq. 4.5), on the disk that the
-surface cuts from a sphere: photon mapping after Jensen (1996).
+surface cuts from a sphere: photon mapping after Jensen (1996). Each photon has a radius of its own, by the square root
+of the density that a few of its neighbours show (Abramson 1982): a focus stays sharp, and dim light is smooth.
 """
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_bsdf, models_with
+from wrt.kernels.bsdf import make_bsdf, make_is_matt, models_with
+from wrt.kernels.core.bsdf import Bsdf
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.photon_map import Photon, PhotonMap
 from wrt.kernels.core.rays import to_local
 from wrt.kernels.core.specialise import specialised
-from wrt.kernels.integrators.path_state import SurfaceVertex
+from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.sampling.sampler import hash_4d
 from wrt.kernels.sampling.warps import PI
 from wrt.kernels.textures.normal_maps import bump_shadow
@@ -26,6 +28,9 @@ _SAME_SURFACE = wp.constant(0.8)
 """Least cosine between the normals of a photon and of the point that gathers it: other walls of a corner stay out."""
 
 _LEAST_COSINE = wp.constant(1.0e-5)
+
+_COUNTED = wp.constant(24)
+"""Photons of a bucket that tell how crowded it is."""
 
 
 @wp.func
@@ -68,6 +73,7 @@ def arrange_photons(
     keys: wp.array(dtype=wp.int64),
     photons: wp.array(dtype=Photon),
     photons_out: wp.array(dtype=Photon),
+    places_out: wp.array(dtype=wp.vec4),
     starts_out: wp.array(dtype=int),
 ):
     """Put photons in the order of sorted keys, and write where buckets start; one more thread than keys."""
@@ -75,48 +81,101 @@ def arrange_photons(
     buckets = starts_out.shape[0] - 1
     bucket = _bucket_at(keys, i, buckets)
     if bucket < buckets:
-        photons_out[i] = photons[int(keys[i] & _PHOTON_BITS)]
+        photon = photons[int(keys[i] & _PHOTON_BITS)]
+        photons_out[i] = photon
+        places_out[i] = wp.vec4(photon.position[0], photon.position[1], photon.position[2], 0.0)
     for each in range(_bucket_at(keys, i - 1, buckets) + 1, bucket + 1):
         starts_out[each] = i
 
 
+@wp.func
+def corner_cell(position: wp.vec3, radius: float, corner: int) -> wp.vec3i:
+    """Return one of the eight cells that the sphere around a position touches."""
+    low = cell_of(position - wp.vec3(radius), radius)
+    return low + wp.vec3i(corner & 1, (corner >> 1) & 1, corner >> 2)
+
+
+@wp.kernel(enable_backward=False)
+def spread_photons(first: int, photon_map: PhotonMap, places_out: wp.array(dtype=wp.vec4)):
+    """Choose over which radius each photon is spread, in `places_out[i][3]`; at most the map's."""
+    i = first + wp.tid()
+    buckets = photon_map.starts.shape[0] - 1
+    if i >= photon_map.starts[buckets]:
+        return
+    photon = photon_map.photons[i]
+    radius = photon_map.radius
+    found = float(0.0)
+    for corner in range(8):
+        cell = corner_cell(photon.position, radius, corner)
+        bucket = bucket_of(cell, buckets)
+        start = photon_map.starts[bucket]
+        end = photon_map.starts[bucket + 1]
+        # A few of a crowd tell its density.
+        step = 1 + (end - start) // _COUNTED
+        j = start
+        while j < end:
+            other = photon_map.photons[j]
+            offset = other.position - photon.position
+            share = 1.0 - wp.dot(offset, offset) / (radius * radius)
+            if share > 0.0 and wp.abs(wp.dot(other.normal, photon.normal)) > _SAME_SURFACE:
+                if cell_of(other.position, radius) == cell:
+                    found += 2.0 * share * float(step)
+            j += step
+    place = places_out[i]
+    place[3] = radius * radius * wp.min(1.0, photon_map.crowd / wp.max(found, 1.0))
+    places_out[i] = place
+
+
 @specialised("models", "tangents")
 def make_gather(features: Features) -> wp.Function:
-    """Return the device function (photon map, vertex, most_turns) -> radiance of photons that it scatters to the path.
+    """Return the device function (map, bsdf, wo, surface, most_turns) -> radiance of photons that is scattered to wo.
 
-    Photons that smooth surfaces have turned more often than `most_turns` are left out.
+    Photons that surfaces have turned more often than `most_turns` are left out, and those that rough surfaces have
+    scattered before are for matt surfaces alone.
     """
+    is_matt = make_is_matt(features.models)
     evaluate = make_bsdf(features.models).evaluate
     transmits = bool(models_with(features.models, "transmits"))
 
     @wp.func
-    def gather(photon_map: PhotonMap, vertex: SurfaceVertex, most_turns: int) -> wp.vec3:
+    def gather(photon_map: PhotonMap, bsdf: Bsdf, wo: wp.vec3, surface: Surface, most_turns: int) -> wp.vec3:
         total = wp.vec3()
         radius = photon_map.radius
         buckets = photon_map.starts.shape[0] - 1
-        position = vertex.surface.position
-        low = cell_of(position - wp.vec3(radius), radius)
+        matt = is_matt(bsdf)
         corner = int(0)
         while corner < 8:
-            cell = low + wp.vec3i(corner & 1, (corner >> 1) & 1, corner >> 2)
+            cell = corner_cell(surface.position, radius, corner)
             bucket = bucket_of(cell, buckets)
-            for i in range(photon_map.starts[bucket], photon_map.starts[bucket + 1]):
-                photon = photon_map.photons[i]
-                offset = photon.position - position
-                share = 1.0 - wp.dot(offset, offset) / (radius * radius)
-                alike = wp.abs(wp.dot(photon.normal, vertex.surface.normal)) > _SAME_SURFACE
-                # Cells that share a bucket must not count its photons twice.
-                if share > 0.0 and alike and photon.turns <= most_turns and cell_of(photon.position, radius) == cell:
-                    wi = to_local(vertex.surface.frame, photon.towards)
-                    # Power per area is radiance times the geometric cosine, not that of `evaluate`.
-                    cosine = wp.dot(photon.towards, vertex.surface.normal)
-                    above = cosine > 0.0
-                    if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
-                        value = evaluate(vertex.bsdf, vertex.wo, wi)
-                        if wp.static(features.tangents):
-                            value = value * bump_shadow(vertex.surface, photon.towards, wi[2])
-                        total += wp.cw_mul(value, photon.power) * (share / wp.max(wp.abs(cosine), _LEAST_COSINE))
+            i = photon_map.starts[bucket]
+            end = photon_map.starts[bucket + 1]
+            while i < end:
+                place = photon_map.places[i]
+                position = wp.vec3(place[0], place[1], place[2])
+                offset = position - surface.position
+                share = 1.0 - wp.dot(offset, offset) / place[3]
+                if share > 0.0:
+                    photon = photon_map.photons[i]
+                    alike = wp.abs(wp.dot(photon.normal, surface.normal)) > _SAME_SURFACE
+                    # Cells that share a bucket must not count its photons twice.
+                    if (
+                        alike
+                        and photon.turns <= most_turns
+                        and (matt or not photon.was_scattered)
+                        and cell_of(position, radius) == cell
+                    ):
+                        wi = to_local(surface.frame, photon.towards)
+                        # Power per area is radiance times the geometric cosine, not that of `evaluate`.
+                        cosine = wp.dot(photon.towards, surface.normal)
+                        above = cosine > 0.0
+                        if above == (wi[2] > 0.0) and (above or wp.static(transmits)):
+                            value = evaluate(bsdf, wo, wi)
+                            if wp.static(features.tangents):
+                                value = value * bump_shadow(surface, photon.towards, wi[2])
+                            density = share / (place[3] * wp.max(wp.abs(cosine), _LEAST_COSINE))
+                            total += wp.cw_mul(value, photon.power) * density
+                i += 1
             corner += 1
-        return total * (2.0 / (PI * radius * radius))
+        return total * (2.0 / PI)
 
     return gather

@@ -37,7 +37,7 @@ from wrt.kernels.integrators.path_surface import (
 )
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.integrators.sides import make_hit_shown
-from wrt.kernels.lights.shapes import make_closest_hit
+from wrt.kernels.lights.shapes import make_light_shapes
 from wrt.kernels.media.skin import hit_or_skin, no_skin
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_sample_4d, passed_block, vertex_block
 
@@ -46,7 +46,7 @@ from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_
 def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Function:
     """Return the stage (scene, path, sampler, settings) -> PathState: to a path's end, or (`in_rounds`) next vertex."""
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
-    closest_hit, occluded = make_closest_hit(features), make_intersect(features.geometry).occluded
+    intersect, light_shapes = make_intersect(features.geometry), make_light_shapes(features.light_shapes)
     hit_shown = make_hit_shown(features.geometry, features.light_shapes)
     traverse_medium, scatter_in_medium = make_traverse_medium(features), make_scatter_in_medium(features)
     surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
@@ -73,7 +73,9 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             # Drawn before the ray is traced, which waits for memory: saves 5 % of a path in the Cornell box.
             u_light = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
-            hit = closest_hit(scene, path.ray)
+            hit = intersect.closest_hit(scene, path.ray)
+            if wp.static(bool(features.light_shapes)):
+                hit = light_shapes.nearer(scene, path.ray, hit)
             if wp.static(features.single_sided):
                 hit = hit_shown(scene, path.ray, hit, not path.was_blurred)
             if wp.static(scattering):
@@ -145,8 +147,9 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
 
             # ---- Caustics
             if wp.static(features.caustics):
-                if receives_light(vertex.bsdf):
-                    caustic = gather(settings.photon_map, vertex, settings.max_depth - path.depth - 2)
+                if receives_light(vertex.bsdf) and not path.has_settled:
+                    most_turns = settings.max_depth - path.depth - 2
+                    caustic = gather(settings.photon_map, vertex.bsdf, vertex.wo, vertex.surface, most_turns)
                     path.radiance += wp.cw_mul(path.throughput, caustic)
 
             # ---- BSDF sampling and roulette
@@ -158,7 +161,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
                 if wp.static(features.light_groups):
                     path.groups = add_to_chosen_group(scene, path.groups, path.receiver, u_light, shadow_radiance)
             else:
-                blocked = occluded(scene, light.shadow_ray, light.t_max)
+                blocked = intersect.occluded(scene, light.shadow_ray, light.t_max)
                 if not blocked:
                     path.radiance += shadow_radiance
                     if wp.static(features.light_groups):

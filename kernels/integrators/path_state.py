@@ -69,7 +69,8 @@ class PathState:
     While indirect light is clamped, `direct_radiance` keeps the light of at most two segments once there may be more;
     the path then `is_indirect`. If Features.light_groups, `groups` and `direct_groups` have the same light by groups.
     It `was_blurred` if anything that is not smooth scattered it, where `Features` ask for it. It `has_gathered` if
-    photons were gathered where it was last scattered by what is not smooth. It `is_done` once it has ended, for
+    photons were gathered where it was last scattered by what is not smooth, and `has_settled` once that was a matt
+    surface, which gathers the light of all caustics, however long its way. It `is_done` once it has ended, for
     whatever reason.
     """
 
@@ -87,6 +88,7 @@ class PathState:
     is_indirect: bool
     was_blurred: bool
     has_gathered: bool
+    has_settled: bool
     receiver: Receiver
     medium_stack: BodyStack
     origin_gap: float

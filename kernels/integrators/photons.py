@@ -3,14 +3,15 @@
 A photon is aimed. A point is chosen on the smooth surfaces, uniformly by area, and then a light as seen from there, as
 for next-event estimation; so every kind of light does as it is. The photon flies from the light to that point, and is
 lost if anything else scatters it before. So each path of light has one density, that of its first smooth surface. It is
-stored where it meets a surface that scatters.
+stored where it meets a surface that scatters, and goes on from there: the light of a focus is found by none of the
+paths from the camera but by chance. Of all later surfaces at most one more stores it.
 
 The path tracer finds the same paths by itself, from the other end, and leaves them out (`follow_path`).
 """
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_is_any, make_receives_light, smooth_lobes
+from wrt.kernels.bsdf import make_is_matt, make_receives_light
 from wrt.kernels.core.elementary import sine_cosine
 from wrt.kernels.core.features import Features, has_exact, has_quadrics, instances_of
 from wrt.kernels.core.photon_map import Photon
@@ -148,6 +149,9 @@ _BEFORE_LIGHT = wp.constant(1.0 - 2.0**-16)
 _TOLERANCE = wp.constant(2.0**-14)
 """How far from the point that it was aimed at a photon may meet a shape, as a share of its way: rounding."""
 
+_ROUNDING = wp.constant(2.0**-20)
+"""As much again, as a share of the point's coordinates: a photon from far away starts close to it."""
+
 
 @wp.func
 def way_out(low: wp.vec3, high: wp.vec3, position: wp.vec3, direction: wp.vec3) -> float:
@@ -210,7 +214,7 @@ def make_depart(features: Features) -> wp.Function:
         departure.power = irradiance * (aim.area / caster.probability)
         departure.shape = caster.shape
         departure.position = aim.position
-        departure.tolerance = distance * _TOLERANCE
+        departure.tolerance = distance * _TOLERANCE + wp.max(wp.abs(aim.position)) * _ROUNDING
         return departure
 
     return depart
@@ -223,8 +227,7 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
     surface_vertex, prepare_bsdf = make_surface_vertex(features), make_prepare_bsdf(features)
     sample_bsdf, traverse_medium = make_sample_bsdf(features, of_photons=True), make_traverse_medium(features)
     receives_light = make_receives_light(features.models)
-    also_smooth = tuple(name for name in features.models if smooth_lobes(name) == "some")
-    is_also_smooth = make_is_any(also_smooth)
+    is_matt = make_is_matt(features.models)
     sample_4d = make_sample_4d("sobol")
 
     @wp.kernel(module=wp.get_module(make_photon_kernel.module_name(features)), enable_backward=False)
@@ -240,7 +243,12 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
         keys_out: wp.array(dtype=wp.int64),
     ):
         i = first + wp.tid()
+        traced = photons_out.shape[0] // 2
         keys_out[i] = NO_PHOTON
+        keys_out[traced + i] = NO_PHOTON
+        stored = int(0)
+        scale = 1.0 / float(traced)
+        was_scattered = bool(False)
         sampler = Sampler()
         sampler.seed = seed
         sampler.pixel = FIRST_PIXEL + wp.uint32(set_number)
@@ -272,31 +280,44 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
             off = vertex.surface.position - departure.position
             is_met = vertex.surface.shape == departure.shape and wp.length(off) <= departure.tolerance
             turns = path.depth
-            if turns > 0 and receives_light(vertex.bsdf):
-                # A surface with both kinds of lobes stores half of the photons, and turns the others.
-                stays = float(1.0)
-                if wp.static(bool(also_smooth)):
-                    if is_also_smooth(vertex.bsdf):
-                        stays = 0.5
-                u_stays = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
-                if u_stays[0] < stays:
+            if turns > 0 and receives_light(vertex.bsdf) and (not was_scattered or is_matt(vertex.bsdf)):
+                is_kept = bool(True)
+                if stored > 0:
+                    # Another surface keeps half of what comes to it; the others have to do with the other half.
+                    scale *= 2.0
+                    u_kept = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
+                    is_kept = u_kept[0] < 0.5
+                if is_kept:
                     photon = Photon()
                     photon.position = vertex.surface.position
                     photon.towards = -path.ray.direction
                     photon.normal = vertex.surface.normal
                     # Flux is not squeezed as radiance is inside glass.
-                    scale = path.eta_scale / (stays * float(photons_out.shape[0]))
-                    photon.power = wp.cw_mul(path.throughput, departure.power) * scale
+                    photon.power = wp.cw_mul(path.throughput, departure.power) * (scale * path.eta_scale)
                     photon.turns = turns
-                    photons_out[i] = photon
-                    keys_out[i] = key_of(settings.photon_map, photon.position, i)
-                    break
-                path.throughput = path.throughput / (1.0 - stays)
+                    photon.was_scattered = was_scattered
+                    place = stored * traced + i
+                    photons_out[place] = photon
+                    keys_out[place] = key_of(settings.photon_map, photon.position, place)
+                    stored += 1
+                    if stored == 2:
+                        break
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
+            before = path.throughput
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
             was_turned = path.depth > turns
-            # Only delta lobes turn photons, the first one at the point that it was aimed at.
-            if (was_turned and path.scatter_pdf > 0.0) or (turns == 0 and was_turned != is_met):
+            # The first turn is by a delta lobe, at the point that the photon was aimed at.
+            if turns == 0 and (was_turned != is_met or (was_turned and path.scatter_pdf > 0.0)):
                 break
+            if was_turned and path.scatter_pdf > 0.0:
+                if wp.static(features.media == "scattering"):
+                    break
+                was_scattered = True
+                # Roulette, as of photons of equal power most tell most.
+                u_kept = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
+                kept = wp.min(1.0, wp.max(path.throughput) / wp.max(before))
+                if not (u_kept[1] < kept):
+                    break
+                path.throughput = path.throughput / kept
 
     return trace_photons

@@ -58,7 +58,7 @@ def make_hit_shown(geometry: str, light_shapes: tuple[str, ...] = ()) -> wp.Func
                 passes = hit.triangle >= 0 and passed < MOST_PASSED
         if wp.static(bool(light_shapes)):
             if passed > 0:
-                hit = nearer_light_shape(scene, ray, hit, wp.where(hit.triangle >= 0, hit.t, INFINITE_DISTANCE))
+                hit = nearer_light_shape(scene, ray, hit)
         return hit
 
     return hit_shown

@@ -3,8 +3,8 @@
 A model is a `LightModel` (see `kernels/lights/record.py`). To add one, write it, name its module in `_MODULES`, and
 describe it in `wrt/scene/lights/`; `LIGHT_SHAPES.register` adds one from outside the package.
 
-Scenes have few such lights, so a loop over all that rays can hit follows the traversal of the tree. A hit names one by
-a triangle number below NO_HIT.
+Those that rays can hit have a tree of their own, through which a ray goes after the tree of triangles. A hit names one
+by a triangle number below NO_HIT.
 """
 
 from typing import NamedTuple
@@ -13,13 +13,15 @@ import warp as wp
 
 from wrt.kernels.accel.intersect import make_intersect
 from wrt.kernels.core.features import Features
-from wrt.kernels.core.ray_tree import INFINITE_DISTANCE, NO_HIT, Hit
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
 from wrt.kernels.core.rays import Ray, Receiver
 from wrt.kernels.core.registry import Registry, model_number
-from wrt.kernels.core.scene_data import FIRST_LIGHT_SHAPE, LightRecord, LightShape, SceneData
+from wrt.kernels.core.scene_data import FIRST_LIGHT_SHAPE, LightBox, LightRecord, LightShape, SceneData
 from wrt.kernels.core.specialise import specialised
-from wrt.kernels.core.spmd_marks import ray_query
 from wrt.kernels.lights.record import NO_MEETING, LightModel, LightSample
+from wrt.kernels.native import include
+
+light_boxes_h = include("light_boxes.h")
 
 BUILT_IN = ("spot", "rectangle", "disk", "sphere", "sun")
 """Models in the kernels of all scenes with any light shape: further variants would mean more kernels to compile."""
@@ -177,12 +179,24 @@ def _no_middle(kind_of_light: int) -> wp.vec2:
 # --- All of a scene --------------------------------------------------------------------------------
 
 
+@wp.func_native("return wrt::next_light_box(boxes, origin, direction, reach, skipped, place);")
+def _next_light_box(
+    boxes: wp.array(dtype=LightBox), origin: wp.vec3, direction: wp.vec3, reach: float, skipped: int, place: int
+) -> wp.vec2i:
+    """Return where the next box of a light is, from `place` on, which a ray may meet before `reach`, or −1.
+
+    The light shape `skipped` does not count. The second number is not 0 if it may: kernels for several lanes are told
+    of boxes that the ray of another lane meets.
+    """
+    light_boxes_h()
+
+
 class LightShapes(NamedTuple):
     """Device functions for the light shapes of scenes with certain models.
 
     Attributes:
         sample: (scene, light record, receiver, u: vec2) -> LightSample, as of a model, with `point` filled in.
-        nearer: (scene, ray, hit, distance) -> Hit: the nearest light shape on a ray before `distance`, or else `hit`.
+        nearer: (scene, ray, hit) -> Hit: the nearest light shape on a ray before `hit`, or else that.
         blocks: (scene, ray, distance, aim) -> bool: whether a light shape other than `aim` lies before `distance`.
     """
 
@@ -205,23 +219,31 @@ def make_light_shapes(names: tuple[str, ...]) -> LightShapes:
         return sample
 
     @wp.func
-    def nearer_light_shape(scene: SceneData, ray: Ray, hit: Hit, distance: float) -> Hit:
-        nearest = float(distance)
-        for i in range(scene.solid_light_shapes):
+    def nearer_light_shape(scene: SceneData, ray: Ray, hit: Hit) -> Hit:
+        nearest = float(hit.t)  # infinite for a miss
+        found = _next_light_box(scene.light_boxes, ray.origin, ray.direction, nearest, -1, 0)
+        while found[0] >= 0:
+            i = scene.light_boxes[found[0]].shape
             t = model.meet(scene.light_shapes[i], ray)
-            if t > 0.0 and t < nearest:
+            if found[1] != 0 and t > 0.0 and t < nearest:
                 nearest = t
                 hit.t = t
                 hit.triangle = hit_number(i)
+            found = _next_light_box(scene.light_boxes, ray.origin, ray.direction, nearest, -1, found[0] + 1)
         return hit
 
     @wp.func
     def light_shape_blocks(scene: SceneData, ray: Ray, distance: float, aim: Hit) -> bool:
         blocked = bool(False)
-        for i in range(scene.solid_light_shapes):
+        found = _next_light_box(scene.light_boxes, ray.origin, ray.direction, distance, shape_number(aim), 0)
+        while found[0] >= 0:
+            i = scene.light_boxes[found[0]].shape
             t = model.meet(scene.light_shapes[i], ray)
-            if t > 0.0 and t < distance and hit_number(i) != aim.triangle:
+            if found[1] != 0 and t > 0.0 and t < distance:
                 blocked = True
+            found = _next_light_box(
+                scene.light_boxes, ray.origin, ray.direction, distance, shape_number(aim), found[0] + 1
+            )
         return blocked
 
     return LightShapes(sample_light_shape, nearer_light_shape, light_shape_blocks)
@@ -236,21 +258,11 @@ def make_closest_hit(features: Features) -> wp.Function:
     triangles = make_intersect(features.geometry)
     if not features.light_shapes:
         return triangles.closest_hit
-    triangle_before = triangles.closest_hit_before
     nearer_light_shape = make_light_shapes(features.light_shapes).nearer
 
-    @wp.func(name=f"closest_hit_before_{features.geometry}_lights")
-    def before(scene: SceneData, ray: Ray, distance: float) -> Hit:
-        hit = triangle_before(scene, ray, distance)
-        reach = float(distance)
-        if hit.triangle != NO_HIT:
-            reach = hit.t
-        return nearer_light_shape(scene, ray, hit, reach)
-
     @wp.func(name=f"closest_hit_{features.geometry}_lights")
-    @ray_query
     def nearest(scene: SceneData, ray: Ray) -> Hit:
-        return before(scene, ray, INFINITE_DISTANCE)
+        return nearer_light_shape(scene, ray, triangles.closest_hit(scene, ray))
 
     return nearest
 

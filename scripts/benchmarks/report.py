@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from peers.peer import OWN, PEERS
 
-from benchmarks import checkouts, found, gradients, rays
+from benchmarks import caustics, checkouts, found, gradients, rays
 from benchmarks.measure import MEASURED_FOLDER, ROOT, Row, geometric_mean, table, write_section
 
 PAGE = ROOT / "docs" / "performance.md"
@@ -198,6 +198,7 @@ SECTIONS = {
     "found": (Section(PAGE, "found", found.text),),
     "rays": (Section(None, "rays", rays.text),),
     "gradients": (Section(None, "gradients", gradients.text),),
+    "caustics": (Section(None, "caustics", caustics.text),),
     "checkouts": (Section(None, "checkouts", checkouts.text),),
 }
 """The tables of each benchmark."""

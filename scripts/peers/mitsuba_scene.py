@@ -34,6 +34,8 @@ from typing import Any
 import numpy as np
 
 import wrt
+from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.spheres import Spheres
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
 from wrt.scene.materials.body import Body
@@ -150,13 +152,15 @@ def _sensor(camera: wrt.Camera | None, width: int, height: int) -> dict[str, Any
 def _shape(shape: Shape, path: Path) -> dict[str, Any]:
     if shape.emits and shape.two_sided_emission:
         raise NotImplementedError(f"{shape.name}: Mitsuba's area lights have one side")
-    write_ply(shape.mesh, path)
-    result: dict[str, Any] = {
-        "type": "ply",
-        "filename": str(path),
-        "face_normals": shape.mesh.normals is None,
-        "bsdf": _bsdf(shape.material),
-    }
+    mesh = shape.mesh
+    if isinstance(mesh, Spheres) and len(mesh.faces) == 1 and not mesh.inside_out[0]:
+        form = {"type": "sphere", "center": mesh.centers[0].tolist(), "radius": float(mesh.radii[0])}
+    elif isinstance(mesh, Analytic):
+        raise NotImplementedError(f"{shape.name}: of exact shapes only single spheres are translated")
+    else:
+        write_ply(mesh, path)
+        form = {"type": "ply", "filename": str(path), "face_normals": mesh.normals is None}
+    result: dict[str, Any] = {**form, "bsdf": _bsdf(shape.material)}
     if shape.emits:
         result["emitter"] = {"type": "area", "radiance": _color(shape.emission)}
     return result

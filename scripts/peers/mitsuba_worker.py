@@ -58,12 +58,15 @@ def square_text(file: Path, size: int, *, box: bool = False) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def load_square(file: Path, size: int, *, box: bool = False) -> Any:
-    """Return the scene of `square_text`: a camera that is loaded keeps the field of view that it found for its film."""
+def load_square(file: Path, size: int, *, box: bool = False, **values: str) -> Any:
+    """Return the scene of `square_text`: a camera that is loaded keeps the field of view that it found for its film.
+
+    `values` are those of the file's parameters.
+    """
     import mitsuba as mi
 
     mi.file_resolver().prepend(str(file.parent))
-    return mi.load_string(square_text(file, size, box=box))
+    return mi.load_string(square_text(file, size, box=box), **values)
 
 
 class MitsubaWorker:
@@ -78,7 +81,7 @@ class MitsubaWorker:
         self.mi = mi
         shared = shared_file(folder)
         if shared:
-            self.scene = load_square(shared.file, shared.size, box=shared.box)
+            self.scene = load_square(shared.file, shared.size, box=shared.box, **shared.values)
         else:
             tree = self.restored(json.loads((folder / "scene.json").read_text(encoding="utf-8")))
             self.scene = mi.load_dict(tree)

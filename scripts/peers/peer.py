@@ -9,6 +9,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -201,9 +202,11 @@ def first_picture_command(peer: Peer, folder: Path, environments: Environments, 
     return [*command(peer, folder, environments, device), "--picture", str(file)]
 
 
-def prepare_file(file: Path, size: int, *, box: bool, folder: Path) -> None:
-    """Have all workers read one Mitsuba scene file, with `size` pixels a side, and perhaps a box filter."""
-    note = {"file": str(file.resolve()), "size": size, "box": box}
+def prepare_file(
+    file: Path, size: int, *, box: bool, folder: Path, values: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Have all workers read a Mitsuba scene file, as `SharedFile` says."""
+    note = {"file": str(file.resolve()), "size": size, "box": box, "values": dict(values)}
     (folder / "file.json").write_text(json.dumps(note), encoding="utf-8")
 
 

@@ -44,11 +44,15 @@ class Worker(Protocol):
 
 
 class SharedFile(NamedTuple):
-    """A Mitsuba scene file that all renderers read, with `size` pixels a side, and perhaps a box as its filter."""
+    """A Mitsuba scene file that all renderers read, with `size` pixels a side, and perhaps a box as its filter.
+
+    `values` are those of parameters of the file in Mitsuba alone.
+    """
 
     file: Path
     size: int
     box: bool
+    values: dict[str, str]
 
 
 def shared_file(folder: Path) -> SharedFile | None:
@@ -57,7 +61,7 @@ def shared_file(folder: Path) -> SharedFile | None:
     if not note.exists():
         return None
     found = json.loads(note.read_text(encoding="utf-8"))
-    return SharedFile(Path(found["file"]), found["size"], found["box"])
+    return SharedFile(Path(found["file"]), found["size"], found["box"], found["values"])
 
 
 def peak_memory() -> int:

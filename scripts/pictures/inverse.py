@@ -56,4 +56,5 @@ PICTURES: dict[str, Drawing] = {
     "inverse-texture": Search("texture", (0, 10, 150)),
     "inverse-lamps": Search("lamps", (0, 10, 100)),
     "inverse-metal": Search("metal", (0, 10, 100)),
+    "inverse-balls": Search("balls", (0, 20, 150)),
 }

@@ -64,6 +64,8 @@ def test_settings(tmp_path):
     old = (path + sensor()).replace("max_depth", "maxDepth") + BALL
     assert wrt.load(written(tmp_path, old, version="0.6.0")).settings.max_depth == 7
     assert loaded(tmp_path, '<integrator type="direct"/>' + BALL).settings.integrator == "direct"
+    prb = f'<integrator type="prbvolpath">{depths}</integrator>'
+    assert loaded(tmp_path, prb + BALL, strict=True).settings.max_scatterings == 6
     settings = loaded(tmp_path, '<integrator type="depth"/>' + BALL).settings
     assert (settings.integrator, settings.layers) == ("aov", ("depth",))
     names = '<string name="aovs" value="a:albedo,n:sh_normal"/>'

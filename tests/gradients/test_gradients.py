@@ -107,6 +107,7 @@ def test_a_loss_that_squares_the_noise_is_biased_by_it_unless_gradients_have_ano
         ((np.zeros((16, 12, 3)),), "d_image must have the shape (12, 16, 3), not (16, 12, 3)"),
         ((np.full((12, 16, 3), np.inf),), "d_image must be finite"),
         ((np.zeros((12, 16, 3)), ["floor.reflectance"]), "there is no parameter 'floor.reflectance' (did you mean 'fl"),
+        ((np.zeros((12, 16, 3)), 3), "names must be names of parameters, not 3"),
     ],
 )
 def test_errors(renderer, arguments, message):

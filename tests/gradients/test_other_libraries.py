@@ -58,3 +58,39 @@ def test_jax(renderer):
         np.testing.assert_array_equal(picture, image)
         for name in NAMES:
             np.testing.assert_array_equal(found[name], gradients[name])
+
+
+TORCH, JAX = "torch", "jax"
+
+
+@pytest.mark.parametrize("library", [TORCH, JAX])
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda a: {"wall.reflectence": a(3)}, "there is no parameter 'wall.reflectence' (did you mean 'wall.refl"),
+        (lambda a: {"wall.reflectance": a(2)}, "wall.reflectance must have the shape (3,), not (2,)"),
+        (lambda a: [a(3)], "values must be a dictionary by the names of parameters, not a list"),
+    ],
+)
+def test_wrong_values(renderer, library, make, message):
+    numbers = pytest.importorskip("torch" if library == TORCH else "jax.numpy")
+    render = importlib.import_module(f"wrt.{library}").render
+    with pytest.raises(wrt.InputError) as error:
+        render(renderer, make(numbers.ones))
+    assert str(error.value).startswith(message)
+    with pytest.raises(wrt.InputError, match="gradient_spp must be between 1"):
+        render(renderer, {}, gradient_spp=0)
+    with pytest.raises(wrt.InputError, match=r"must be a wrt\.Renderer, not Scene"):
+        render(renderer.scene, {})
+
+
+def test_torch_takes_bfloat16_and_nothing_but_tensors(renderer):
+    torch = pytest.importorskip("torch")
+    value = torch.full((3,), 0.5, dtype=torch.bfloat16, requires_grad=True)
+    importlib.import_module("wrt.torch").render(renderer, {"wall.reflectance": value}, spp=1).sum().backward()
+    assert value.grad.dtype == torch.bfloat16
+    assert (value.grad > 0.0).all()
+    with pytest.raises(wrt.InputError, match="must be a torch Tensor, not a tuple"):
+        wrt.torch.render(renderer, {"wall.reflectance": (0.1, 0.2, 0.3)})
+    with pytest.raises(wrt.InputError, match="d_image cannot be an array of NumPy: Can't call numpy"):
+        renderer.gradients(torch.ones(12, 16, 3, requires_grad=True))

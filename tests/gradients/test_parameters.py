@@ -172,6 +172,14 @@ def test_errors_name_the_parameter_and_change_nothing(values, message, shared_re
     assert {name: array.numpy().tobytes() for name, array in arrays_of(renderer).items()} == before
 
 
+def test_what_has_no_parameters(shared_renderer):
+    assert wrt.parameters(wrt.Scene()) == {}
+    with pytest.raises(wrt.InputError, match=r"those of a wrt\.Scene or a wrt\.Renderer, not of a str"):
+        wrt.parameters("still-life")
+    with pytest.raises(wrt.InputError, match="must be a dictionary by the names of parameters, not a list"):
+        shared_renderer.set_parameters([("jar.specular_transmittance", 0.5)])
+
+
 def arrays_of(renderer):
     data = renderer._built.data
     return {name: getattr(data, name) for name in ("slots", "texels", "lights", "shapes", "media", "materials")}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from support.covering_kernels import rendering_with
 from support.irradiance import (
     EVERY_LIGHT,
     POINTS,
+    SIZE,
     check,
     disk_irradiance,
     floor_scene,
@@ -255,3 +257,72 @@ def test_lights_are_seen_and_hide_what_is_behind_them(device: str) -> None:
     assert wrt.render(scene, **options).all()
     scene.add_light(wrt.DiskLight((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 5.0, radiance=0.0))
     assert not wrt.render(scene, **options).any()
+
+
+def many_lights(count: int) -> tuple[list[wrt.Light], NDArray]:
+    """Return lights of each kind that rays can hit, from one to two metres above the floor, and their radiances."""
+    rng = np.random.default_rng(5)
+    lights: list[wrt.Light] = []
+    radiances = 1.0 + np.arange(count)
+    for k, radiance in enumerate(radiances.tolist()):
+        place, size = rng.uniform((-1.6, 1.0, -1.6), (1.6, 2.0, 1.6)), rng.uniform(0.1, 0.3)
+        x, y, z = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        if k % 3 == 0:
+            lights.append(wrt.SphereLight(tuple(place), size, radiance))
+        elif k % 3 == 1:
+            lights.append(wrt.DiskLight(tuple(place), tuple(z), size, radiance, two_sided=True))
+        else:
+            lights.append(wrt.RectangleLight(tuple(place), tuple(x * size), tuple(y * size), radiance, two_sided=True))
+    return lights, radiances
+
+
+def first_light(lights: list[wrt.Light], origin: NDArray, to: NDArray) -> NDArray:
+    """Return the number of the first light between one point and others, (..., 3), or −1: each is tested."""
+    d = to - origin
+    best, number = np.full(d.shape[:-1], 1.0), np.full(d.shape[:-1], -1)
+    for k, light in enumerate(lights):
+        if isinstance(light, wrt.SphereLight):
+            from_center = origin - np.array(light.center)
+            a, b, c = (d * d).sum(axis=-1), d @ from_center, from_center @ from_center - light.radius**2
+            root = b * b - a * c
+            t = np.where(root >= 0.0, (-b - np.sqrt(np.maximum(root, 0.0))) / a, np.inf)
+        elif isinstance(light, wrt.DiskLight):
+            normal, center = np.array(light.normal), np.array(light.center)
+            t = (center - origin) @ normal / (d @ normal)
+            t = np.where(np.linalg.norm(origin + d * t[..., None] - center, axis=-1) <= light.radius, t, np.inf)
+        else:
+            u, v, corner = np.array(light.edge_u), np.array(light.edge_v), np.array(light.origin)
+            normal = np.cross(u, v)
+            t = (corner - origin) @ normal / (d @ normal)
+            place = origin + d * t[..., None] - corner
+            shares = np.stack([place @ u / (u @ u), place @ v / (v @ v)])
+            t = np.where(((shares >= 0.0) & (shares <= 1.0)).all(axis=0), t, np.inf)
+        number = np.where((t > 0.0) & (t < best), k, number)
+        best = np.where((t > 0.0) & (t < best), t, best)
+    return number
+
+
+def test_each_of_many_lights_is_seen_and_throws_a_shadow(device: str) -> None:
+    """Pixels whose corners and middle agree, against a test of every light, from above and as seen by a point light."""
+    lights, radiances = many_lights(60)
+    size = 64
+    half = 0.5 * SIZE * (POINTS[1] - POINTS[0]) / size
+    x, z = np.meshgrid(*2 * [half * np.arange(1 - size, size, 2)])
+    probes = [np.stack([x + a, 0.0 * x, z + b], axis=-1) for a, b in itertools.product((-half, 0.0, half), repeat=2)]
+    options = {"width": size, "height": size, "spp": 4, "device": device, "sampler": "independent", "filter": "box"}
+
+    scene = floor_scene(eye=5.0)
+    for light in lights:
+        scene.add_light(light)
+    seen = [first_light(lights, np.array((0.0, 5.0, 0.0)), probe) for probe in probes]
+    sure = np.ptp(seen, axis=0) == 0
+    assert len(np.unique(seen[0][sure])) > 20
+    image = wrt.render(scene, max_depth=1, **options)[..., 0]
+    np.testing.assert_array_equal(image[sure], np.append(radiances, 0.0).astype(np.float32)[seen[0][sure]])
+
+    scene = floor_scene(eye=0.9)  # below the lights
+    scene.add_light(wrt.PointLight((0.0, 5.0, 0.0), intensity=1.0))
+    for light in lights:
+        scene.add_light(replace(light, radiance=0.0))
+    image = wrt.render(scene, max_depth=2, **options)[..., 0]
+    np.testing.assert_array_equal(image[sure] > 0.0, seen[0][sure] < 0)

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from conftest import Report
-from support.covering_kernels import rendering_with
+from support.covering_kernels import render_with
 from support.irradiance import EVERY_LIGHT, check, disk_irradiance, floor_scene, irradiance, pixel_mean
 from support.pages import definitions, program_of, run_program
 from support.small_scenes import image_of
@@ -17,7 +17,7 @@ from support.small_scenes import image_of
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.lights.area_lights import DISK
-from wrt.kernels.lights.shapes import BUILT_IN, LIGHT_SHAPES
+from wrt.kernels.lights.shapes import BUILT_IN, LIGHT_SHAPES, current_name
 from wrt.scene.lights import LIGHTS
 from wrt.upload.scene_data import SceneUpload
 
@@ -25,14 +25,17 @@ pytestmark = pytest.mark.slow
 
 CODE = program_of("own-light")
 
-one_kernel = rendering_with(replace(EVERY_LIGHT, light_shapes=(*BUILT_IN, "ring")))
-
 
 @pytest.fixture(scope="module", autouse=True)
 def ring(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Register the page's light, and leave the register as it was found."""
     yield definitions(CODE, tmp_path_factory.mktemp("own") / "ring.py")["RingLight"]
     del LIGHTS["ring"]
+
+
+@pytest.fixture(autouse=True)
+def one_kernel(ring: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    render_with([replace(EVERY_LIGHT, light_shapes=(*BUILT_IN, current_name("ring")))], monkeypatch)
 
 
 def test_the_program_runs_and_its_light_is_reflected(tmp_path: Path) -> None:
@@ -67,7 +70,7 @@ def test_it_is_a_light_like_any_other(ring: Any, tmp_path: Path, device: str) ->
     )
     scene = wrt.load(tmp_path / "scene.toml")
     assert scene.lights[0] == ring((0.0, 2.0, 0.0), (0.0, -1.0, 0.0))
-    assert SceneUpload(scene, Device("cpu")).features.light_shapes == (*BUILT_IN, "ring")
+    assert SceneUpload(scene, Device("cpu")).features.light_shapes == (*BUILT_IN, current_name("ring"))
     means = []
     for choice in ("power", "tree"):
         options = {"device": device, "light_choice": choice, "sampler": "independent", "max_depth": 2}

@@ -8,7 +8,7 @@ import benchmark
 import mutate
 import numpy as np
 import pytest
-from benchmarks import agreement, gradients, measure, render, report
+from benchmarks import agreement, gradient_scenes, measure, render, report
 from conftest import ROOT
 from peers.mitsuba_scene import to_mitsuba
 from peers.picture_tests import image_z_test
@@ -50,12 +50,12 @@ def test_derivatives_by_an_environment_follow_its_conversion(tmp_path):
     pytest.importorskip("mitsuba")
     rng = np.random.default_rng(7)
     pixels = rng.uniform(size=(4, 6, 3)).astype(np.float32)
-    scene = gradients.environment()
+    scene = gradient_scenes.environment()
     scene.environment = wrt.ImageEnvironment(pixels)
     bitmap = to_mitsuba(scene, tmp_path, width=4, height=4, max_depth=2)["environment"]["bitmap"]
     padded = np.pad(np.array(bitmap), ((0, 0), (1, 1), (0, 0)), mode="wrap")
     derivative = rng.normal(size=padded.shape)
-    ours = gradients.as_ours("environment.texels", derivative, pixels.shape)
+    ours = gradient_scenes.as_ours("environment.texels", derivative, pixels.shape)
     assert (ours * pixels).sum() == pytest.approx((derivative * padded).sum(), rel=1e-5)
 
 

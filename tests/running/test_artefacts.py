@@ -225,16 +225,22 @@ def test_what_another_render_saves_is_kept(tmp_path):
     assert set(table_of(tmp_path / "artefacts.json").table["values"]) == {"scalar", "wide"}
 
 
-def test_models_of_users_are_not_kept_for_other_processes():
+def test_models_of_users_are_kept_by_a_digest_of_their_code():
     """Another process may register other functions under the name."""
+    call = current_backend().call
     model = model_of("mirror")
-    BSDFS.register("mirror_of_a_user", model)
+    call("wrt.kernels.bsdf", "model_of", "mirror")
+    names = []
     try:
-        for name in ("mirror", "mirror_of_a_user"):
-            assert current_backend().call("wrt.kernels.bsdf", "model_of", name).slots == model.slots
+        for each in (model, model._replace(matt=True), model._replace(sample=model_of("conductor").sample), model):
+            BSDFS.register("mirror_of_a_user", each)
+            names.append(call("wrt.kernels.bsdf", "current_name", "mirror_of_a_user"))
+            assert call("wrt.kernels.bsdf", "model_of", names[-1]).matt == each.matt
+        assert len(set(names)) == 3
+        assert names[0] == names[3]
         calls = current_backend().artefacts.table["values"]
-        assert "wrt.kernels.bsdf.model_of('mirror')" in calls
-        assert not [call for call in calls if "mirror_of_a_user" in call]
+        assert {f"wrt.kernels.bsdf.model_of('{name}')" for name in (*names, "mirror")} <= set(calls)
+        assert not [call for call in calls if "'mirror_of_a_user'" in call]
     finally:
         BSDFS.forget("mirror_of_a_user")
 

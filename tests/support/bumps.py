@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -59,20 +60,28 @@ class Probe(wrt.Material):
         return self.tangents
 
 
-WITH_PROBES = covering(
-    "diffuse", "mirror", wrt.RoughConductor(f0=1.0, distribution="beckmann").model, *PROBES, composite="mixed"
-)
-"""Features of a kernel for anything made of these models, by the sampler "independent"."""
+@contextlib.contextmanager
+def registered() -> Iterator[list[str]]:
+    """Register the probes, and yield their names in kernels."""
+    for name, model in PROBES.items():
+        models.register_model(name, model)
+    yield [models.current_name(name) for name in PROBES]
+    for name in PROBES:
+        models.BSDFS.forget(name)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def registered_probes() -> Iterator[None]:
     """Register the probes for the tests of a file that imports this fixture."""
-    for name, model in PROBES.items():
-        models.register_model(name, model)
-    yield
-    for name in PROBES:
-        models.BSDFS.forget(name)
+    with registered():
+        yield
+
+
+with registered() as _names:
+    WITH_PROBES = covering(
+        "diffuse", "mirror", wrt.RoughConductor(f0=1.0, distribution="beckmann").model, *_names, composite="mixed"
+    )
+"""Features of a kernel for anything made of these models, by the sampler "independent"."""
 
 
 FRONT = wrt.PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0), fov_degrees=30.0)

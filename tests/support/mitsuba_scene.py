@@ -38,7 +38,15 @@ class Reference:
 
 
 def render_reference(
-    scene: wrt.Scene, *, width: int, height: int, max_depth: int, spp: int, runs: int = 32, seed: int = 0
+    scene: wrt.Scene,
+    *,
+    width: int,
+    height: int,
+    max_depth: int,
+    spp: int,
+    runs: int = 32,
+    seed: int = 0,
+    integrator: str = "",
 ) -> Reference:
     """Render `scene` several times in Mitsuba, each with its own random numbers.
 
@@ -50,10 +58,14 @@ def render_reference(
         spp: samples per pixel of all runs together.
         runs: independent runs, at least 2; the variance is that between them.
         seed: of the first run.
+        integrator: its type, by default a path tracer.
     """
     mi = load_mitsuba()
     with tempfile.TemporaryDirectory() as folder:
-        loaded = mi.load_dict(to_mitsuba(scene, folder, width=width, height=height, max_depth=max_depth))
+        description = to_mitsuba(scene, folder, width=width, height=height, max_depth=max_depth)
+        if integrator:
+            description["integrator"]["type"] = integrator
+        loaded = mi.load_dict(description)
         return reference_of(loaded, spp=spp, runs=runs, seed=seed)
 
 

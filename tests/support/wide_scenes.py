@@ -282,6 +282,7 @@ SCENES: dict[str, tuple[Callable[[], wrt.Scene], dict[str, Any], tuple[str, ...]
     "clouds": (clouds, {"sampler": "stratified"}, ("perspective",)),
     "moving": (moving, {"layers": ("motion", "depth")}, ("moving",)),
     "deforming": (deforming, {"light_choice": "tree"}, ("moving",)),
+    "caustics": (plain, {"caustics": True}, ("orthographic",)),
 }
 """A scene, options of its renderer, and cameras, by name; each is one kernel."""
 
@@ -313,6 +314,8 @@ def differences(scene: wrt.Scene, spp: Sequence[int] = (3, 22), lanes: int = 0, 
     The passes have fewer samples than lanes, and more: as many samples of a pixel as there are lanes go together.
     """
     renderer = wrt.Renderer(scene, **{"width": 45, "height": 31, "threads": 1, **options})
+    if renderer._photons is not None:
+        renderer._photons.provide(0, renderer._built.data, renderer._shared_inputs[3], 0.0)
     start = renderer.film.state()
     scalar = bits(renderer, renderer._kernel.scalar, renderer.film.pixels, start, spp)
     wide = bits(renderer, *wide_kernel(renderer, lanes or LANES), start, spp)

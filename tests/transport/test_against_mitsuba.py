@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from conftest import Report
+from numpy.typing import NDArray
 
 import wrt
 
@@ -20,6 +21,7 @@ pytest.importorskip("mitsuba", reason="the independent renderer is not installed
 
 from support.covering_kernels import covering, rendering_with
 from support.mitsuba_scene import render_reference
+from support.small_scenes import image_of
 from support.statistics import sidak
 
 pytestmark = pytest.mark.slow
@@ -151,3 +153,50 @@ def test_picture_agrees(name: str, device: str, report: Report) -> None:
     report("smallest p of 4x4 blocks; their spread", result.block_p, p=result.spread_p)
     report("share of pixels that pass", result.pass_fraction, ">= 0.995", p=result.p_min)
     assert result.agrees(significance=sidak(0.01, len(CASES))), result.message
+
+
+def below_a_ball() -> wrt.Scene:
+    """A floor in the light that a glass ball focuses from a spot."""
+    scene = stage()
+    scene.add(wrt.sphere((0.0, 1.4, 0.0), 0.5, subdivisions=4), material=wrt.Dielectric(1.5))
+    cone = {"inner_degrees": 13.0, "outer_degrees": 14.0, "falloff": "linear"}
+    scene.add_light(wrt.SpotLight((-0.3, 4.0, 0.2), (0.3, -2.6, -0.2), 12.0, **cone))
+    return scene
+
+
+def before_a_mirror() -> wrt.Scene:
+    """A floor in the light of a lamp of 6 cm, and under a block of copper that reflects it."""
+    scene = stage()
+    block = wrt.box((-0.15, -0.5, -0.5), (0.15, 0.5, 0.5)).rotated((0, 0, 1), -20.0)
+    scene.add(block.translated((-0.7, 1.25, 0.0)), material=wrt.Conductor())
+    lamp = wrt.quad((-0.03, 0.0, -0.03), (0.06, 0.0, 0.0), (0.0, 0.0, 0.06)).rotated((0, 0, 1), -60.0)
+    scene.add(lamp.translated((1.5, 1.5, 0.0)), material=wrt.Diffuse(0.0), emission=900.0)
+    return scene
+
+
+@pytest.mark.parametrize("make", [below_a_ball, before_a_mirror])
+def test_caustics_are_those_of_light_traced_from_its_source(make: Callable[[], wrt.Scene], report: Report) -> None:
+    """By Mitsuba's `ptracer`. The caustic lies within the picture, so that what photons blur stays in it."""
+    scene, size, seeds = make(), 32, 8
+    scene.camera = wrt.PerspectiveCamera((0.5, 0.75, 1.2), (0.0, 0.0, 0.0), fov_degrees=60.0)
+    options: dict[str, Any] = {"width": size, "height": size, "max_depth": 6}
+    theirs = render_reference(scene, spp=16384, integrator="ptracer", **options)
+    options |= {"filter": "box", "caustics": True}
+    images = np.array([image_of(wrt.Renderer(scene, seed=k, **options), 64) for k in range(seeds)], np.float64)
+    alone = image_of(wrt.Renderer(scene, **{**options, "caustics": False}), 64)
+    ours, mean = images.mean(axis=0), theirs.mean
+    spread = np.hypot(
+        images.mean(axis=(1, 2, 3)).std(ddof=1) / np.sqrt(seeds), np.sqrt(theirs.variance.sum()) / mean.size
+    )
+    blocks_apart = np.abs(_blocks(ours) - _blocks(mean)).sum() / _blocks(mean).sum()
+    report("mean against Mitsuba", ours.mean() / mean.mean(), 1.0)
+    report("blocks of 8x8 apart", blocks_apart, 0.0)
+    report("share of caustics", 1.0 - alone.mean() / mean.mean(), 0.0)
+    assert alone.mean() < 0.9 * mean.mean()
+    assert abs(ours.mean() - mean.mean()) < 3.5 * spread + 0.003 * mean.mean()
+    assert blocks_apart < 0.03
+
+
+def _blocks(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    blocks: NDArray[np.float64] = image.reshape(4, 8, 4, 8, 3).sum(axis=(1, 3))
+    return blocks

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import itertools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from support.small_scenes import finish, image_of
 from support.statistics import two_sample_z
 
 import wrt
+from wrt.cli import main
+from wrt.errors import Hint
 from wrt.kernels.bsdf import smooth_lobes
 from wrt.rendering.part import Part
 
@@ -169,7 +172,28 @@ SCENES: dict[str, Callable[[], wrt.Scene]] = {
     ),
     "sun": lambda: scene_of(floor(), flat_ball(), wrt.DirectionalLight((0.3, -1.0, 0.1), 3.0, angle_degrees=20.0)),
     "fog": lambda: fog(),
+    "textured": lambda: scene_of(floor(wrt.Diffuse(wrt.ImageTexture(pixels(3)))), lamp(), block(wrt.Dielectric())),
+    "bumpy": lambda: bumpy(),
+    "nested": lambda: scene_of(
+        floor(), lamp(), block(wrt.Dielectric(1.5, priority=1)), ball(wrt.Dielectric(1.2, priority=2))
+    ),
+    "frosted": lambda: scene_of(
+        floor(),
+        lamp(),
+        block(wrt.Dielectric(), 0.7),
+        wrt.Shape(wrt.box((-1.5, 0.3, -1.5), (1.5, 0.5, 1.5)), wrt.RoughDielectric(alpha=0.3)),
+    ),
 }
+
+
+def pixels(seed: int) -> NDArray[np.float32]:
+    return np.random.default_rng(seed).random((4, 4, 3)).astype(np.float32)
+
+
+def bumpy() -> wrt.Scene:
+    """Bumps where light is turned, and where it arrives."""
+    bumps = wrt.NormalMap(0.5 + (pixels(5) - 0.5) * (0.3, 0.3, 0.0) + (0.0, 0.0, 0.5))
+    return scene_of(floor(wrt.Diffuse(0.5, normal_map=bumps)), lamp(), ball(wrt.Dielectric(normal_map=bumps)))
 
 
 def fog() -> wrt.Scene:
@@ -283,6 +307,47 @@ def test_another_camera_and_a_shared_scene(expected: Array) -> None:
     np.testing.assert_array_equal(image_of(plain, 6), image_of(renderer(caustics=False), 6))
     with pytest.raises(wrt.InputError, match="make a new Renderer"):
         plain.sharing(caustics=True).sharing(caustics=True)
+    assert image_of(moved.sharing(integrator="aov", layers=("object",)), 1).shape == expected.shape  # as views do
+
+
+def test_vertices_that_move_take_the_photons_along() -> None:
+    """Also beyond the box of the scene that was built, and what throws a shadow there."""
+
+    def make(lift: float) -> wrt.Renderer:
+        scene = scene_of(floor(), block(wrt.Dielectric(), 0.4 + lift), wrt.DirectionalLight((0.2, -1.0, 0.1), 3.0))
+        scene.add(wrt.box((-0.5, 2.0 + 3.0 * lift, -0.5), (0.0, 2.1 + 3.0 * lift, 0.5)), material=wrt.Diffuse(0.5))
+        return wrt.Renderer(scene, width=24, height=16, caustics=True, max_depth=10)
+
+    updated, fresh = make(0.0), make(0.7)
+    for shape in (1, 2):
+        updated.update_vertices(shape, fresh.scene.shapes[shape].mesh.vertices)
+    image = image_of(fresh, 8)
+    np.testing.assert_allclose(image_of(updated, 8).mean(), image.mean(), rtol=1e-3)
+    assert abs(image_of(make(0.0), 8).mean() / image.mean() - 1.0) > 0.01
+
+
+@pytest.mark.usefixtures("render_kernels_when_launched")
+def test_caustics_that_no_path_finds_are_told(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    def hints(*parts: wrt.Shape | wrt.Light, **options: Any) -> int:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            wrt.Renderer(scene_of(floor(), lamp(), *parts), **{"width": 8, "height": 6, **options})
+        return sum(issubclass(each.category, Hint) for each in caught)
+
+    point, glass = wrt.PointLight((0.0, 3.0, 0.0), power=1.0), ball()
+    assert hints(glass, point) == hints(ball(wrt.Mirror()), wrt.DirectionalLight((0.0, -1.0, 0.0), 1.0)) == 1
+    for silent in ((glass,), (point,), (ball(wrt.ThinDielectric()), point), (ball(wrt.RoughDielectric()), point)):
+        assert hints(*silent) == 0
+    assert hints(glass, wrt.DirectionalLight((0.0, -1.0, 0.0), 1.0, angle_degrees=5.0)) == 0
+    for option in ({"caustics": True}, {"integrator": "direct"}, {"layers": ("light_groups",)}):
+        assert hints(glass, point, **option) == 0
+    wrt.save_scene(tmp_path / "a.toml", scene_of(floor(), glass, point))
+    command = f"render {tmp_path}/a.toml --size 8x6 --spp 1 -o {tmp_path}"
+    for more, count in (("a.png", 1), ("b.png --quiet", 0), ("c.gif --turntable 2", 1)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")
+            assert main(f"{command}/{more}".split()) == 0
+        assert capfd.readouterr().err.count("wrt: hint: lights without a size") == count
 
 
 # --- What it refuses -------------------------------------------------------------------------------

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import ctypes
 import importlib
-import re
 import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -147,7 +147,8 @@ class Backend:
     def call(self, module: str, function: str, *arguments: Any) -> Any:
         """Call a function of a module of `kernels/` that returns a kernel, a number, a name, or a description."""
         name = call_name(module, function, arguments)
-        is_shared = not names_user_model(name)
+        registry = sys.modules.get("wrt.kernels.core.registry")
+        is_shared = registry is None or not registry.names_user_model(name)
         entry = self.artefacts.get("values", name) if is_shared else None
         if entry is None:
             _ = self._wp
@@ -238,12 +239,16 @@ class Backend:
         if function is None:
             raise RuntimeError(f"{file}: the compiled kernel cannot be loaded")
         kernel.function, kernel.arguments = function, Layout("", size, fields, self.struct)
-        binary = file.read_bytes()
         # Left out: kernels of one name, or with more than one dimension of threads, and those of users.
-        is_shared = len(entries) == len(symbols) and kernel.module.startswith("wrt.") and bool(kernel.key)
-        if is_shared and wp.config.cpu_compiler_flags == FLAGS and COOPERATIVE not in binary:
-            entry = {"file": str(file), "bytes": len(binary), "kernels": entries}
-            self.artefacts.add("files", kernel.module, entry)
+        if len(entries) == len(symbols) and kernel.module.startswith("wrt.") and kernel.key:
+            self.add_file(kernel.module, file, entries, wp.config.cpu_compiler_flags)
+
+    def add_file(self, module: str, file: Path, kernels: dict[str, Any], flags: str) -> None:
+        """Add a module, compiled with these flags, to the table; `kernels` are symbols and layouts of arguments."""
+        binary = file.read_bytes()
+        if flags == FLAGS and COOPERATIVE not in binary:
+            entry = {"file": str(file), "bytes": len(binary), "kernels": kernels}
+            self.artefacts.add("files", module, entry)
 
     def launch(
         self, kernel: Any, first: int, count: int, inputs: list[Any], device: str, *, waits: bool = True
@@ -427,13 +432,6 @@ class Backend:
         if dtype == "vec8":
             return self._wp.types.vector(length=8, dtype=self._wp.float32)
         return getattr(self._wp, dtype) if isinstance(dtype, str) else dtype
-
-
-def names_user_model(call: str) -> bool:
-    """Return whether a call names a model that was registered from outside: other processes may register another."""
-    registry = sys.modules.get("wrt.kernels.core.registry")
-    names = set[str]() if registry is None else registry.USER_MODELS
-    return not names.isdisjoint(re.findall(r"\w+", call)) if names else False
 
 
 def _call(kernel: Kernel, count: int, values: list[Any]) -> None:

@@ -82,6 +82,16 @@ class Build:
         hashes = self._module.hashers[self._block].kernel_hashes
         return {kernel: f"{kernel.get_mangled_name(kernel_hash=hashes[kernel])}_cpu_forward" for kernel in hashes}
 
+    @property
+    def name(self) -> str:
+        """The name of the module."""
+        return str(self._module.name)
+
+    @property
+    def identifier(self) -> str:
+        """The name of its folder in the cache, which contains Warp's digest of its code."""
+        return str(self._module.get_module_identifier(self._block))
+
     def files_in(self, folder: Path) -> tuple[Path, Path]:
         """Return the compiled file and Warp's `.meta` file in a folder."""
         binary = self._module._get_compile_output_name(self._device, block_dim=self._block)
@@ -95,7 +105,7 @@ class Build:
         Raises:
             OSError: when there is not enough disk space to compile it.
         """
-        identifier = str(self._module.get_module_identifier(self._block))
+        identifier = self.identifier
         cached = Path(sys.modules["warp"].config.kernel_cache_dir, identifier)
         if state(*self.files_in(cached)) is State.WHOLE:
             return cached
@@ -136,17 +146,27 @@ class Build:
             if room.f_bavail * room.f_frsize < ROOM // 4 and not isinstance(error, OSError):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder.parent)) from error
             if type(error) is Exception:  # clang rejects the code
-                raise RuntimeError(f"{self._module.name}: {error}") from error
+                raise RuntimeError(f"{self.name}: {error}") from error
             raise
-        COMPILED.append(str(self._module.name))
+        COMPILED.append(self.name)
 
     def run_compiler(self, folder: Path) -> None:
         """Compile it, and nothing else."""
         # Warp does not repeat a build that failed before, for instance because the disk was full.
         self._module.failed_builds.pop((self._device.context, self._block), None)
-        self._module.get_module_hash(self._block)  # it resolves the options as a side effect
-        options, arch = self._module.resolved_options[self._block], self._module._get_compile_arch(self._device)
-        self._module._compile(self._device, folder, self.files_in(folder)[0].name, arch, options=options)
+        arch = self._module._get_compile_arch(self._device)
+        self._module._compile(self._device, folder, self.files_in(folder)[0].name, arch, options=self.options)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Warp's options for it."""
+        self._module.get_module_hash(self._block)  # it resolves them as a side effect
+        return dict(self._module.resolved_options[self._block])
+
+    def generate(self) -> tuple[str, dict[str, Any]]:
+        """Return its code for this device, and what Warp's `.meta` file says."""
+        source, _, meta, _, _ = self._module._run_codegen(self.options, self._device.is_cpu)
+        return source, meta
 
     def load(self) -> None:
         """Have Warp load it, compiled if necessary."""

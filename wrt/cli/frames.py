@@ -71,7 +71,7 @@ class AnimationRender:
         started = time.monotonic()
         with (
             ProgressBar(self._title, time_limit=options.limits["time"], is_shown=not options.quiet) as bar,
-            short_warnings(bar.message),
+            short_warnings(bar.message, quiet=options.quiet),
             unpacked(self._source) as self._file,  # once for all frames
         ):
             try:

@@ -48,7 +48,7 @@ def render_part(interrupts: Interrupts, options: RenderOptions, number: int, of:
     if output.suffix.lower() in OUTPUT_SUFFIXES:
         raise InputError(f"{output}: a part is not a picture yet; give it a name that ends in .wrt, and use wrt merge")
     require_writable(output, PART)
-    with ProgressBar(output.stem, is_shown=not options.quiet) as bar, short_warnings(bar.message):
+    with ProgressBar(output.stem, is_shown=not options.quiet) as bar, short_warnings(bar.message, quiet=options.quiet):
         renderer = options.make_renderer(options.load(source))
         require_writable(output, PART)  # again, now that the files the scene reads are known
         begun = Part.load(output) if options.resume and os.path.lexists(output) else None

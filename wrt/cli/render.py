@@ -90,7 +90,7 @@ class PictureRender:
         title = output.picture.stem + label
         with (
             ProgressBar(title, time_limit=options.limits["time"], is_shown=not options.quiet) as bar,
-            short_warnings(bar.message),
+            short_warnings(bar.message, quiet=options.quiet),
         ):
             renderer = self._start(bar)
             is_complete = self._trace(renderer, bar)

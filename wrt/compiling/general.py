@@ -65,7 +65,7 @@ def materials() -> list[Material]:
     image = ImageTexture(np.full((4, 4, 3), 0.5, np.float32))
     normals = NormalMap(np.full((4, 4, 3), (0.5, 0.5, 1.0), np.float32), filter=False)
     return [
-        *(cls.example() for cls in MATERIALS.values() if cls is not Measured),
+        *(cls.example() for cls in MATERIALS.values() if cls is not Measured and cls.__module__.startswith("wrt.")),
         *(cls(**facets) for cls in (RoughConductor, RoughDielectric, RoughPlastic) for facets in _FACETS),
         Principled(transmission=1.0),
         Principled(base_color=image, normal_map=normals, opacity=image),

@@ -28,8 +28,8 @@ UNLIKE_PATHS = ("whitted", "ao", "aov")
 
 
 def has_wide(features: Any) -> bool:
-    """Return whether there is a wide kernel for these features: it follows paths that gather no photons."""
-    return features.integrator not in UNLIKE_PATHS and not features.caustics
+    """Return whether there is a wide kernel for these features: it follows paths."""
+    return features.integrator not in UNLIKE_PATHS
 
 
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
@@ -101,11 +101,11 @@ def compile_kernel(features: Any, lanes: int, uses: Callable[[Device], object] |
 
 
 def main(arguments: list[str]) -> int:
-    """Compile the kernel for features given as JSON.
+    """Compile the kernel for features given as JSON, or from a file of code that the parent has generated.
 
-    The arguments are the program's name, the features, the lanes, the id of the parent process, and the folders of
-    Warp's kernels and of the table of artefacts if the usual one fails. This process ends with its parent. Concurrent
-    processes compile one after the other.
+    The arguments are the program's name, the features or the file, the lanes, the id of the parent process, and the
+    folders of Warp's kernels and of the table of artefacts if the usual one fails. This process ends with its parent.
+    Concurrent processes compile one after the other.
     """
     import warp as wp
 
@@ -117,12 +117,22 @@ def main(arguments: list[str]) -> int:
     if arguments[4:]:
         wp.config.kernel_cache_dir, table = arguments[4:]
         artefacts.folders.append(Path(table))
-    features, lanes = from_json(arguments[1]), int(arguments[2])
+    what, lanes = arguments[1], int(arguments[2])
     with artefacts.lock():
         artefacts.refresh()
-        if not is_compiled(features, lanes):
+        if os.path.isabs(what):
+            compile_generated(json.loads(Path(what).read_text(encoding="utf-8")))
+        elif not is_compiled(features := from_json(what), lanes):
             compile_kernel(features, lanes)
     return 0
+
+
+def compile_generated(code: Any) -> None:
+    """Compile code that another process has generated, unless that is done; raises as `compile_code` does."""
+    from wrt.backend.generated import compile_code
+
+    if not current_backend().artefacts.has(code["call"]):
+        compile_code(current_backend(), code)
 
 
 def _end_with_parent() -> None:

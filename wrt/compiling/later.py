@@ -15,12 +15,25 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wrt.backend import cache_folders, current_backend
 from wrt.backend.artefacts import Artefacts
-from wrt.compiling.kernel import as_json, compile_kernel, from_json, is_compiled, name_of_kernel, start
+from wrt.compiling.kernel import (
+    as_json,
+    compile_generated,
+    compile_kernel,
+    from_json,
+    is_compiled,
+    name_of_kernel,
+    start,
+)
+from wrt.compiling.own import code_of, models_from_outside
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 SWITCH = "WRT_BACKGROUND"
 """Environment variable: 0 compiles nothing for the next render; 1 does so on build machines, too."""
@@ -45,6 +58,8 @@ REQUESTED, BEGUN = ".json", ".begun"
 """Suffixes of a request, and of one whose kernel is being compiled, or was when its compiler ended."""
 
 _started: list[subprocess.Popen[bytes]] = []
+_being_generated: set[Path] = set()
+"""Requests whose code this process still generates."""
 
 
 def is_wanted() -> bool:
@@ -70,12 +85,28 @@ def request(features: Any, lanes: int) -> Path | None:
         folder.mkdir(parents=True, exist_ok=True)
         if _is_young(path.with_suffix(BEGUN), RETRY_SECONDS):
             return path if _is_locked(folder) else None
-        cache_folders.put(path, json.dumps([as_json(features), lanes]).encode())
-        if not _is_locked(folder):  # the process that holds the lock looks for requests again after releasing it
-            _start(artefacts.path, kernels)
+        if not models_from_outside(features):
+            _put(path, json.dumps([as_json(features), lanes]), artefacts.path, kernels)
+        elif path not in _being_generated:
+            _being_generated.add(path)
+            code_of(features, lanes).add_done_callback(partial(_put_code, path, artefacts.path, kernels))
     except (OSError, TypeError):
         return None
     return path
+
+
+def _put_code(path: Path, table: Path, kernels: Path, code: Future[str]) -> None:
+    """Request the compilation of code once it is generated."""
+    with contextlib.suppress(OSError):
+        if code.exception() is None:
+            _put(path, code.result(), table, kernels)
+    _being_generated.discard(path)
+
+
+def _put(path: Path, text: str, table: Path, kernels: Path) -> None:
+    cache_folders.put(path, text.encode())
+    if not _is_locked(path.parent):  # the process that holds the lock looks for requests again after releasing it
+        _start(table, kernels)
 
 
 def _start(table: Path, kernels: Path) -> None:
@@ -86,7 +117,7 @@ def _start(table: Path, kernels: Path) -> None:
 
 def is_done(path: Path) -> bool:
     """Return whether a request is not pending any more."""
-    return not path.exists() and not path.with_suffix(BEGUN).exists()
+    return path not in _being_generated and not path.exists() and not path.with_suffix(BEGUN).exists()
 
 
 def requests_folder(table: Path) -> Path:
@@ -126,12 +157,13 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
     with contextlib.suppress(OSError, RuntimeError, ValueError, Unsupported):
         path.replace(begun)
         os.utime(begun)
-        features, lanes = json.loads(begun.read_text(encoding="utf-8"))
-        features = from_json(features)
+        requested = json.loads(begun.read_text(encoding="utf-8"))
         artefacts.refresh()
-        if not is_compiled(features, lanes):
-            if wp.config.kernel_cache_dir is None:  # Warp adds its version when it starts
-                wp.config.kernel_cache_dir = str(kernels)
+        if wp.config.kernel_cache_dir is None:  # Warp adds its version when it starts
+            wp.config.kernel_cache_dir = str(kernels)
+        if isinstance(requested, dict):
+            compile_generated(requested)
+        elif not is_compiled(features := from_json(requested[0]), lanes := requested[1]):
             compile_kernel(features, lanes, exercise if is_general(features) else None)
         begun.unlink(missing_ok=True)
 

@@ -66,8 +66,14 @@ def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
 
     Args:
         scene: a Scene, or a Renderer for those of its scene as it is now.
+
+    Raises:
+        InputError: if it is neither.
     """
-    return {name: place.value for name, place in places_of(getattr(scene, "scene", scene)).items()}
+    described = getattr(scene, "scene", scene)
+    if not isinstance(described, Scene):
+        raise InputError(f"parameters are those of a wrt.Scene or a wrt.Renderer, not of a {type(scene).__name__}")
+    return {name: place.value for name, place in places_of(described).items()}
 
 
 def edited(scene: Scene, values: Mapping[str, Any]) -> Scene:
@@ -77,12 +83,11 @@ def edited(scene: Scene, values: Mapping[str, Any]) -> Scene:
         InputError: when there is no such parameter, or a value has another shape, is not finite or out of range.
     """
     places, edits = places_of(scene), Edits()
-    for name, value in values.items():
+    for name, value in mapping_of(values).items():
         place = places[known(name, places)]
         now = place.value
         new = array(value, name, np.float64)
-        if new.shape != now.shape:
-            raise InputError(f"{name} must have the shape {now.shape}, not {new.shape}")
+        require_shape(name, place, new.shape)
         with np.errstate(over="ignore"):
             rounded = new.astype(np.float32)
         if not np.isfinite(rounded).all():
@@ -90,6 +95,19 @@ def edited(scene: Scene, values: Mapping[str, Any]) -> Scene:
         if not np.array_equal(rounded, now):
             place.edit(name, new, edits)
     return edits.applied(scene)
+
+
+def mapping_of(values: object) -> Mapping[str, Any]:
+    """Return values by the names of parameters, or raise InputError if they are something else."""
+    if not isinstance(values, Mapping):
+        raise InputError(f"values must be a dictionary by the names of parameters, not a {type(values).__name__}")
+    return values
+
+
+def require_shape(name: str, place: Place, shape: tuple[int, ...]) -> None:
+    """Raise InputError if a value has another shape than its parameter."""
+    if shape != place.value.shape:
+        raise InputError(f"{name} must have the shape {place.value.shape}, not {shape}")
 
 
 def known(name: object, names: Iterable[str]) -> str:

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrt.errors import warn
+from wrt.errors import InputError, warn
 from wrt.gradients.backward import Backward
 from wrt.gradients.parameters import edited as edited
-from wrt.gradients.parameters import known, parameters, places_of
+from wrt.gradients.parameters import known, mapping_of, parameters, places_of, require_shape
 from wrt.gradients.places import Texels
 from wrt.gradients.sums import DeviceSums
 from wrt.rendering.renderer import Renderer
-from wrt.values import integer
+from wrt.scene.scene import MAX_SPP
+from wrt.values import array, integer
 
 
 def gradients(
@@ -23,9 +24,11 @@ def gradients(
 ) -> dict[str, NDArray[np.float32]]:
     """Return the derivatives of a loss by parameters; see `Renderer.gradients`."""
     places = places_of(renderer.scene)
-    chosen = [
-        known(name, places) for name in (places if names is None else [names] if isinstance(names, str) else names)
-    ]
+    wanted = places if names is None else [names] if isinstance(names, str) else names
+    if not isinstance(wanted, Iterable):
+        raise InputError(f"names must be names of parameters, not {names!r}")
+    chosen = [known(name, places) for name in wanted]
+    d_image = array(d_image, "d_image", np.float32)
     backward = Backward(renderer)
     if any(isinstance(places[name], Texels) for name in chosen):
         renderer.make_texels_editable()
@@ -44,10 +47,23 @@ BETWEEN_SEEDS = 2**31
 class Differentiable:
     """A picture of a renderer as a function of parameters, for libraries that differentiate."""
 
-    def __init__(self, renderer: Renderer, spp: int, gradient_spp: int | None, seed: int | None) -> None:
-        """Keep the samples per pixel, of gradients by default as many, and the seed, by default the renderer's."""
-        self._renderer, self._spp = renderer, spp
-        self._gradient_spp = spp if gradient_spp is None else gradient_spp
+    def __init__(
+        self, renderer: Renderer, values: Mapping[str, Any], spp: int, gradient_spp: int | None, seed: int | None
+    ) -> None:
+        """Keep the samples per pixel, of gradients by default as many, and the seed, by default the renderer's.
+
+        Raises:
+            InputError: also if `values` have unknown names or wrong shapes, which JAX would report as its own error.
+        """
+        if not isinstance(renderer, Renderer):
+            raise InputError(f"the first argument must be a wrt.Renderer, not {type(renderer).__name__}")
+        places = places_of(renderer.scene)
+        for name, value in mapping_of(values).items():
+            require_shape(name, places[known(name, places)], tuple(np.shape(value)))
+        self._renderer = renderer
+        self._spp = integer(spp, "spp", minimum=1, maximum=MAX_SPP)
+        of_gradients = spp if gradient_spp is None else gradient_spp
+        self._gradient_spp = integer(of_gradients, "gradient_spp", minimum=1, maximum=MAX_SPP)
         self._seed = renderer.seed if seed is None else integer(seed, "seed", minimum=0, maximum=2**32 - 1)
 
     @property

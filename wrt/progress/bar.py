@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from wrt.errors import one_line
+from wrt.errors import Hint, one_line
 from wrt.progress.terminal import bar_stream, fitted, fitted_bar, literal, terminal_columns
 
 if TYPE_CHECKING:
@@ -42,12 +42,13 @@ def once(show: Callable[[str], None]) -> Callable[[str], None]:
 
 
 @contextlib.contextmanager
-def short_warnings(show_line: Callable[[str], None]) -> Iterator[None]:
-    """Within the context, show warnings meant for users, in one line each, and no others."""
+def short_warnings(show_line: Callable[[str], None], *, quiet: bool = False) -> Iterator[None]:
+    """Within the context, show warnings meant for users, in one line each, and no others; if `quiet`, no hints."""
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        if issubclass(category, UserWarning):
-            show_line(f"wrt: warning: {one_line(str(message))}")
+        if issubclass(category, UserWarning) and not (quiet and issubclass(category, Hint)):
+            kind = "hint" if issubclass(category, Hint) else "warning"
+            show_line(f"wrt: {kind}: {one_line(str(message))}")
 
     with warnings.catch_warnings():
         warnings.showwarning = show

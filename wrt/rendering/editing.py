@@ -110,6 +110,8 @@ class EditablePicture(Picture):
         if self.scene.shapes[number].shadow_catcher:
             raise InputError("the vertices of a shadow catcher cannot be updated; make a new Renderer")
         self._built.world.update(number, self.scene.shapes[number], vertices, normals)
+        if self._built.casters is not None:
+            self._built.casters.enclose(self.device.backend.fetch(self._built.data.points))
         self.has_updated_vertices = True
         self._clear()
 

@@ -1,4 +1,4 @@
-"""Sets of photons, one for each sample of the pixels: sample i of any pixel gathers those of set i.
+"""Sets of photons, each for a few samples of the pixels: sample i of any pixel gathers those of set i / `samples`.
 
 A set is a function of the seed and its number, so pictures do not depend on passes, crops or what was resumed. Radii
 shrink from set to set as by Knaus and Zwicker, "Progressive photon mapping: a probabilistic approach" (2011), eq. 20:
@@ -28,8 +28,14 @@ FIRST_RADIUS = 2.0
 LARGEST_RADIUS = 0.05
 """Most of it, as a share of the size of what throws caustics."""
 
+FIRST_CROWD = 32.0
+"""Neighbours that the spread of a photon of the first set reaches, where they are dense."""
+
 FEWEST, MOST = 1 << 14, 1 << 20
-"""Photons of a set, which otherwise has one for each pixel of the whole picture: they take about as long as paths."""
+"""Photons of a set."""
+
+MOST_SAMPLES = 4
+"""Samples of a pixel that gather the same set; there is a photon for every two of the paths, which take as long."""
 
 
 def squared_shrinkage(number: int) -> float:
@@ -43,7 +49,8 @@ class Photons:
     """The photons of the current set.
 
     Attributes:
-        kernels: the kernels that follow and arrange photons.
+        kernels: the kernels that follow, arrange and spread photons.
+        samples: how many samples of a pixel gather the same set.
     """
 
     def __init__(self, device: Device, features: Any, casters: CasterTable, seed: int, width: int, height: int) -> None:
@@ -56,15 +63,19 @@ class Photons:
         self.kernels = [
             backend.call("wrt.kernels.integrators.photons", "make_photon_kernel", features),
             backend.kernels("wrt.kernels.integrators.gathering").arrange_photons,
+            backend.kernels("wrt.kernels.integrators.gathering").spread_photons,
         ]
         self._device, self._casters, self._seed = device, casters, seed
         self._size = width, height
-        self._count = min(max(width * height, FEWEST), MOST)
+        self._count = min(max(2 * width * height, FEWEST), MOST)
+        self.samples = min(max(2 * self._count // (width * height), 1), MOST_SAMPLES)
         photon = backend.kernels("wrt.kernels.core.photon_map").Photon
-        device.require_memory(2 * self._count * photon.numpy_dtype().itemsize, "a set of photons")
-        self._found, self._arranged = (backend.empty(self._count, photon, device.name) for _ in range(2))
-        self._keys = backend.empty(self._count, "int64", device.name)
-        buckets = 1 << (self._count - 1).bit_length()
+        device.require_memory(4 * self._count * photon.numpy_dtype().itemsize, "a set of photons")
+        stored = 2 * self._count
+        self._found, self._arranged = (backend.empty(stored, photon, device.name) for _ in range(2))
+        self._places = backend.empty(stored, "vec4", device.name)
+        self._keys = backend.empty(stored, "int64", device.name)
+        buckets = 1 << (stored - 1).bit_length()
         self._starts = backend.empty(buckets + 1, "int32", device.name)
         self._number: int | None = None
         self._first_radius = 0.0
@@ -82,16 +93,22 @@ class Photons:
         """Follow the photons anew, as the scene has changed."""
         self._number = None
 
-    def provide(self, number: int, scene: Any, settings: Any, time: float) -> None:
-        """Have the photons of set `number` in the kernels' PathSettings."""
+    def provide(self, sample: int, scene: Any, settings: Any, time: float) -> int:
+        """Have the photons for a sample in the kernels' PathSettings; return the first sample that needs others."""
+        number = sample // self.samples
+        end = (number + 1) * self.samples
         if self._number == number:
-            return
+            return end
         self._number = None
-        photon_map, backend, (follow, arrange) = settings.photon_map, self._device.backend, self.kernels
-        photon_map.photons, photon_map.starts = self._arranged, self._starts
+        photon_map, backend, (follow, arrange, spread) = settings.photon_map, self._device.backend, self.kernels
+        photon_map.photons, photon_map.places, photon_map.starts = self._arranged, self._places, self._starts
         photon_map.radius = self._first_radius * math.sqrt(squared_shrinkage(number))
+        photon_map.crowd = FIRST_CROWD * squared_shrinkage(number)
         inputs = [number, self._seed, time, scene, settings, self._casters.data, self._found, self._keys]
         self._device.launch(follow, self._count, inputs)
         keys = backend.array(np.sort(backend.fetch(self._keys)), "int64", self._device.name)
-        self._device.launch(arrange, self._count + 1, [keys, self._found, self._arranged, self._starts])
+        inputs = [keys, self._found, self._arranged, self._places, self._starts]
+        self._device.launch(arrange, 2 * self._count + 1, inputs)
+        self._device.launch(spread, 2 * self._count, [photon_map, self._places])
         self._number = number
+        return end

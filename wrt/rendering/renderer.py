@@ -29,7 +29,14 @@ from wrt.scene.layers import CATCHER, LIGHT_GROUPS, SHADOW
 from wrt.scene.scene import RenderSettings, Scene, require_scene
 from wrt.studio.framing import with_camera
 from wrt.upload.camera import filter_table, outside_cameras
-from wrt.upload.integrators import WITHOUT_LIGHT, choose_integrator, integrator_features, path_settings
+from wrt.upload.integrators import (
+    WITH_PHOTONS,
+    WITHOUT_LIGHT,
+    choose_integrator,
+    hint_at_caustics,
+    integrator_features,
+    path_settings,
+)
 from wrt.upload.lights.choice import LIGHT_CHOICES
 from wrt.upload.lights.table import has_light
 from wrt.upload.scene_data import SceneUpload
@@ -91,6 +98,7 @@ class Renderer(EditablePicture):
         self.scene = with_camera(scene, self.width / self.height)
         if self.integrator not in WITHOUT_LIGHT and not has_light(self.scene):
             warn("the scene has no light: the picture will be black", UserWarning)
+        hint_at_caustics(self.scene, self.settings, self.integrator)
         self.has_updated_vertices = False
         self.device = Device(device, threads=threads)
         self._catchers = Catchers(self) if self._has_catchers else None
@@ -146,7 +154,8 @@ class Renderer(EditablePicture):
         on another before that renders again.
 
         Args:
-            settings: fields of `wrt.RenderSettings`, except the filter and the sampler.
+            settings: fields of `wrt.RenderSettings`, except the filter and the sampler. An integrator that cannot
+                render caustics leaves them out.
 
         Raises:
             InputError: on unusable settings, on `caustics` if this renderer has none, or when memory does not suffice
@@ -155,6 +164,8 @@ class Renderer(EditablePicture):
         renderer = Renderer.__new__(Renderer)
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
             setattr(renderer, name, getattr(self, name))
+        if (settings.get("integrator") or WITH_PHOTONS[0]) not in WITH_PHOTONS:
+            settings = {"caustics": False, **settings}
         renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
         if "edges" in renderer.settings.film_layers and not self._built.has_edges:
             raise InputError("the scene was built without its edges; make a new Renderer")
@@ -328,9 +339,10 @@ class Renderer(EditablePicture):
             self._kernel.launch([target, *self._inputs], seconds_left)
             return
         _, _, scene, path = self._shared_inputs
-        for sample in range(self.film.tally().least, target):
-            self._photons.provide(sample, scene, path, self.camera.shutter_open)
-            self._kernel.launch([sample + 1, *self._inputs], seconds_left)
+        sample = self.film.tally().least
+        while sample < target:
+            sample = min(self._photons.provide(sample, scene, path, self.camera.shutter_open), target)
+            self._kernel.launch([sample, *self._inputs], seconds_left)
             if self.device.cancelled.is_set():
                 return
 

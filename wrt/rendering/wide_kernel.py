@@ -21,7 +21,7 @@ from wrt.backend.arrays import Array, Struct
 from wrt.backend.device import Device
 from wrt.backend.processor import lanes_here
 from wrt.compiling import kernel as compiler
-from wrt.compiling import later
+from wrt.compiling import later, own
 
 LOADING_SECONDS = 0.02
 """Skip loading if fewer than this many seconds remain to render."""
@@ -62,7 +62,7 @@ class WideKernel:
         self._device, self._features, self._records = device, features, records
         self._lanes = 0
         self._possible: bool | None = None if device.is_cpu else False  # None: not known yet
-        self._compiler: subprocess.Popen[bytes] | None = None
+        self._compiler: subprocess.Popen[bytes] | own.Compiler | None = None
         self._compiling_since: float | None = None
         self._seconds = 0.0
         self._is_requested = False
@@ -93,6 +93,7 @@ class WideKernel:
             if self._request is not None and later.is_done(self._request):
                 self._request = None
                 self._device.backend.artefacts.refresh()
+                self._say_refused()
             if self._is_compiled():
                 self._load()
             elif may_compile and compiling_pays(seconds_left, self._device.threads, speedup):
@@ -155,8 +156,15 @@ class WideKernel:
         """Start compiling the kernel in another process."""
         try:
             environment = {**os.environ, "TMPDIR": str(cache_folders.work_folder())}  # which this process removes
-            arguments = [compiler.as_json(self._features), str(self._lanes), str(os.getpid()), *self._folders()]
-            self._compiler = compiler.start(compiler.__name__, *arguments, env=environment)
+            arguments = [str(self._lanes), str(os.getpid()), *self._folders()]
+
+            def start(what: str) -> subprocess.Popen[bytes]:
+                return compiler.start(compiler.__name__, what, *arguments, env=environment)
+
+            if own.models_from_outside(self._features):
+                self._compiler = own.Compiler(self._features, self._lanes, start)
+            else:
+                self._compiler = start(compiler.as_json(self._features))
         except OSError:  # no folder has room, or there is no Python
             self._possible = False
             return
@@ -181,9 +189,17 @@ class WideKernel:
         self._compiler = None
         self._device.backend.artefacts.refresh()
         self._possible = self._is_compiled()
+        if not self._possible:
+            self._say_refused()
+
+    def _say_refused(self) -> None:
+        """Say what in a model from outside keeps the kernel from being translated."""
+        if own.models_from_outside(self._features) and (why := own.refusal(self._features, self._lanes)):
+            self._possible = False
+            cache_folders.warn_once(f"{why} (until then renders take twice as long: docs/own.md)")
 
 
-def _end(compiler: subprocess.Popen[bytes], features: Any, lanes: int) -> None:
+def _end(compiler: subprocess.Popen[bytes] | own.Compiler, features: Any, lanes: int) -> None:
     """End the compiler of a render that ends before it; the next render gets the kernel nevertheless."""
     if compiler.poll() is None:
         compiler.kill()

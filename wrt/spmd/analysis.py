@@ -27,7 +27,7 @@ def stores_into(s: ir.Statement) -> set[ir.Variable]:
         return set()
     target = s.call.arguments[0]
     if isinstance(target, ir.Variable):
-        return {target} if s.call.name == "assign_inplace" else set()
+        return {target} if s.call.name.endswith("_inplace") else set()
     return {e for e in ir.expressions(target) if isinstance(e, ir.Variable)}
 
 

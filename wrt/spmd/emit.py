@@ -6,14 +6,26 @@ condition holds, and is skipped if there are none; a loop runs as long as any la
 block must be assigned under the mask, so most statements stay as they were.
 """
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
 from warp._src.codegen import constant_str
 
 from wrt.spmd import ir
-from wrt.spmd.analysis import Liveness, constant_ranges
+from wrt.spmd.analysis import Liveness, constant_ranges, set_by
+from wrt.spmd.library import names
+from wrt.spmd.remedies import RANDOM, refusal
 from wrt.spmd.types import NUMBERS, Types
+
+_ALL_TYPES = re.compile(r"to_\w+|cast_\w+|iter_\w+|copy|extract|indexref|load|range|address")
+"""Functions of `kernels/native/lanes` that take whatever Warp's do."""
+
+
+def _takes_all(call: ir.Builtin) -> bool:
+    """Return whether a call has a form for lanes whatever its arguments; elements of constants have none."""
+    is_of_constant = call.name == "extract" and getattr(call.arguments[0], "constant", None) is not None
+    return _ALL_TYPES.fullmatch(call.name) is not None and not is_of_constant
 
 
 class Emitter:
@@ -48,7 +60,11 @@ class Emitter:
             return ""
         if v.constant is not None:
             return f"    const {v.ctype} {v.name} = {constant_str(v.constant)};\n"
-        return f"    {self._types.wide(v.type)} {v.name};\n"
+        try:
+            return f"    {self._types.wide(v.type)} {v.name};\n"
+        except ir.Unsupported as error:
+            sources = (s.source for s in ir.walk(self._function.body) if set_by(s) is v)
+            raise refusal(next(sources, self._function.key), str(error)) from None
 
     def declarations(self, variables: Iterable[ir.Variable]) -> str:
         """Return the declarations of variables."""
@@ -111,7 +127,7 @@ class Emitter:
         raise self._unsupported()
 
     def _unsupported(self, why: str = "") -> ir.Unsupported:
-        return ir.Unsupported(f"{self._function.key}: {self._current.line}{': ' * bool(why)}{why}")
+        return refusal(self._current.source or self._function.key, why or self._current.line)
 
     def _if(self, s: ir.If) -> str:
         before = f"before_{s.number}"
@@ -157,6 +173,13 @@ class Emitter:
             if any(isinstance(e, ir.ElementAddress) or ir.is_builtin(e, "address") for e in parts):
                 raise self._unsupported("stores into a part of an array's element")
             return f"lanes::set(*{arguments}, exec);"
+        if self._function.is_from_outside and call.name not in names():
+            target, *others = call.arguments
+            if not isinstance(target, ir.Variable) or not call.name.endswith("_inplace"):
+                raise self._unsupported()
+            of_lane = ", ".join(["of_lane", *map(self._of_lane, others)])
+            each = f"auto of_lane = lanes::lane({target.name}, l); wp::{call.name}({of_lane});"
+            return f"LANES_EACH(l, exec) {{ {each} set_lane({target.name}, l, of_lane); }}"
         if call.name == "assign_inplace":
             arguments = self._with_known_indices(call.arguments)
         return f"lanes::{call.name}({arguments}, exec);"
@@ -172,6 +195,13 @@ class Emitter:
         moves = isinstance(s.value, ir.Variable) or ir.is_builtin(s.value, "load", "copy", "where", "extract")
         if v.ctype in ("wp::uint8", "wp::uint16") and not moves:
             raise self._unsupported("arithmetic on fewer than 32 bits")
+        if self._function.is_from_outside and isinstance(s.value, ir.Builtin) and not _takes_all(s.value):
+            if RANDOM.match(s.value.name):
+                raise self._unsupported(s.value.name)
+            if s.value.name not in names() or s.value.name == "extract":
+                return self._each(v.name, s.value)
+            each = f"[&] {{ {self._types.wide(v.type)} r; {self._each('r', s.value)} return r; }}"
+            value = f"lanes::either(0, LANES_FUNCTION({s.value.name}), {each}, {value.partition('(')[2]}"
         shared = self._types.is_shared(v.type) or v.ctype == "wp::shape_t"
         if not shared and (self.keep_all or v in self.liveness.outliving):
             return f"lanes::set({v.name}, {value}, exec);"
@@ -181,6 +211,18 @@ class Emitter:
 
     def _operand(self, e: ir.Expression) -> str:
         return e.name if isinstance(e, ir.Variable) else f"({self._value(e)})"
+
+    def _each(self, result: str, call: ir.Builtin) -> str:
+        """Return the C++ that calls one of Warp's functions for each lane."""
+        arguments = ", ".join(map(self._of_lane, call.arguments))
+        return f"LANES_EACH(l, exec) set_lane({result}, l, wp::{call.name}({arguments}));"
+
+    def _of_lane(self, e: ir.Expression) -> str:
+        """Return an argument of one of Warp's functions that has no version for lanes and is called for each."""
+        if not isinstance(e, ir.Variable):
+            raise self._unsupported()
+        is_same = e.constant is not None or self._types.is_shared(e.type)
+        return e.name if is_same else f"lanes::lane({e.name}, l)"
 
     def _with_known_indices(self, arguments: tuple[ir.Expression, ...]) -> str:
         """Return arguments with constant indices as numbers, which select the C++ overload."""

@@ -115,10 +115,11 @@ Expression = Variable | Literal | Address | MemberAddress | ElementAddress | Bui
 
 @dataclass(eq=False, slots=True, kw_only=True)
 class Statement:
-    """Any statement; `line` is Warp's text, for messages, and `number` the line's number."""
+    """Any statement; for messages, `line` is Warp's text, `number` the line's number, and `source` says where it is."""
 
     line: str = ""
     number: int = -1
+    source: str = ""
 
 
 @dataclass(eq=False, slots=True)
@@ -204,6 +205,7 @@ class Function:
         body: Its statements.
         marks: Its marks; see `kernels/core/spmd_marks.py`.
         result: The type of its result, or None.
+        is_from_outside: Whether it is a user's; it may call Warp's functions with any types.
     """
 
     key: str
@@ -213,6 +215,7 @@ class Function:
     body: list[Statement]
     marks: frozenset[str]
     result: Any = None
+    is_from_outside: bool = False
 
 
 class Module:

@@ -1,5 +1,7 @@
 """The C++ that wide kernels call, and native functions for lanes."""
 
+import functools
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -17,9 +19,16 @@ def library(lanes: int, *, exact: str = "") -> str:
     return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"
 
 
+@functools.cache
+def names() -> frozenset[str]:
+    """Return the names of functions in that C++: Warp's functions that are not among them have no version for lanes."""
+    return frozenset(re.findall(r"(?<=[\w>&] )\w+(?=[(<])|(?<=\()\w+(?=,)", library(16)))
+
+
 _WIDE = {
     "_in_one_tree__locals__traverse": "closest_hit",
     "_sample_tree": "sample_light_tree",
+    "_next_light_box": "next_light_box",
     "reverse_bits": "reverse_bits",
     "further_dimension": "further_dimension",
 }

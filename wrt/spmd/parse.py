@@ -6,11 +6,13 @@ variables that are mostly set once. Only this file knows their syntax.
 
 import re
 from collections.abc import Callable
+from pathlib import PurePath
 from typing import Any
 
 from warp._src.codegen import strip_reference
 
 from wrt.spmd import ir
+from wrt.spmd.remedies import refusal
 
 _V = r"(var_\w+)"
 _LABEL = r"((?:for|while)_\d+)"
@@ -36,12 +38,27 @@ def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
     parser = _Parser(structs, {v.name: v for v in (*arguments, *variables)})
     is_native = bool(getattr(function, "native_snippet", None))
     lines = [] if is_native else [line.strip() for line in adj.blocks[0].body_forward]
-    for number, line in enumerate(line for line in lines if line and not line.startswith(("//", "#line"))):
-        parser.statement(line, number)
+    source, number, file = "", 0, PurePath(adj.filename or "").name
+    for line in lines:
+        if m := _SOURCE.fullmatch(line):
+            source = f"{file}:{m[2]}: {function.key}: `{m[1]}`"
+        elif line and not line.startswith(("//", "#line")):
+            try:
+                parser.statement(line, number, source)
+            except ir.Unsupported as error:
+                raise refusal(source, str(error)) from None
+            except KeyError:
+                raise refusal(source, line) from None
+            number += 1
     marks = frozenset(getattr(function.func, "spmd_marks", ()))
     result = adj.return_var[0].type if adj.return_var else None
     name = getattr(function, "native_func", "")
-    return ir.Function(function.key, name, arguments, variables, parser.bodies[0], marks, result)
+    outside = not function.func.__module__.startswith("wrt.")
+    return ir.Function(function.key, name, arguments, variables, parser.bodies[0], marks, result, outside)
+
+
+_SOURCE = re.compile(r"// (.*?) *<L (\d+)>")
+"""Warp's comment above the code of a line of Python."""
 
 
 def _variable(v: Any) -> ir.Variable:
@@ -62,7 +79,7 @@ class _Parser:
         self._loops: list[str] = []
         self.bodies: list[list[ir.Statement]] = [[]]
 
-    def statement(self, line: str, number: int) -> None:
+    def statement(self, line: str, number: int, source: str) -> None:
         """Add the statement of a line, or open or close a block."""
         for pattern, make in _STATEMENTS:
             if m := pattern.fullmatch(line):
@@ -72,7 +89,7 @@ class _Parser:
             raise ir.Unsupported(line)
         if s is None:
             return
-        s.line, s.number = line, number
+        s.line, s.number, s.source = line, number, source
         if isinstance(s, (ir.If, ir.Loop)):
             self.bodies[-2].append(s)
         else:
@@ -132,6 +149,8 @@ class _Parser:
         raise ir.Unsupported(text)
 
     def call(self, name: str, arguments: str) -> ir.Call:
+        if not _OF_MODULE.fullmatch(name):
+            raise ir.Unsupported(f"{name}({arguments})")
         return ir.Call(name, tuple(self.variables[a] for a in arguments.split(", ") if a))
 
     def function(self, name: str, arguments: str) -> ir.Expression:
@@ -140,6 +159,10 @@ class _Parser:
         if arguments:
             raise ir.Unsupported(f"{name}({arguments}): constructs a struct from values")
         return ir.Zero(self._structs[name])
+
+
+_OF_MODULE = re.compile(r"\w+_\d+")
+"""Names of the functions of a module in Warp's C++."""
 
 
 def _path(members: str) -> tuple[str, ...]:
@@ -174,7 +197,7 @@ _STATEMENTS = _compiled(
         rf"goto (start|end)_{_LABEL};": _Parser.jump,
         rf"return ?{_V}?;": lambda p, name: ir.Return(p.variables[name] if name else None),
         rf"wp::assign\({_V}, {_V}\);": lambda p, name, value: p.update(name, "", value),
-        r"wp::(assign_inplace|array_store|store)\((.*)\);": lambda p, name, arguments: ir.Do(
+        r"wp::(\w+_inplace|array_store|store)\((.*)\);": lambda p, name, arguments: ir.Do(
             ir.Builtin(name, p.operands(arguments))
         ),
         rf"{_V}((?:\.\w+)+) = {_V};": _Parser.update,
@@ -196,7 +219,7 @@ _EXPRESSIONS = _compiled(
         r"wp::(vec|mat)_t<(.*), ?(wp::\w+|bool)>\((.*)\)": lambda p, container, size, number, arguments: ir.Compose(
             container, size, number, p.operands(arguments)
         ),
-        r"wp::(\w+)\((.*)\)": _builtin,
+        r"wp::(\w+(?:<[\w:, ]+>)?)\((.*)\)": _builtin,
         r"bool\((.*)\)": lambda p, value: ir.Builtin("to_bool", p.operands(value)),
         r"builtin_tid1d\(\)": lambda _: ir.Builtin("tid", ()),
         rf"\({_V} (==|!=|<|>|<=|>=) {_V}\)": _operation,

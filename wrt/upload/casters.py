@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend import current_backend
-from wrt.errors import InputError
 from wrt.linalg import norm
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.materials import Material
@@ -41,6 +40,11 @@ class CasterTable:
     center: NDArray[np.float64]
     size: float
 
+    def enclose(self, points: NDArray[np.float32]) -> None:
+        """Extend the box of the scene to (N, 3) points that have moved: photons from far away must start outside."""
+        low, high = _padded(points.min(axis=0), points.max(axis=0))
+        self.data.low, self.data.high = np.minimum(self.data.low, low), np.maximum(self.data.high, high)
+
 
 def share_of_photons(material: Material) -> float:
     """Return how many photons a material gets by its area, relative to glass."""
@@ -58,12 +62,7 @@ def upload_casters(scene: Scene, layout: Layout, first_triangles: NDArray[np.int
         layout: the layout of its shapes.
         first_triangles: (shapes,) number of each shape's first triangle.
         device: the name of the device.
-
-    Raises:
-        InputError: if any shape moves or deforms while the shutter is open.
     """
-    if layout.kind in ("moving", "deforming"):
-        raise InputError("caustics: shapes must stand still while the shutter is open; render without motion blur")
     meshes: list[tuple[int, int, Mesh]] = [
         (number, 0, mesh) for number, mesh in zip(layout.world_shapes, layout.world_meshes, strict=True)
     ]
@@ -91,9 +90,7 @@ def upload_casters(scene: Scene, layout: Layout, first_triangles: NDArray[np.int
     data.records = backend.array(joined, k.Caster, device)
     data.thresholds = backend.array(table.thresholds, float, device)
     data.aliases = backend.array(table.aliases, int, device)
-    low, high = scene.bounds
-    margin = _MARGIN * norm(high - low)
-    data.low, data.high = low - margin, high + margin
+    data.low, data.high = _padded(*scene.bounds)
     box = np.concatenate(corners)
     low, high = box.min(axis=0), box.max(axis=0)
     return CasterTable(data, 0.5 * (low + high), norm(high - low))
@@ -110,6 +107,11 @@ def light_places(scene: Scene) -> Iterator[tuple[str, NDArray[np.float64]]]:
             mesh = shape.mesh_at(0.0)
             points = mesh.bounds if isinstance(mesh, Analytic) else mesh.vertices[mesh.faces[0]]
             yield shape.name or f"shape {number}", points.mean(axis=0, dtype=np.float64)
+
+
+def _padded(low: NDArray[Any], high: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    margin = _MARGIN * norm(high - low)
+    return low - margin, high + margin
 
 
 def _areas(mesh: Mesh) -> NDArray[np.float64]:

@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend import current_backend
-from wrt.errors import InputError, warn
+from wrt.errors import Hint, InputError, warn
 from wrt.linalg import product
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
 from wrt.scene.layers import LIGHT_GROUPS
+from wrt.scene.materials import ThinDielectric
 from wrt.scene.materials.body import bodies_of
 from wrt.scene.scene import RenderSettings, Scene
+from wrt.upload.accel.instancing import is_moving
+from wrt.upload.casters import share_of_photons
 from wrt.upload.lights.environment import resolve_environment
 
 if TYPE_CHECKING:
@@ -48,13 +51,8 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
     name = settings.integrator or ("volpath" if scatters else "path")
     if settings.wireframe:
         name = "aov"  # there is no light to show
-    if settings.caustics:
-        if name not in WITH_PHOTONS:
-            raise InputError(f"integrator {name!r} cannot render caustics by photons; use 'path' or 'volpath'")
-        if LIGHT_GROUPS in settings.layers:
-            raise InputError("caustics by photons have no layers of light groups; leave one of the two out")
-        if any(shape.shadow_catcher for shape in scene.shapes):
-            raise InputError("caustics by photons do not fall on shadow catchers; leave one of the two out")
+    if settings.caustics and (obstacle := _obstacle_to_photons(scene, settings, name)):
+        raise InputError(obstacle)
     if LIGHT_GROUPS in settings.layers:
         if name in WITHOUT_GROUPS:
             raise InputError(f"integrator {name!r} has no layers of light groups; use 'path' or 'volpath' for them")
@@ -80,6 +78,32 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
             f"least {WHOLE_TREE_ATTENUATION:g}"
         )
     return name
+
+
+def _obstacle_to_photons(scene: Scene, settings: RenderSettings, integrator: str) -> str:
+    """Return the message about what keeps photons from bringing caustics, or ""."""
+    if integrator not in WITH_PHOTONS:
+        return f"integrator {integrator!r} cannot render caustics by photons; use 'path' or 'volpath'"
+    if LIGHT_GROUPS in settings.layers:
+        return "caustics by photons have no layers of light groups; leave one of the two out"
+    if any(shape.shadow_catcher for shape in scene.shapes):
+        return "caustics by photons do not fall on shadow catchers; leave one of the two out"
+    camera = scene.camera
+    if camera is not None and any(
+        is_moving(each, (camera.shutter_open, camera.shutter_close)) for each in scene.shapes
+    ):
+        return "caustics: shapes must stand still while the shutter is open; render without motion blur"
+    return ""
+
+
+def hint_at_caustics(scene: Scene, settings: RenderSettings, integrator: str) -> None:
+    """Tell what `caustics` would add if glass or mirrors throw light that paths cannot find, as lights have no size."""
+    if settings.caustics or not any(light.shape() is None and light.shines for light in scene.lights):
+        return
+    throwers = (shape.material for shape in scene.shapes if not isinstance(shape.material, ThinDielectric))
+    if not _obstacle_to_photons(scene, settings, integrator) and 1.0 in map(share_of_photons, throwers):
+        what = "lights without a size throw no light through glass or off mirrors"
+        warn(f"{what}; --caustics (in Python caustics=True) adds it", Hint)
 
 
 def integrator_features(features: Features, integrator: str, settings: RenderSettings) -> Features:

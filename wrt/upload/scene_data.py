@@ -104,8 +104,7 @@ class SceneUpload:
             caustics: whether to list what photons are aimed at.
 
         Raises:
-            InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count, or moves
-                and is to have caustics.
+            InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
         """
         self._prepared = prepared = PreparedScene(scene)
         self._device, self._texture_coordinates, self._edges = device, texture_coordinates, edges

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 OF_MATERIALS = ("materials", "slots", "images", "texels", "texel_codes", "palettes", "normal_maps")
 OF_BODIES = ("bodies", "media")
-OF_LIGHTS = ("shapes", "lights", "light_thresholds", "light_aliases", "light_tree", "light_shapes")
+OF_LIGHTS = ("shapes", "lights", "light_thresholds", "light_aliases", "light_tree", "light_shapes", "light_boxes")
 """Fields of SceneData that materials, bodies and lights fill, as far as values of a scene change them."""
 
 

@@ -58,6 +58,12 @@ LANES_INLINE void set(const Element<Matrix<R, N, T>, I>& to, const same<Vector<N
 
 // Single lanes
 
+#define LANES_FUNCTION(name) [](const auto&... a) -> decltype(lanes::name(a...)) { return lanes::name(a...); }
+// The result of `wide` if it takes these arguments, else that of `each`, which calls a function for one lane at a time.
+template<class W, class E, class... A>
+LANES_INLINE auto either(int, W wide, E, const A&... a) -> decltype(wide(a...)) { return wide(a...); }
+template<class W, class E, class... A> LANES_INLINE auto either(long, W, E each, const A&...) { return each(); }
+
 template<class T> LANES_INLINE auto lane(const T& x, int l) -> decltype(x.lane(l)) { return x.lane(l); }
 template<class S> LANES_INLINE const wp::array_t<S>& lane(const wp::array_t<S>& x, int) { return x; }
 template<class E, class V> LANES_INLINE E lane(const Number<E, V>& x, int l) { return x.v[l]; }

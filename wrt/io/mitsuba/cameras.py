@@ -35,7 +35,8 @@ _FILTERS = {
 }
 _WIDTHS = {"gaussian": ("stddev", 0.5), "tent": ("radius", 1.0)}
 """Parameters that change the width of a filter, and the widths that wrt has."""
-_PATHS = ("path", "volpath", "volpathmis")
+_IN_MEDIA = ("volpath", "volpathmis", "prbvolpath")
+_PATHS = ("path", "prb", "prb_basic", *_IN_MEDIA)
 _LAYERS = {
     "albedo": "albedo",
     "depth": "depth",
@@ -119,7 +120,7 @@ def _integrator(plugin: Plugin) -> dict[str, Any]:
         if depth == 0:
             plugin.warn("a 'max_depth' of 0, a black picture, is taken as 1")
         values["max_depth"] = UNLIMITED if depth < 0 else max(depth, 1)
-        if plugin.type in ("volpath", "volpathmis") and depth > 0:
+        if plugin.type in _IN_MEDIA and depth > 0:
             # Mitsuba's depth counts scattering too: a path of n segments scatters at most n - 1 times.
             values["max_scatterings"] = min(depth - 1, _MOST_SCATTERINGS)
     if plugin.boolean("hide_emitters", False):

@@ -34,7 +34,6 @@ from wrt.values import Vec3, vec3
 
 Matrix = NDArray[np.float64]
 
-MOST_EXACT_LIGHTS = 64  # rays are tested against each of them in turn
 
 _LEAST_RADIUS = 1e-5
 """Smaller spheres, relative to the distance of the origin, are triangles: float32 resolves an exact one no better."""
@@ -204,7 +203,7 @@ class Shapes:
 
     def _exact_light(self, plugin: Plugin, radiance: Vec3, flip: bool) -> Light | None:
         """Return the analytic light of this shape, or None if there is none."""
-        if len(self.lights) >= MOST_EXACT_LIGHTS or plugin.type not in ("sphere", "disk", "rectangle"):
+        if plugin.type not in ("sphere", "disk", "rectangle"):
             return None
         matrix = plugin.transform()
         if plugin.type == "sphere":

@@ -49,6 +49,7 @@ def upload_lights(data: Any, lights: LightTable, device: Device, choice: str = "
     data.environment.light = lights.environment
     if len(lights.shapes):
         data.light_shapes = backend.array(lights.shapes, k.LightShape, device.name)
+        data.light_boxes = backend.array(lights.boxes, k.LightBox, device.name)
         data.solid_light_shapes = lights.solid_count
         data.sun_light_shapes = lights.solid_count + lights.sun_count
     return with_tree

@@ -18,11 +18,9 @@ from wrt.scene.textures import ImageTexture, shines
 from wrt.upload.accel.instancing import Layout, is_moving
 from wrt.upload.arrays import packed
 from wrt.upload.lights.bounds import LightBounds
+from wrt.upload.lights.boxes import light_boxes
 from wrt.upload.lights.emission import mean_emissions
 from wrt.upload.lights.environment import LUMINANCE, environment_kind, resolve_environment
-
-MOST_SOLID_LIGHTS = 64
-"""Most rectangles, disks and spheres in a scene, because every ray is tested against each."""
 
 SOLID, SUN = 0, 1
 """Values of `light_order` of `kernels/lights/shapes.py`: lights that rays can hit, and suns."""
@@ -56,6 +54,7 @@ class LightTable:
         records: (N,) LightRecord, still without probabilities.
         shapes: (S,) LightShape: solid lights, which rays can hit, then suns, then spots.
         shape_models: names of the light models that the kernel needs.
+        boxes: (B,) LightBox, the tree around the solid lights.
         solid_count, sun_count: number of solid lights and of suns.
         first_lights: (shapes,) number of each emitting mesh's first light, −1 for other meshes.
         environment: number of the environment's light, or −1.
@@ -89,7 +88,7 @@ class LightTable:
             environment_group: the environment's group.
 
         Raises:
-            InputError: when there are more solid lights than MOST_SOLID_LIGHTS, or a light's model is not registered.
+            InputError: when a light's model is not registered.
         """
         k = current_backend().kernels("wrt.kernels.core.scene_data")
         records: list[NDArray[Any]] = [np.zeros(0, k.LightRecord.numpy_dtype())]
@@ -129,11 +128,6 @@ class LightTable:
         names, orders = _light_models(lights)
         order_of = [orders.get(name) for name in names]
         self.solid_count, self.sun_count = order_of.count(SOLID), order_of.count(SUN)
-        if self.solid_count > MOST_SOLID_LIGHTS:
-            raise InputError(
-                f"the scene has {self.solid_count} rectangle, disk and sphere lights, and each ray is tested against "
-                f"every one; make all but {MOST_SOLID_LIGHTS} of them shapes with an emission"
-            )
         built_in = backend.kernels("wrt.kernels.lights.shapes").BUILT_IN
         self.shape_models = (*built_in, *sorted(set(orders) - set(built_in))) if orders else ()
         kinds = {"point": int(k.LIGHT_POINT), "directional": int(k.LIGHT_DIRECTIONAL)}
@@ -144,6 +138,7 @@ class LightTable:
             for i in shaped
         ]
         self.shapes = packed(rows, k.LightShape)
+        self.boxes = light_boxes([lights[i].extent().corners for i in shaped[: self.solid_count]])
         numbers = {i: {"shape": number} for number, i in enumerate(shaped)}
         return [{**light.record(), **numbers.get(i, {}), "kind": kinds[names[i]]} for i, light in enumerate(lights)]
 
