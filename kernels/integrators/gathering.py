@@ -75,9 +75,16 @@ def arrange_photons(
     photons_out: wp.array(dtype=Photon),
     places_out: wp.array(dtype=wp.vec4),
     starts_out: wp.array(dtype=int),
+    unsorted_out: wp.array(dtype=int),
 ):
-    """Put photons in the order of sorted keys, and write where buckets start; one more thread than keys."""
+    """Put photons in the order of keys, and write where buckets start; one more thread than keys.
+
+    `unsorted_out` tells of keys that do not ascend: without memory a GPU does not sort.
+    """
     i = first + wp.tid()
+    if i > 0 and i < keys.shape[0]:
+        if keys[i - 1] > keys[i]:
+            unsorted_out[0] = 1
     buckets = starts_out.shape[0] - 1
     bucket = _bucket_at(keys, i, buckets)
     if bucket < buckets:

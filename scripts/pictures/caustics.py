@@ -39,7 +39,7 @@ def pool() -> wrt.Scene:
     return scene
 
 
-WITH = {"caustics": True, "clamp_indirect": 2.0}
+WITH = {"caustics": True}
 
 PICTURES = {
     "caustics-glass-path": Picture(glass_and_ring, 400, 280),

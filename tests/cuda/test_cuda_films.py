@@ -45,8 +45,9 @@ def assert_agrees(name: str, case: Case, gpu: EmulatedBackend, report: Report, *
 
 @pytest.mark.parametrize("name", FILMS)
 def test_films_agree(name, gpu, report):
-    layers = OPTIONS.get(name, CASES[name].options).get("layers", ())
-    assert_agrees(name, CASES[name], gpu, report, regenerates=set(layers) <= {LIGHT_GROUPS})
+    options = OPTIONS.get(name, CASES[name].options)
+    regenerates = set(options.get("layers", ())) <= {LIGHT_GROUPS} and not options.get("caustics")
+    assert_agrees(name, CASES[name], gpu, report, regenerates=regenerates)
 
 
 @pytest.mark.parametrize("name", [FILMS[0], "models-fisheye"])

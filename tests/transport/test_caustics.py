@@ -227,6 +227,44 @@ def test_a_path_is_as_long_with_photons_as_without(report: Report) -> None:
         assert deviation(ours, theirs, BIAS) < 3.5
 
 
+@pytest.mark.slow
+def test_an_integrating_sphere_has_the_radiance_of_its_closed_form(report: Report) -> None:
+    """A point of power P in the middle of a glass ball and of a matt sphere: radiance ρ P / (4 π² R² (1 − ρ)).
+
+    All light passes the ball, which neither absorbs it nor changes the uniform light of the walls, and half of it
+    comes from walls to walls.
+    """
+    reflectance = 0.5
+
+    def make() -> wrt.Scene:
+        room = wrt.Shape(wrt.sphere((0.0, 0.0, 0.0), 2.0, exact=True), wrt.Diffuse(reflectance))
+        glass = wrt.Shape(wrt.sphere((0.0, 0.0, 0.0), 0.4, exact=True), wrt.Dielectric())
+        scene = scene_of(room, glass, wrt.PointLight((0.0, 0.0, 0.0), power=1.0))
+        scene.camera = wrt.PerspectiveCamera((0.0, 0.9, 0.9), (0.0, 1.8, 1.0), fov_degrees=60.0)
+        return scene
+
+    expected = reflectance / (4.0 * np.pi**2 * 2.0**2 * (1.0 - reflectance))
+    found = means(make, 160, max_depth=64, caustics=True)
+    report("radiance", found.mean() / expected, 1.0)
+    assert found.std() < 0.02 * expected
+    assert deviation(found, expected, BIAS) < 3.5
+
+
+@pytest.mark.slow
+def test_clear_glass_is_invisible_in_a_white_furnace(report: Report) -> None:
+    """Camera paths choose between reflected and refracted light by other shares than Fresnel's."""
+
+    def make() -> wrt.Scene:
+        scene = scene_of(ball(exact=True), environment=wrt.ConstantEnvironment(1.0))
+        scene.camera = wrt.PerspectiveCamera((0.0, 0.9, 4.0), (0.0, 0.9, 0.0), fov_degrees=8.0)
+        return scene
+
+    found = means(make, 64, max_depth=64, caustics=True)
+    report("radiance", found.mean(), 1.0)
+    assert 0.0 < found.std() < 0.01
+    assert deviation(found, 1.0) < 3.5
+
+
 def test_models_say_what_turns_light() -> None:
     found = {
         name: smooth_lobes(name) for name in ("diffuse", "null", "mirror", "dielectric", "thin_dielectric", "plastic")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from wrt.backend.cuda.warp_errors import ran_out
 from wrt.backend.device import Device
 from wrt.linalg import norm
 from wrt.scene.camera import Camera, OrthographicCamera
@@ -70,11 +71,14 @@ class Photons:
         self._count = min(max(2 * width * height, FEWEST), MOST)
         self.samples = min(max(2 * self._count // (width * height), 1), MOST_SAMPLES)
         photon = backend.kernels("wrt.kernels.core.photon_map").Photon
-        device.require_memory(4 * self._count * photon.numpy_dtype().itemsize, "a set of photons")
+        device.require_memory(4 * self._count * (photon.numpy_dtype().itemsize + 12), "a set of photons")
         stored = 2 * self._count
         self._found, self._arranged = (backend.empty(stored, photon, device.name) for _ in range(2))
         self._places = backend.empty(stored, "vec4", device.name)
-        self._keys = backend.empty(stored, "int64", device.name)
+        # A GPU needs room for twice as many to sort them, and numbers that are sorted along.
+        room = stored if device.is_cpu else 2 * stored
+        self._room = backend.empty(room, "int64", device.name), backend.empty(room, int, device.name)
+        self._keys = backend.view(self._room[0], "int64", stored)
         buckets = 1 << (stored - 1).bit_length()
         self._starts = backend.empty(buckets + 1, "int32", device.name)
         self._number: int | None = None
@@ -106,9 +110,16 @@ class Photons:
         photon_map.crowd = FIRST_CROWD * squared_shrinkage(number)
         inputs = [number, self._seed, time, scene, settings, self._casters.data, self._found, self._keys]
         self._device.launch(follow, self._count, inputs)
-        keys = backend.array(np.sort(backend.fetch(self._keys)), "int64", self._device.name)
-        inputs = [keys, self._found, self._arranged, self._places, self._starts]
+        if self._device.is_cpu:
+            self._keys.numpy().sort()
+        else:
+            backend.sort_pairs(*self._room, 2 * self._count)
+        # No two keys of photons are equal: there is one order, whatever the device.
+        unsorted = backend.zeros(1, int, self._device.name)
+        inputs = [self._keys, self._found, self._arranged, self._places, self._starts, unsorted]
         self._device.launch(arrange, 2 * self._count + 1, inputs)
+        if not self._device.is_cpu and backend.fetch(unsorted)[0]:
+            raise ran_out(self._device.name)
         self._device.launch(spread, 2 * self._count, [photon_map, self._places])
         self._number = number
         return end
