@@ -99,8 +99,8 @@ ACROSS_KINKS = {"half metal, all bounces": 2}
 """A slot whose quotients mean nothing here: a table that is interpolated linearly has slopes that jump by percents."""
 
 
-LONGER = {"film on a principled metal": 5.0}
-"""A factor on steps where rounding disturbs values that change little: of a film, whose reflectance is 1 less a sum."""
+WEAK = {"film on a principled metal": (3, 4, 5)}
+"""Slots on which little depends: steps are five times as long, as a film's reflectance is 1 less a sum, rounded."""
 
 
 class Kernels(NamedTuple):
@@ -207,7 +207,7 @@ def _difference(
 
     of_film = "film" in case.name.split(":") and slot >= model.slots - 2
     is_short = of_film or (slot == model.index_slot and not model.delta)
-    step = size * (NEAR_EDGES if is_short else STEP * LONGER.get(name, 1.0))
+    step = size * (NEAR_EDGES if is_short else STEP * (5.0 if slot in WEAK.get(name, ()) else 1.0))
     coarse, fine = quotient(2.0 * step), quotient(step)
     expected = (4.0 * fine - coarse) / 3.0  # Richardson's extrapolation
     value = np.abs(launch(case, values, wi, device, gradients=False)).mean()
