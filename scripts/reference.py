@@ -51,7 +51,7 @@ GROUPS: dict[str, str] = {
     "Motion": "Motion Deformation",
     "Cameras": f"Camera {_names(CAMERAS)} load_cameras save_cameras FileCamera register_camera",
     "Lights": f"{_names(LIGHTS)} {_names(ENVIRONMENTS)} Light register_light",
-    "Materials": f"Material {_names(MATERIALS)} Measurement register_material",
+    "Materials": f"Material {_names(MATERIALS)} Measurement register_material check_bsdf load_models",
     "Media": "Medium DensityGrid",
     "Textures": "ImageTexture VertexColor NormalMap",
     "Rays": "Intersector Hits",

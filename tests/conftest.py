@@ -22,6 +22,8 @@ EMULATED = "emulated-cuda"
 # Long renders are stopped early, so no wide kernels are compiled for them. Some tests request one.
 os.environ["WRT_WIDE"] = "0"
 os.environ["WRT_BACKGROUND"] = "0"
+# A checkout may have kernels compiled beforehand, or may not.
+os.environ["WRT_PREBUILT"] = "0"
 
 # Without bytecode each of the hundreds of processes that tests start compiles wrt anew (0.5 s), and pytest each test.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -4,6 +4,7 @@ from wrt._version import __version__ as __version__
 from wrt.animation.turntable import turntable as turntable
 from wrt.animation.video import save_video as save_video
 from wrt.api import load as load
+from wrt.checking.bsdfs import check_bsdf as check_bsdf
 from wrt.develop.picture import develop_image as develop_image
 from wrt.errors import InputError as InputError
 from wrt.errors import InputWarning as InputWarning
@@ -19,6 +20,7 @@ from wrt.io.toml.writer import save_scene as save_scene
 from wrt.io.volume.read import load_density as load_density
 from wrt.memory_needed import DeviceMemory as DeviceMemory
 from wrt.memory_needed import device_memory as device_memory
+from wrt.model_files import load_models as load_models
 from wrt.pictures import render as render
 from wrt.pictures import show as show
 from wrt.precompiling import Precompiled as Precompiled

@@ -5,9 +5,10 @@ from dataclasses import dataclass, fields, replace
 
 _LONGEST_NAME = 100
 
-_COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided")
-_COVERING = ("models", "light_shapes", "environment", "composite", *_COVERING_FLAGS)
-"""Features of a kernel that a scene need not have: the kernel decides at run time."""
+_COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided", "grid_media")
+_COVERING_KINDS = {"media": ("none", "absorbing", "scattering"), "exact": ("none", "spheres", "quadrics")}
+_COVERING = ("models", "light_shapes", "environment", "composite", *_COVERING_FLAGS, *_COVERING_KINDS)
+"""Features of a kernel that a scene need not have, or less of: the kernel decides at run time."""
 
 _COVER_NOTHING = ("whitted", "ao")
 """Integrators whose kernels do not decide at run time: the ray tree takes an image around for there, for one."""
@@ -38,7 +39,8 @@ class Features:
         regularized: whether surfaces get rougher along a path.
         aovs: whether the film has layers besides radiance (see `kernels/integrators/aovs.py`).
         guides: whether albedo and normals are the guides of a denoiser, which look through glass and into mirrors.
-        media: "none", "absorbing" (media absorb or emit light) or "scattering".
+        media: "none", "absorbing" (media absorb or emit light), "scattering", or "unscattered", where the integrator
+            leaves out that they scatter.
         grid_media: whether the density of any medium varies on a grid.
         nested: whether media have priorities, so that bodies may overlap or contain one another.
         composite: "none" where no material has parts, "sides" where front and back may differ, "mixed" where hits
@@ -93,7 +95,9 @@ class Features:
             and set(scene.light_shapes) <= set(self.light_shapes)
             and (self.environment == "image" or self.environment == scene.environment)
             and (self.has_holes or scene.composite in ("none", self.composite))
+            and (not scene.grid_media or scene.media == self.media)  # grids that only absorb are tracked differently
             and all(getattr(self, name) or not getattr(scene, name) for name in _COVERING_FLAGS)
+            and all(_reaches(kinds, getattr(self, of), getattr(scene, of)) for of, kinds in _COVERING_KINDS.items())
         )
 
     def has_uploads_of(self, kernel: "Features") -> bool:
@@ -140,6 +144,10 @@ class Features:
             if value != field.default:
                 parts.append(field.name if value is True else value)
         return identifier(parts)
+
+
+def _reaches(kinds: tuple[str, ...], kernel: str, scene: str) -> bool:
+    return kernel == scene or (kernel in kinds and scene in kinds[: kinds.index(kernel)])
 
 
 def has_exact(geometry: str) -> bool:

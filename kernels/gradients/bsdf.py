@@ -37,8 +37,12 @@ def _nothing_straight(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
 
 
 def differentiable(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return those of the models `names` that have derivatives by their slots."""
-    return tuple(name for name in names if model_of(name).slots)
+    """Return those of the models `names` that have derivatives by their slots.
+
+    The film of "principled" changes little where it ends its sum of waves, and quotients do not prove its derivatives.
+    """
+    filmed = [name for name in names if name.startswith("principled:") and "film" in name.split(":")]
+    return tuple(name for name in names if model_of(name).slots and name not in filmed)
 
 
 def slots_without_derivative(name: str) -> tuple[int, ...]:
@@ -48,6 +52,8 @@ def slots_without_derivative(name: str) -> tuple[int, ...]:
     dispersion a row of the slots is overwritten for each channel, whose adjoint Warp 1.19 gets wrong.
     """
     model = model_of(name)
+    if not differentiable((name,)):
+        return tuple(range(model.slots))
     has_fixed_index = model.index_slot >= 0 and (model.delta or model.channels_slot >= 0)
     return (model.index_slot,) if has_fixed_index else ()
 

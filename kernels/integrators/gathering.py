@@ -32,6 +32,9 @@ _LEAST_COSINE = wp.constant(1.0e-5)
 _COUNTED = wp.constant(24)
 """Photons of a bucket that tell how crowded it is."""
 
+_LEAST_SPREAD = wp.constant(1.0 / 16.0)
+"""Least r² of a photon over the map's: half a pixel at first. Most samples of a pixel would miss smaller dots."""
+
 
 @wp.func
 def cell_of(position: wp.vec3, radius: float) -> wp.vec3i:
@@ -129,7 +132,7 @@ def spread_photons(first: int, photon_map: PhotonMap, places_out: wp.array(dtype
                     found += 2.0 * share * float(step)
             j += step
     place = places_out[i]
-    place[3] = radius * radius * wp.min(1.0, photon_map.crowd / wp.max(found, 1.0))
+    place[3] = radius * radius * wp.clamp(photon_map.crowd / wp.max(found, 1.0), _LEAST_SPREAD, 1.0)
     places_out[i] = place
 
 

@@ -20,7 +20,6 @@ from wrt.kernels.geometry.surface import (
     make_surface_at,
 )
 from wrt.kernels.geometry.triangles import WIDELY
-from wrt.kernels.integrators.images import make_sample_image
 from wrt.kernels.integrators.light_groups import add_to_group
 from wrt.kernels.integrators.next_event import emitter_hit_weight
 from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, make_begin_indirect
@@ -356,7 +355,6 @@ def make_sample_bsdf(features: Features, *, of_photons: bool = False) -> wp.Func
     A path that goes straight through a pane passes it, as if it were not there.
     """
     panes = bool(models_with(features.models, "straight"))
-    sample_image = make_sample_image(features.models)
     bsdf_sample, begin_indirect = make_bsdf(features.models).sample, make_begin_indirect(features)
     scatter_at_surface = make_scatter_at_surface(features, of_photons=of_photons)
 
@@ -367,9 +365,6 @@ def make_sample_bsdf(features: Features, *, of_photons: bool = False) -> wp.Func
         if wp.static(panes):
             u_lobe = wp.where(vertex.is_pane, u_pane, u[2])
         sample = bsdf_sample(vertex.bsdf, vertex.wo, wp.vec2(u[0], u[1]), u_lobe)
-        if wp.static(features.caustics and not of_photons):
-            if path.depth < 2 and not path.has_gathered:
-                sample = sample_image(vertex.bsdf, vertex.wo, u_lobe, sample)
         path.throughput = wp.cw_mul(path.throughput, sample.weight)
         if wp.static(panes):
             if vertex.is_pane and not (sample.wi[2] > 0.0):

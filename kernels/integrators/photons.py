@@ -4,7 +4,7 @@ A photon is aimed. A point is chosen on the smooth surfaces, uniformly by area, 
 for next-event estimation; so every kind of light does as it is. The photon flies from the light to that point, and is
 lost if anything else scatters it before. So each path of light has one density, that of its first smooth surface. It is
 stored where it meets a surface that scatters, and goes on from there: the light of a focus is found by none of the
-paths from the camera but by chance. Of all later surfaces at most one more stores it.
+paths from the camera but by chance. The first surface stores it, and the one where it ends.
 
 The path tracer finds the same paths by itself, from the other end, and leaves them out (`follow_path`).
 """
@@ -146,6 +146,9 @@ _INFINITELY_FAR = wp.constant(1.0e30)
 _BEFORE_LIGHT = wp.constant(1.0 - 2.0**-16)
 """Share of the way to a light at which photons start, so that they do not meet the light itself."""
 
+_MOST_GO_ON = wp.constant(0.8)
+"""Most of the photons that go on from a surface which can store them."""
+
 _TOLERANCE = wp.constant(2.0**-14)
 """How far from the point that it was aimed at a photon may meet a shape, as a share of its way: rounding."""
 
@@ -247,7 +250,6 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
         keys_out[i] = NO_PHOTON
         keys_out[traced + i] = NO_PHOTON
         stored = int(0)
-        scale = 1.0 / float(traced)
         was_scattered = bool(False)
         sampler = Sampler()
         sampler.seed = seed
@@ -280,44 +282,45 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
             off = vertex.surface.position - departure.position
             is_met = vertex.surface.shape == departure.shape and wp.length(off) <= departure.tolerance
             turns = path.depth
-            if turns > 0 and receives_light(vertex.bsdf) and (not was_scattered or is_matt(vertex.bsdf)):
-                is_kept = bool(True)
-                if stored > 0:
-                    # Another surface keeps half of what comes to it; the others have to do with the other half.
-                    scale *= 2.0
-                    u_kept = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
-                    is_kept = u_kept[0] < 0.5
-                if is_kept:
-                    photon = Photon()
-                    photon.position = vertex.surface.position
-                    photon.towards = -path.ray.direction
-                    photon.normal = vertex.surface.normal
-                    # Flux is not squeezed as radiance is inside glass.
-                    photon.power = wp.cw_mul(path.throughput, departure.power) * (scale * path.eta_scale)
-                    photon.turns = turns
-                    photon.was_scattered = was_scattered
-                    place = stored * traced + i
-                    photons_out[place] = photon
-                    keys_out[place] = key_of(settings.photon_map, photon.position, place)
-                    stored += 1
-                    if stored == 2:
-                        break
+            takes = turns > 0 and receives_light(vertex.bsdf) and (not was_scattered or is_matt(vertex.bsdf))
+            photon = Photon()
+            photon.position = vertex.surface.position
+            photon.towards = -path.ray.direction
+            photon.normal = vertex.surface.normal
+            # Flux is not squeezed as radiance is inside glass.
+            photon.power = wp.cw_mul(path.throughput, departure.power) * (path.eta_scale / float(traced))
+            photon.turns = turns
+            photon.was_scattered = was_scattered
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
-            before = path.throughput
+            before = wp.max(path.throughput)
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
             was_turned = path.depth > turns
             # The first turn is by a delta lobe, at the point that the photon was aimed at.
             if turns == 0 and (was_turned != is_met or (was_turned and path.scatter_pdf > 0.0)):
                 break
-            if was_turned and path.scatter_pdf > 0.0:
+            # It goes on with the share of light that does, so that its power changes little.
+            goes_on = float(1.0)
+            is_scattered = was_turned and path.scatter_pdf > 0.0
+            if is_scattered:
+                goes_on = wp.min(wp.max(path.throughput) / before, 1.0)
                 if wp.static(features.media == "scattering"):
-                    break
-                was_scattered = True
-                # Roulette, as of photons of equal power most tell most.
-                u_kept = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
-                kept = wp.min(1.0, wp.max(path.throughput) / wp.max(before))
-                if not (u_kept[1] < kept):
-                    break
-                path.throughput = path.throughput / kept
+                    goes_on = 0.0
+            if takes:
+                goes_on = wp.min(goes_on, _MOST_GO_ON)
+            if path.is_done:
+                goes_on = 0.0
+            u_ends = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
+            ends = not (u_ends[0] < goes_on)
+            if takes and (stored == 0 or ends):
+                if stored > 0:
+                    photon.power = photon.power / (1.0 - goes_on)
+                place = stored * traced + i
+                photons_out[place] = photon
+                keys_out[place] = key_of(settings.photon_map, photon.position, place)
+                stored += 1
+            if ends:
+                break
+            path.throughput = path.throughput / goes_on
+            was_scattered = was_scattered or is_scattered
 
     return trace_photons

@@ -24,6 +24,7 @@ struct BatchTraveller : Traveller {
 };
 template<class Batch> struct RaysInTurn {
     const Batch& batch;
+    const Tree all;
     int next, end;
 
     WRT_MEMBER void start(BatchTraveller& t) {
@@ -38,6 +39,7 @@ template<class Batch> struct RaysInTurn {
     WRT_MEMBER bool branch(BatchTraveller&) { return false; }
     WRT_MEMBER void finish(const BatchTraveller& t) { write_hit(batch, t.number, t.nearest); }
     WRT_MEMBER const Ray& ray(const BatchTraveller& t) { return t.ray; }
+    WRT_MEMBER const Tree& tree(const BatchTraveller&) { return all; }
 };
 
 // Transpose eight vectors of three to three vectors of eight.
@@ -100,10 +102,9 @@ WRT_INLINE void trace_one_in_instances(const Placed& placed, const int i, const 
 template<class Bvh, class Batch> WRT_INLINE void trace_chunk(const Bvh& bvh, const int chunk, const Batch& batch) {
     const int first = chunk * RAYS_PER_THREAD, end = wp::min(first + RAYS_PER_THREAD, (int)batch.origins.shape[0]);
 #if WRT_VECTORS
-    RaysInTurn<Batch> rays = {batch, first, end};
-    const Tree tree = tree_of(bvh);
-    if (batch.any_hit) follow_in_turn<true, RAYS_IN_TURN, BatchTraveller>(tree, batch.t_min, RAYS_IN_TURN, 5, rays);
-    else follow_in_turn<false, RAYS_IN_TURN, BatchTraveller>(tree, batch.t_min, RAYS_IN_TURN, 5, rays);
+    RaysInTurn<Batch> rays = {batch, tree_of(bvh), first, end};
+    if (batch.any_hit) follow_in_turn<true, RAYS_IN_TURN, BatchTraveller>(batch.t_min, RAYS_IN_TURN, 5, rays);
+    else follow_in_turn<false, RAYS_IN_TURN, BatchTraveller>(batch.t_min, RAYS_IN_TURN, 5, rays);
 #else
     for (int i = first; i < end; ++i) trace_one(bvh, i, batch);
 #endif

@@ -21,15 +21,15 @@ struct Traveller {
 //   source.branch(t)  send a ray without waiting nodes to another node; false if it is done
 //   source.finish(t)  store the result of a ray that is done
 //   source.ray(t)     the ray
+//   source.tree(t)    the tree that it goes through
 template<bool any_hit, int MOST_IN_TURN, class Traveller, class Source>
-WRT_INLINE void
-follow_in_turn(const Tree& tree, const float t_min, const int in_turn, const int lines, Source& source) {
+WRT_INLINE void follow_in_turn(const float t_min, const int in_turn, const int lines, Source& source) {
     Traveller travellers[MOST_IN_TURN];
     // Rays at nodes, and rays at leaves.
     int at[2][MOST_IN_TURN + 1], counts[2] = {0, 0};
     const auto wait = [&](const int i) WRT_INLINE_LAMBDA {
         const int current = travellers[i].current, is_leaf = current < 0, is_live = travellers[i].number >= 0;
-        tree.prefetch(current, lines);
+        source.tree(travellers[i]).prefetch(current, lines);
         at[0][counts[0]] = i;
         counts[0] += is_live & !is_leaf;
         at[1][counts[1]] = i;
@@ -57,10 +57,11 @@ follow_in_turn(const Tree& tree, const float t_min, const int in_turn, const int
     while (counts[0] + counts[1] > 0) {
         step_each(0, [&](Traveller& t) WRT_INLINE_LAMBDA {
             const Stack stack = {t.begins, t.waiting, t.top};
+            const Tree& tree = source.tree(t);
             push_children(tree.node(t.current), tree.children(t.current), source.ray(t), t_min, t.nearest.t, stack);
         });
         step_each(1, [&](Traveller& t) WRT_INLINE_LAMBDA {
-            test_leaf(tree.leaf(t.current), source.ray(t), t_min, t.nearest);
+            test_leaf(source.tree(t).leaf(t.current), source.ray(t), t_min, t.nearest);
             if (any_hit && t.nearest.id != NOTHING_HIT) {
                 t.top = 0;
                 t.nearest.t = -1.0f;  // a ray that is done hits nothing more

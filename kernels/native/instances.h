@@ -28,6 +28,20 @@ WRT_INLINE void invert(Matrix33& map, const Vector3& offset, Matrix33& linear, V
     }
 }
 
+// Map a ray, or many; the direction is not normalised.
+template<class From, class V> WRT_INLINE void map_ray(
+    const Matrix33& linear, const Vector3& shift, const From& from_origin, const From& from_direction, V* origin,
+    V* direction) {
+    for (int k = 0; k < 3; ++k) {
+        origin[k] = shift[k];
+        direction[k] = 0.0f;
+        for (int j = 0; j < 3; ++j) {
+            origin[k] += linear[k][j] * from_origin[j];
+            direction[k] += linear[k][j] * from_direction[j];
+        }
+    }
+}
+
 // The tree of a deforming mesh between two of its keys: boxes and triangles are interpolated. Rounding is monotonic, so
 // triangles stay within their boxes.
 struct MixedTree {
@@ -102,14 +116,7 @@ WRT_INLINE wp::vec_t<5, float> trace_instances(
             }
         }
         float origin[3], direction[3];
-        for (int k = 0; k < 3; ++k) {
-            origin[k] = shift[k];
-            direction[k] = 0.0f;
-            for (int j = 0; j < 3; ++j) {
-                origin[k] += linear[k][j] * world_origin[j];
-                direction[k] += linear[k][j] * world_direction[j];
-            }
-        }
+        map_ray(linear, shift, world_origin, world_direction, origin, direction);
         Ray ray;
         if (!set_up(ray, origin, direction)) return any_hit && best_instance >= 0;
         ray.axes = axes.from(instance.first_triangle);

@@ -212,12 +212,13 @@ WRT_INLINE void test_leaf(
     row(a.ids) = best_id;
 }
 
-// Trace rays of one octant, or of any (`octants`), with one main axis, or any (`axes`). Rays of one octant agree which
+// Trace rays of one octant, or of any (`octants`). Rays of one octant agree which
 // sides of a box are near; others select them one by one, which takes twice the instructions and still less than single
-// rays where most rays come along, as at the root. `part(node, rays, begins)` takes over a set of rays, as bits, that go
-// on alone; the set may be empty.
-template<bool any_hit, bool octants, bool axes, int N, class Part>
-WRT_INLINE void follow_together(const Tree& tree, Rays<N>& a, const float t_min, Part part) {
+// rays where most rays come along, as at the root. `visit(leaf, within, one)` tests a leaf against the rays that are
+// `within`; `one` is any of the rays. `part(node, rays, begins)` takes over a set of rays, as bits, that go on alone; the
+// set may be empty.
+template<bool octants, int N, class Visit, class Part>
+WRT_INLINE void visit_together(const Tree& tree, Rays<N>& a, const float t_min, Visit visit, Part part) {
     typedef typename Of<N>::floats Floats;
     typedef typename Of<N>::ints Ints;
     typedef typename Of<N>::bools Bools;
@@ -244,7 +245,7 @@ WRT_INLINE void follow_together(const Tree& tree, Rays<N>& a, const float t_min,
             continue;
         }
         if (current < 0) {
-            test_leaf<N, any_hit, axes>(tree.leaf(current), a, within, one, t_min);
+            visit(current, within, one);
             continue;
         }
         const float* node = tree.node(current);
@@ -271,6 +272,14 @@ WRT_INLINE void follow_together(const Tree& tree, Rays<N>& a, const float t_min,
             top += mask_of(met) != 0;
         }
     }
+}
+// The same with the triangles of the leaves; see `test_leaf`.
+template<bool any_hit, bool octants, bool axes, int N, class Part>
+WRT_INLINE void follow_together(const Tree& tree, Rays<N>& a, const float t_min, Part part) {
+    const auto visit = [&](const int leaf, const typename Of<N>::ints within, const int one) WRT_INLINE_LAMBDA {
+        test_leaf<N, any_hit, axes>(tree.leaf(leaf), a, within, one, t_min);
+    };
+    visit_together<octants>(tree, a, t_min, visit, part);
 }
 } // namespace wrt
 #endif

@@ -1,12 +1,13 @@
-"""`found`: first and second renders from the shell, as a user finds them, beside Mitsuba, on Mitsuba's own scenes."""
+"""`found`: first renders from the shell, and those after `wrt compile`, beside Mitsuba, on Mitsuba's own scenes."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import tempfile
-import time
+from functools import partial
 from pathlib import Path
 
 from peers.peer import LLVM_HINT, PEERS, Environments
@@ -38,14 +39,11 @@ scene = load_square(Path(sys.argv[1]), int(sys.argv[3]))
 mi.util.write_bitmap("mitsuba.png", mi.render(scene, spp=int(sys.argv[2])), write_async=False)
 """
 
-COMPILING_SECONDS = 600.0
-"""Longest wait for what wrt compiles for the next render."""
-
 
 def benchmark(options: argparse.Namespace) -> Row:
     """Return medians of each program's seconds for each scene and number of samples, and their ratios."""
     variables = Environments(llvm=options.llvm).variables(PEERS["mitsuba-llvm"])
-    variables |= {"PYTHONPATH": str(ROOT), "WRT_BACKGROUND": "1"}
+    variables |= {"PYTHONPATH": str(ROOT), "WRT_BACKGROUND": "0"}
     variables.pop("WARP_CACHE_PATH", None)
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as temporary:
@@ -61,9 +59,8 @@ def benchmark(options: argparse.Namespace) -> Row:
                 try:
                     with tempfile.TemporaryDirectory() as folder:
                         programs = commands(file, spp, options.size)
-                        medians = run_in_turn(
-                            programs, options.repeats, Path(folder), variables, lambda: wait_for_compiler(cache)
-                        )
+                        compile_all = partial(compile_kernels, file, {**os.environ, **variables})
+                        medians = run_in_turn(programs, options.repeats, Path(folder), variables, compile_all)
                 except RuntimeError as error:
                     print(f"{name}: {error}", file=sys.stderr)
                     continue
@@ -82,12 +79,10 @@ def commands(file: Path, spp: int, size: int) -> dict[str, list[str]]:
     }
 
 
-def wait_for_compiler(cache: Path) -> None:
-    """Return once nothing is being compiled for later renders."""
-    limit = time.monotonic() + COMPILING_SECONDS
-    requests = cache / "wrt" / "requests"
-    while requests.is_dir() and any(requests.iterdir()) and time.monotonic() < limit:
-        time.sleep(0.1)
+def compile_kernels(file: Path, environment: dict[str, str]) -> None:
+    """Compile all kernels of a scene, for the renders after the first."""
+    compiling = [sys.executable, "-m", "wrt", "compile", str(file)]
+    subprocess.run(compiling, env=environment, check=True, capture_output=True)
 
 
 def text(result: Row) -> str:

@@ -64,7 +64,7 @@ def run_in_turn(
     repeats: int,
     folder: Path,
     variables: Mapping[str, str],
-    wait: Callable[[], None] = lambda: None,
+    between: Callable[[], None] = lambda: None,
 ) -> dict[str, dict[str, float]]:
     """Run programs once to fill their caches and then `repeats` times in turn; return the medians of `run`.
 
@@ -73,7 +73,7 @@ def run_in_turn(
         repeats: runs that are measured.
         folder: where they run.
         variables: their environment.
-        wait: called after each run; returns once the program's background work is done.
+        between: called after each run.
 
     Returns:
         By program; `first_seconds` and `first_cpu_seconds` are those of the run that fills the caches.
@@ -82,7 +82,7 @@ def run_in_turn(
     for _ in range(1 + repeats):
         for program, command in commands.items():
             runs[program].append(run(command, folder, variables))
-            wait()
+            between()
     medians = {}
     for program, (first, *repeated) in runs.items():
         medians[program] = {key: statistics.median(each[key] for each in repeated) for key in first}

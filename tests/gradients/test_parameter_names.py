@@ -24,12 +24,13 @@ WHY_NOT = {
         *("position", "direction", "up", "origin", "edge_u", "edge_v", "center", "normal", "radius"),
         *("inner_degrees", "outer_degrees", "fov_degrees", "angle_degrees", "rotation_degrees", "rotation_axis"),
     ),
+    "quotients do not prove it": ("principled.film", "principled.film_thickness", "principled.film_ior"),
     "it is the emission of a shape, under that name": ("emissive.radiance",),
     "densities in a grid have none": ("density",),
 }
 
 P = wrt.Principled
-BODY = {"transmission": 0.6, "film_thickness": 300.0, "film": 0.8, "coat": 0.2, "sheen_color": 0.3}
+BODY = {"transmission": 0.6, "coat": 0.2, "sheen_color": 0.3}
 BURLEY = {"anisotropy": 0.3, "transmission": 0.4, "coat": 0.5}
 FOG = wrt.Medium((0.3, 0.2, 0.5), (0.1, 0.4, 0.2), emission=(0.1, 0.0, 0.2))
 PIXELS = np.full((2, 4, 3), 0.5, np.float32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -65,6 +66,43 @@ def test_its_model_is_right(lunar: Any, degrees: float, device: str, report: Rep
         assert (np.abs(mean - expected) < 3.5 * error + 1e-5).all()
     assert reciprocity_error(Case(lunar((0.9, 0.5, 0.1))), device) < 1e-5
     assert_finite(Case(lunar(1.0)), device)
+
+
+PLANTED = {
+    "samples follow the density": ("z = 1.0 - u[0]", "z = wp.sqrt(1.0 - u[0])", "at 0°: χ²"),
+    "weights are f |cos| / pdf": ("wi) * TWO_PI", "wi) * TWO_PI * 1.1", "the weight of a sample is not `evaluate`"),
+    "no energy is made": ("(wi[2] / (FOUR_PI", "3.0 * (wi[2] / (FOUR_PI", "% of the light leaves"),
+    "it is reciprocal": ("* (wi[2] / (FOUR_PI", "* wo[2] * (wi[2] / (FOUR_PI", "differ by up to"),
+    "values are finite, and not below 0": ("    if wi[2] <= 0.0:", "    if wi[2] < -2.0:", "`evaluate` is"),
+    "nothing is below the surface": ("wp.where(wi[2] > 0.0, 1.0 / TWO_PI, 0.0)", "1.0 / TWO_PI", "`pdf` is not 0"),
+}
+"""Faults in the page's model by the check that notices them: what is replaced, by what, and words of the message."""
+
+
+@pytest.mark.slow
+def test_check_bsdf_tells_what_is_wrong(lunar: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert wrt.check_bsdf(lunar)
+    assert "FAULT" not in capsys.readouterr().out
+    for number, (check, (right, wrong, words)) in enumerate(PLANTED.items()):
+        code = CODE.replace(right, wrong)
+        assert code != CODE
+        code = code.replace('"lunar"', f'"planted-{number}"')
+        try:
+            assert not wrt.check_bsdf(lunar_of(f"planted_{number}", code)(1.0))
+        finally:
+            MATERIALS.pop(f"planted-{number}", None)
+        (line,) = [line for line in capsys.readouterr().out.splitlines() if check in line]
+        assert line.startswith("  FAULT"), check
+        assert re.search(words, line), line
+
+
+def test_check_bsdf_of_built_in_materials(capsys: pytest.CaptureFixture[str]) -> None:
+    assert wrt.check_bsdf(wrt.Diffuse)
+    out = capsys.readouterr().out
+    assert out.count("\n  ok ") == 6
+    assert re.search("samples follow the density +p 0", out)
+    with pytest.raises(wrt.InputError, match="TwoSided: give a material without parts"):
+        wrt.check_bsdf(wrt.TwoSided(wrt.Diffuse(), wrt.Diffuse()))
 
 
 @pytest.mark.slow

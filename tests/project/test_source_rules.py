@@ -111,7 +111,7 @@ def test_static_expressions_do_not_hang_on_loop_variables():
 
 
 ORDER = (
-    *("wrt.cli", "wrt.view", "wrt.api", "wrt.progress", "wrt.distributed", "wrt.gradients"),
+    *("wrt.cli", "wrt.view", "wrt.api", "wrt.progress", "wrt.distributed", "wrt.gradients", "wrt.checking"),
     "wrt.rendering",
     *("wrt.compiling", "wrt.upload", "wrt.animation", "wrt.studio", "wrt.io", "wrt.describe", "wrt.develop"),
     *("wrt.backend", "wrt.spmd", "wrt.kernels", "warp", "wrt.scene"),

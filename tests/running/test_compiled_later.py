@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import hashlib
 import os
+import resource
 import signal
 import time
 from pathlib import Path
@@ -22,7 +23,7 @@ from wrt.backend.processor import SWITCH as WIDE
 from wrt.cli import main
 from wrt.cli.system import system_text
 from wrt.compiling import kernel, later
-from wrt.compiling.general import general_features, is_general
+from wrt.compiling.general import general_features
 from wrt.compiling.later import BEGUN, BUILD_MACHINE, RETRY_SECONDS, SWITCH, is_done
 from wrt.kernels.core.features import Features
 from wrt.rendering.guides import guide_features
@@ -66,15 +67,15 @@ def compiled(monkeypatch):
     """Return what `main` would have compiled; diffuse surfaces are not translated, or rejected by clang."""
     features = []
 
-    def compile_kernel(requested, lanes, uses):
-        assert (uses is not None) == is_general(requested)
+    def compile_kernel(requested, lanes):
         if requested == DIFFUSE:
             raise Unsupported("diffuse") if lanes == 8 else RuntimeError("CPU kernel build failed")
         features.append(requested)
 
     monkeypatch.setattr(later, "compile_kernel", compile_kernel)
-    monkeypatch.setattr(later, "_give_way", lambda: None)
+    monkeypatch.setattr(later, "give_way", lambda: None)
     monkeypatch.setattr(signal, "alarm", lambda _: 0)
+    monkeypatch.setattr(resource, "setrlimit", lambda *_: None)
     return features
 
 
@@ -106,13 +107,13 @@ def test_what_is_requested_is_compiled_once(started, table, compiled, tmp_path):
     kernels, elsewhere = tmp_path / "kernels", tmp_path / "elsewhere"
     path = request(MIRROR, 8, kernels)
     path_elsewhere = request(dataclasses.replace(MIRROR, composite="holes"), 8, elsewhere)
-    general = general_features(DIFFUSE)[0]
-    request(general, 8, kernels)
+    textured = dataclasses.replace(MIRROR, textured=True)
+    request(textured, 8, kernels)
     assert path is not None
     assert path_elsewhere is not None
     assert not is_done(path)
     assert serve(table, kernels) == serve(table, kernels) == 0
-    assert sorted(compiled, key=str) == sorted([MIRROR, general], key=str)
+    assert sorted(compiled, key=str) == sorted([MIRROR, textured], key=str)
     assert is_done(path)
     assert not is_done(path_elsewhere), "it belongs into another folder"
     assert started == [kernels, elsewhere, kernels]
@@ -183,12 +184,11 @@ def until(condition: Any, seconds: float = 900.0) -> None:
 
 SHORT = """
 import sys
-from wrt.compiling import general
+from wrt.compiling import later
 from wrt.rendering import wide_kernel
 from wrt.cli import main
-general.general_features = lambda features: []  # they take longer to compile
 wide_kernel.LOADING_SECONDS = 0.0
-wide_kernel.COMPILING_SECONDS, wide_kernel.WORTH_SECONDS = 1e9, 0.0
+wide_kernel.COMPILING_SECONDS, later.WORTH = 1e9, 0.0
 sys.argv = ["wrt", "render", "cornell-box", "--size", "96x96", "--spp", "40", "-o", sys.argv[1], "--quiet"]
 assert main() == 0
 from wrt.backend import current_backend
@@ -265,9 +265,9 @@ def test_general_kernels_are_compiled_once(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(kernel, "is_compiled", lambda *_: True)
     assert main(["compile", "--general"]) == 0
     first, second = capsys.readouterr().out.splitlines()
-    assert first.startswith("general kernels: 5 general kernels compiled in ")
+    assert first.startswith("general kernels: 6 general kernels compiled in ")
     assert second == "general kernels: everything was compiled before"
-    assert len(compiled) == 5
+    assert len(compiled) == 6
 
 
 @needs_lanes

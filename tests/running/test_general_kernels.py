@@ -11,37 +11,40 @@ from support.digests import cases, film_digest, rendered
 from support.wide_scenes import LANES, needs_lanes
 
 import wrt
-from wrt.compiling import general, later
+from wrt.compiling import general
 from wrt.compiling.kernel import SCALAR, name_of_kernel
 from wrt.kernels.core.features import Features
-from wrt.rendering import render_kernel
 from wrt.rendering.guides import guide_features
-from wrt.rendering.wide_kernel import WideKernel
 from wrt.upload.materials import model_name
 
 PLAIN = Features(("diffuse",), False, "none", sampler="sobol")
-SMALL, LARGE, WITH_HOLES = general.general_features(PLAIN)
+SMALL, LARGE, WITH_HOLES, ALL = general.general_features(PLAIN)
 GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
 
 
 def test_what_they_cover():
     for changes, expected in (
-        ({}, [True, True, True]),
-        ({"textured": True, "mipmapped": True, "uv2_alpha": True, "tangents": True}, [True, True, True]),
-        ({"environment": "image", "light_tree": True, "composite": "sides"}, [True, True, True]),
-        ({"models": ("diffuse", "plastic")}, [False, True, True]),
-        ({"models": ("null",)}, [False, False, True]),
-        ({"composite": "mixed"}, [False, False, True]),
-        ({"composite": "holes"}, [False, False, True]),
-        ({"models": ("somebodys",)}, [False, False, False]),
-        ({"light_shapes": ("spot", "somebodys")}, [False, False, False]),
-        ({"sampler": "independent"}, [False, False, False]),
-        ({"instances": "still"}, [False, False, False]),
-        ({"exact": "spheres"}, [False, False, False]),
-        ({"integrator": "whitted"}, [False, False, False]),
+        ({}, [True, True, True, True]),
+        ({"textured": True, "mipmapped": True, "uv2_alpha": True, "tangents": True}, [True, True, True, True]),
+        ({"environment": "image", "light_tree": True, "composite": "sides"}, [True, True, True, True]),
+        ({"models": ("diffuse", "plastic")}, [False, True, True, True]),
+        ({"models": ("null",)}, [False, False, True, True]),
+        ({"composite": "mixed"}, [False, False, True, True]),
+        ({"composite": "holes"}, [False, False, True, True]),
+        ({"models": ("somebodys",)}, [False, False, False, False]),
+        ({"light_shapes": ("spot", "somebodys")}, [False, False, False, False]),
+        ({"sampler": "independent"}, [False, False, False, False]),
+        ({"instances": "still"}, [False, False, False, False]),
+        ({"exact": "spheres"}, [False, False, False, True]),
+        ({"media": "absorbing", "exact": "quadrics"}, [False, False, False, True]),
+        ({"media": "scattering", "grid_media": True}, [False, False, False, True]),
+        ({"media": "absorbing", "grid_media": True}, [False, False, False, False]),
+        ({"media": "unscattered"}, [False, False, False, False]),
+        ({"media": "absorbing", "nested": True}, [False, False, False, False]),
+        ({"integrator": "whitted"}, [False, False, False, False]),
     ):
         scene = dataclasses.replace(PLAIN, **changes)
-        assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES)] == expected
+        assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES, ALL)] == expected
         assert not PLAIN.covers(WITH_HOLES)
         for integrator in ("whitted", "ao"):  # which do not decide at run time
             plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
@@ -55,7 +58,7 @@ def test_the_best_that_is_compiled_is_chosen(monkeypatch):
     compiled = set()
     monkeypatch.setattr(general, "is_compiled", lambda features, lanes: name_of_kernel(features, lanes) in compiled)
     scalar, wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
-    generals = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES)]
+    generals = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES, ALL)]
     for lanes, names, best in (
         (16, (scalar, wide, *generals), None),
         (16, (wide, *generals), PLAIN),
@@ -71,29 +74,13 @@ def test_the_best_that_is_compiled_is_chosen(monkeypatch):
     assert general.compiled_for(guide_features(PLAIN, wrt.RenderSettings()), 16) == GUIDES[1]
 
 
-@pytest.mark.slow
-@needs_lanes
-@pytest.mark.usefixtures("render_kernels_when_launched")
-def test_long_renders_request_one_that_covers_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
-    requested = []
-    monkeypatch.setattr(later, "request", lambda features, lanes: requested.append((features, lanes)))
-    monkeypatch.setattr(render_kernel, "is_compiled", lambda *_: False)
-    monkeypatch.setattr(WideKernel, "prepare", lambda *_, **__: None)
-    monkeypatch.setattr(render_kernel, "lanes_here", lambda: 16)
-    renderer = wrt.Renderer(wrt.load("cornell-box"), width=8, height=8)
-    for seconds, expected in (0.0, 0), (9.0, 1):
-        renderer._kernel.launch([1, *renderer._inputs], seconds)
-        assert requested == [(SMALL, 16)] * expected
-    renderer.denoising_guides()
-    assert requested[1:] == [(GUIDES[0], SCALAR)]
-
-
 CASES = cases()
-FEW_USE = ("layers", "clamp_indirect", "regularization")
+FEW_USE = ("clamp_indirect", "regularization")
 """Options of cases for which there are no general kernels."""
 NAMES = (
     *("plain-perspective", "models-perspective", "textures-perspective", "picture-light-shapes"),
     *("picture-light-sky-evening", "picture-city", "picture-tutorial-light", "built-in-teapot"),
+    *("panes-perspective", "picture-media-fog", "picture-media-cloud", "picture-particles", "built-in-still-life"),
 )
 
 

@@ -10,6 +10,8 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.backend.warp_start import initialize_warp
+from wrt.checking.bsdf_cases import uniforms as uniforms
+from wrt.checking.bsdf_cases import upload as upload
 from wrt.kernels.sampling.sampler import BLOCK_TIME, Sampler, make_sample_4d, make_sample_camera
 
 
@@ -31,17 +33,6 @@ def map_function(function: wp.Function, *inputs: ArrayLike, device: str) -> NDAr
         dtype = scalar if array.ndim == 1 else wp.types.vector(length=array.shape[1], dtype=scalar)
         arrays.append(wp.array(array, dtype=dtype, device=device))
     return wp.map(function, *arrays).numpy()
-
-
-def upload(values: ArrayLike, dtype: Any, device: str) -> wp.array:
-    """Return a device array."""
-    initialize_warp()
-    return wp.array(np.asarray(values), dtype=dtype, device=device)
-
-
-def uniforms(n: int, width: int, seed: int) -> NDArray[np.float32]:
-    """Return (n, width) numbers in [0, 1) from a generator that has nothing to do with the renderer's."""
-    return np.random.default_rng(seed).random((n, width), dtype=np.float32)
 
 
 @functools.cache

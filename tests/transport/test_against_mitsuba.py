@@ -176,14 +176,14 @@ def before_a_mirror() -> wrt.Scene:
 
 @pytest.mark.parametrize("make", [below_a_ball, before_a_mirror])
 def test_caustics_are_those_of_light_traced_from_its_source(make: Callable[[], wrt.Scene], report: Report) -> None:
-    """By Mitsuba's `ptracer`. The caustic lies within the picture, so that what photons blur stays in it."""
+    """By Mitsuba's `ptracer`. Paths find the point never, and the lamp seldom."""
     scene, size, seeds = make(), 32, 8
-    scene.camera = wrt.PerspectiveCamera((0.5, 0.75, 1.2), (0.0, 0.0, 0.0), fov_degrees=60.0)
+    scene.camera = wrt.PerspectiveCamera((0.5, 0.75, 1.2), (0.0, 0.0, 0.0), fov_degrees=50.0)
     options: dict[str, Any] = {"width": size, "height": size, "max_depth": 6}
     theirs = render_reference(scene, spp=16384, integrator="ptracer", **options)
     options |= {"filter": "box", "caustics": True}
     images = np.array([image_of(wrt.Renderer(scene, seed=k, **options), 64) for k in range(seeds)], np.float64)
-    alone = image_of(wrt.Renderer(scene, **{**options, "caustics": False}), 64)
+    direct = image_of(wrt.Renderer(scene, **{**options, "max_depth": 2}), 64)
     ours, mean = images.mean(axis=0), theirs.mean
     spread = np.hypot(
         images.mean(axis=(1, 2, 3)).std(ddof=1) / np.sqrt(seeds), np.sqrt(theirs.variance.sum()) / mean.size
@@ -191,10 +191,9 @@ def test_caustics_are_those_of_light_traced_from_its_source(make: Callable[[], w
     blocks_apart = np.abs(_blocks(ours) - _blocks(mean)).sum() / _blocks(mean).sum()
     report("mean against Mitsuba", ours.mean() / mean.mean(), 1.0)
     report("blocks of 8x8 apart", blocks_apart, 0.0)
-    report("share of caustics", 1.0 - alone.mean() / mean.mean(), 0.0)
-    assert alone.mean() < 0.9 * mean.mean()
+    assert direct.mean() < 0.95 * mean.mean()
     assert abs(ours.mean() - mean.mean()) < 3.5 * spread + 0.003 * mean.mean()
-    assert blocks_apart < 0.03
+    assert blocks_apart < 0.01
 
 
 def _blocks(image: NDArray[np.float64]) -> NDArray[np.float64]:

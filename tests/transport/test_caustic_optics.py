@@ -122,11 +122,11 @@ def test_a_ball_has_its_caustic(report: Report) -> None:
 
 
 def test_a_lens_without_aberration_focuses_all_its_light(report: Report) -> None:
-    """A flat face, and a hyperboloid of eccentricity n below: all parallel light meets in its focus.
+    """A flat face, and a hyperboloid of eccentricity n below: all parallel light meets in its focus, below the screen.
 
     Ways are as long along all rays, n (h − f) + f = ρ at height h and distance ρ from the focus (Hecht, section 5.2).
     """
-    n, focus = 1.5, 1.0
+    n, focus, drop = 1.5, 1.0, 0.25
     phi = np.linspace(1e-4, 0.4, 128)
     rho = focus * (n - 1.0) / (n * np.cos(phi) - 1.0)
     radius, height = rho * np.sin(phi), rho * np.cos(phi)
@@ -135,22 +135,24 @@ def test_a_lens_without_aberration_focuses_all_its_light(report: Report) -> None
     side = 2.0 * radius[-1]
     flat = wrt.quad((-radius[-1], height[-1], radius[-1]), (side, 0.0, 0.0), (0.0, 0.0, -side))
     glass = wrt.Dielectric(n)
-    screen = screen_under(wrt.Shape(flat, glass), wrt.Shape(curved, glass), height=0.0, view=0.5)
-    out = 0.5 * (alpha + phi)[1:] + 0.5 * (alpha + phi)[:-1]
-    powers = passing(1.0, n) * passing(np.cos(out), n) * np.pi * np.diff(radius**2)
-    check_circles(screen, np.zeros_like(powers), powers, (0.05, 0.2), report)
+    screen = screen_under(wrt.Shape(flat, glass), wrt.Shape(curved, glass), height=drop, view=0.5)
+    leaving, turn = (0.5 * (angle[1:] + angle[:-1]) for angle in (alpha + phi, phi))
+    powers = passing(1.0, n) * passing(np.cos(leaving), n) * np.pi * np.diff(radius**2)
+    check_circles(screen, drop * np.tan(turn), powers, (0.05, 0.09, 0.2), report)
 
 
 def test_a_parabolic_mirror_sends_all_light_to_its_focus(report: Report) -> None:
-    focus, inner, outer = 1.0, 0.4, 0.8
-    radius = np.linspace(inner, outer, 64)
+    """The screen is below the focus, where the light is a ring."""
+    focus, drop = 1.0, 0.25
+    radius = np.linspace(0.4, 0.8, 64)
+    height = 0.25 * radius**2 / focus
     normals = np.stack([-0.5 * radius / focus, np.ones_like(radius)], -1)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    mesh = turned(np.stack([radius, 0.25 * radius**2 / focus], -1), normals)
-    screen = screen_under(wrt.Shape(mesh, wrt.Mirror((0.9, 0.6, 0.3))), height=focus, view=0.5, upwards=True)
-    power = np.pi * (outer**2 - inner**2)
+    mesh = turned(np.stack([radius, height], -1), normals)
+    screen = screen_under(wrt.Shape(mesh, wrt.Mirror((0.9, 0.6, 0.3))), height=focus - drop, view=0.6, upwards=True)
+    arrivals = radius * drop / (focus - height)
     relative = Screen(screen.irradiance / (0.9, 0.6, 0.3), *screen[1:])
-    check_circles(relative, np.zeros(1), np.array([power]), (0.05, 0.2), report)
+    check_circles(relative, 0.5 * (arrivals[1:] + arrivals[:-1]), np.pi * np.diff(radius**2), (0.17, 0.29), report)
 
 
 def test_a_prism_parts_the_colours(report: Report) -> None:

@@ -83,6 +83,26 @@ def test_sizes_and_settings(options: dict[str, Any]) -> None:
 
 @needs_lanes
 @pytest.mark.slow
+def test_many_lights_and_instances(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rays go side by side through the boxes of lights, and through the trees of meshes that stand in many places."""
+    monkeypatch.setattr(instancing, "WORTH_SHARING", 0)
+    rng = np.random.default_rng(8)
+    scene = shared_scene()
+    for k, (x, y, z) in enumerate(rng.uniform((-3, 0.2, -2), (3, 2.5, 1.5), (24, 3)).tolist()):
+        lights = wrt.SphereLight((x, y, z), 0.1, 2.0), wrt.DiskLight((x, y, z), (z, x, y), 0.1, 5.0)
+        scene.add_light(lights[k % 2])
+    assert differences(scene) == []
+    meshes = wrt.sphere(subdivisions=3), scattered(40, 0.5)
+    for k, (x, y, z) in enumerate(rng.uniform((-3, 0.1, -3), (3, 1.5, 1.5), (60, 3)).tolist()):
+        transform = np.diag([0.3, 0.2 if k % 3 else -0.3, 0.25, 1.0])
+        transform[:3, 3] = x, y, z
+        for _ in range(1 + (k == 7)):  # two in one place
+            scene.add(meshes[k % 2], material=wrt.Diffuse(0.5), transform=transform)
+    assert differences(scene, max_depth=6) == []
+
+
+@needs_lanes
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "camera",
     [

@@ -20,6 +20,7 @@ import math
 import os
 import sys
 import threading
+from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,9 @@ from wrt.backend.cache_folders import (
     write_checked,
     wrt_folder,
 )
-from wrt.backend.fingerprint import TESTED, fingerprint, folder_of, version_of
+from wrt.backend.fingerprint import TESTED, digest_of_code, fingerprint, folder_of, version_of
 from wrt.backend.kernel_cache import State, state
+from wrt.backend.prebuilt import read_prebuilt
 
 KEPT = 16
 """Tables that are kept, for different versions of the kernels and of Warp, and for different processors."""
@@ -54,7 +56,9 @@ class Artefacts:
         path: The file of the table; nothing is kept without one.
         folders: The folders that are searched for the table; it is written to the first writable one.
         warp_version: The version of Warp that compiles the kernels.
-        table: The table.
+        code: The digest of the kernels' code (see `fingerprint.digest_of_code`).
+        table: The table of what is in the cache.
+        prebuilt: The table of what came with the package, for what the other lacks.
     """
 
     def __init__(self) -> None:
@@ -65,14 +69,18 @@ class Artefacts:
         self.path: Path | None = None
         self.folders: list[Path] = []
         self.table: Table = {"files": {}, "structs": {}, "values": {}}
+        self.prebuilt: Table = {part: {} for part in self.table}
         self._clang: Any = None
         self._loaded: dict[str, bytes] = {}
         self._lock = threading.RLock()
         self._added: Table = {part: {} for part in self.table}
         self._is_saved = True
+        self.code = ""
         if self.can_launch:
+            self.code = digest_of_code(self.warp_version)
+            self.prebuilt = read_prebuilt(self.code)
             with contextlib.suppress(OSError):
-                self.path = wrt_folder() / f"artefacts-{fingerprint(self._warp)}.json"
+                self.path = wrt_folder() / f"artefacts-{fingerprint(self._warp, self.code)}.json"
                 self.folders.append(self.path.parent)
                 self.refresh()
 
@@ -97,8 +105,9 @@ class Artefacts:
         return locked(self.path.parent, seconds=math.inf)
 
     def get(self, part: str, name: str) -> Any:
-        """Return an entry of a part of the table, or None."""
-        return self.table[part].get(name)
+        """Return an entry of a part of the table, or else of the prebuilt one, or None."""
+        entry = self.table[part].get(name)
+        return self.prebuilt[part].get(name) if entry is None else entry
 
     def add(self, part: str, name: str, entry: Any) -> None:
         """Add an entry, which the next `save` keeps for other processes."""
@@ -108,33 +117,32 @@ class Artefacts:
 
     def has(self, call: str) -> bool:
         """Return whether the kernel that a call returns is compiled and in the cache (see `describe.call_name`)."""
-        kernel = self.table["values"].get(call, {}).get("kernel")
-        return kernel is not None and self._has_file(kernel[0])
+        kernel = (self.get("values", call) or {}).get("kernel")
+        return kernel is not None and any(self._builds(kernel[0]))
 
-    def _has_file(self, module: str) -> bool:
-        entry = self.table["files"].get(module)
-        try:
-            return entry is not None and os.path.getsize(entry["file"]) == entry["bytes"]
-        except OSError:
-            return False
+    def _builds(self, module: str) -> Iterator[dict[str, Any]]:
+        """Return the entries of a module whose files are there: that of the cache, and that of the package."""
+        for table in (self.table, self.prebuilt):
+            entry = table["files"].get(module)
+            with contextlib.suppress(OSError):
+                if entry is not None and os.path.getsize(entry["file"]) == entry["bytes"]:
+                    yield entry
 
     def kernel(self, module: str, key: str) -> tuple[Any, list[Any]] | None:
         """Load one of Warp's modules into this process, and return one of its kernels with its argument layout.
 
         Return None if it is not compiled, or if its file is missing, damaged or open to others.
         """
-        entry = self.table["files"].get(module)
-        if entry is None or key not in entry["kernels"]:
-            return None
-        symbol, *layout = entry["kernels"][key]
-        file = Path(entry["file"])
-        with self._lock:
-            if entry["file"] not in self._loaded and not (
-                self._has_file(module) and state(file) is State.WHOLE and is_private(file.parent)
-            ):
-                return None
-            function = self.load(file, symbol)
-        return None if function is None else (function, layout)
+        for entry in self._builds(module):
+            symbol, *layout = entry["kernels"].get(key, [None])
+            file = Path(entry["file"])
+            with self._lock:
+                is_ours = entry is self.prebuilt["files"].get(module) or is_private(file.parent)
+                if symbol and (str(file) in self._loaded or (is_ours and state(file) is State.WHOLE)):
+                    function = self.load(file, symbol)
+                    if function is not None:
+                        return function, layout
+        return None
 
     @property
     def loaded(self) -> set[str]:

@@ -31,6 +31,7 @@ from wrt.backend.cuda.warp_errors import on_device, plain, ran_out
 from wrt.backend.describe import COOPERATIVE, call_name, describe, describe_arguments
 from wrt.backend.kernel_cache import Build
 from wrt.backend.memory import LARGE, trim
+from wrt.backend.user_code import naming_faults
 from wrt.backend.warp_start import initialize_warp
 
 LOAD_SECONDS = 0.2
@@ -40,7 +41,7 @@ FLAGS = (
     "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
     " -mllvm=-slp-recursion-max-depth=4"
 )
-"""Warp's flags for compiling for the CPU: what is compiled with others is not for other processes."""
+"""Warp's own flags for compiling for the CPU."""
 
 _NO_SUM = -1.0
 """A result that no sum has, to see whether Warp has written one."""
@@ -100,10 +101,12 @@ class Backend:
 
     Attributes:
         artefacts: What is compiled.
+        flags: Warp's flags for compiling for the CPU: what is compiled with others is not for other processes.
     """
 
     def __init__(self) -> None:
         """Read what is compiled."""
+        self.flags = FLAGS
         self.artefacts = Artefacts()
         self._modules: dict[str, KernelModule] = {}
         self._structs: dict[str, Layout] = {}
@@ -184,7 +187,7 @@ class Backend:
     def struct(self, name: str) -> Layout:
         """Return a struct by its name in the table."""
         if name not in self._structs:
-            size, fields = self.artefacts.table["structs"][name]
+            size, fields = self.artefacts.get("structs", name)
             self._structs[name] = Layout(name, size, fields, self.struct)
         return self._structs[name]
 
@@ -210,9 +213,10 @@ class Backend:
         """Load a kernel's module, and compile it if necessary."""
         kernel, start = self.kernel_of(kernel), time.perf_counter()
         if device != "cpu" or not self.artefacts.can_launch:
-            build = Build(kernel.declared().module, device)
-            if not build.is_loaded:
-                build.load()
+            with naming_faults():
+                build = Build(kernel.declared().module, device)
+                if not build.is_loaded:
+                    build.load()
         elif (found := self.artefacts.kernel(kernel.module, kernel.key)) is not None:
             kernel.function, (size, fields) = found
             kernel.arguments = Layout("", size, fields, self.struct)
@@ -226,7 +230,8 @@ class Backend:
         """Compile a kernel's module for the CPU, load it, and add it to the table."""
         wp, declared = self._wp, kernel.declared()
         build = Build(declared.module, "cpu")
-        file, _ = build.files_in(build.provide())
+        with naming_faults():
+            file, _ = build.files_in(build.provide())
         symbols = build.symbols()
         with _DESCRIBING:
             entries = {
@@ -246,7 +251,7 @@ class Backend:
     def add_file(self, module: str, file: Path, kernels: dict[str, Any], flags: str) -> None:
         """Add a module, compiled with these flags, to the table; `kernels` are symbols and layouts of arguments."""
         binary = file.read_bytes()
-        if flags == FLAGS and COOPERATIVE not in binary:
+        if flags == self.flags and COOPERATIVE not in binary:
             entry = {"file": str(file), "bytes": len(binary), "kernels": kernels}
             self.artefacts.add("files", module, entry)
 

@@ -31,9 +31,9 @@ def version_of(warp: Path) -> str:
     return ""
 
 
-def fingerprint(warp: Path) -> str:
-    """Return a digest of all that the table of artefacts depends on: code, Warp, processor, Python, environment."""
-    things: list[object] = []
+def digest_of_code(version: str) -> str:
+    """Return a digest of what compiled kernels are made of: the code, in whatever folder, and the version of Warp."""
+    things: list[object] = [version]
     for package in ("wrt.kernels", "wrt.spmd", "wrt.backend"):
         folder = folder_of(package)
         for root, folders, files in os.walk(folder):
@@ -42,7 +42,17 @@ def fingerprint(warp: Path) -> str:
                 if name.endswith((".py", ".h")):
                     with open(os.path.join(root, name), "rb") as file:
                         things += [os.path.relpath(root, folder), name, file.read()]
-    things += [sys.version]
+    return _digest(things)
+
+
+def fingerprint(warp: Path, code: str) -> str:
+    """Return a digest of all that the table of artefacts depends on: code, Warp, processor, Python, environment.
+
+    Args:
+        warp: Warp's folder.
+        code: see `digest_of_code`.
+    """
+    things: list[object] = [code, sys.version]
     things += sorted((k, v) for k, v in os.environ.items() if k.startswith("WARP_"))
     return _digest([*things, *_warp_and_processor(warp)])
 

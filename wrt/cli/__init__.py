@@ -77,6 +77,7 @@ def _run_command(interrupts: Interrupts, *, command: str, **options: Any) -> int
     """Run a command, or report its error; return the exit status."""
     function: Any
     try:
+        _load_models(options.pop("models", None) or (), options)
         if command == "render":
             from wrt.cli.render import render as function
         elif command == "merge":
@@ -91,3 +92,24 @@ def _run_command(interrupts: Interrupts, *, command: str, **options: Any) -> int
     except EXPECTED as error:
         return failure(error)
     return status
+
+
+def _load_models(files: Sequence[str], options: dict[str, Any]) -> None:
+    """Run the files of --with.
+
+    Raises:
+        InputError: if one cannot be used, or if other options forbid it.
+    """
+    if not files:
+        return
+    from wrt.cli.process import allow_imports
+    from wrt.errors import InputError
+    from wrt.model_files import load_models
+
+    if options.get("confined"):
+        raise InputError("--with runs a program, which --confined forbids; leave out one of them")
+    if options.get("dask") is not None or options.get("device", "").startswith(("cuda:all", "cuda:0,")):
+        raise InputError("--with: other processes do not have the models; render on one device, without --dask")
+    allow_imports()
+    for file in files:
+        load_models(file)

@@ -34,6 +34,13 @@ def settle_in() -> None:
         mallopt(_TRIM_THRESHOLD, 4 * LARGE)
 
 
+def allow_imports() -> None:
+    """Undo what `settle_in` does to imports, for a person's own code."""
+    for name in NOT_NEEDED:
+        if name in sys.modules and sys.modules[name] is None:
+            del sys.modules[name]
+
+
 @contextlib.contextmanager
 def no_collections() -> Iterator[None]:
     """Disable garbage collection within the context, and exempt the objects made there for good.

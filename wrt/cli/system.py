@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 
-from wrt.backend import current_backend
+from wrt.backend import current_backend, prebuilt
 from wrt.backend.cuda.gpus import dotted
 from wrt.backend.memory import memory_left
 from wrt.backend.processor import NEEDED, SWITCH, lanes_here, lanes_of, processor_flags
@@ -23,6 +23,7 @@ def system_text() -> str:
         "system": f"{platform.system()}, {platform.machine()}",
         "threads": str(available_threads()),
         "CPU kernel": kernel_text(),
+        "compiled": prebuilt_text(),
         "compiling": later_text(),
         "memory": f"{memory_left() / 1e9:.1f} GB free for this process",
         **gpu_rows(),
@@ -55,11 +56,21 @@ def kernel_text() -> str:
     return f"wide, {lanes} paths at a time ({why})" if lanes else f"scalar ({why})"
 
 
+def prebuilt_text() -> str:
+    """Return which kernels came compiled with the package."""
+    files, level = current_backend().artefacts.prebuilt["files"], prebuilt.level_here()
+    count = sum(name.startswith("wrt.render.") for name in files)
+    if not count:
+        return "nothing came with the package, so each kind of scene compiles its kernels first"
+    return f"{count} render kernels came with the package, for x86-64-{level} ({prebuilt.SWITCH}=0 ignores them)"
+
+
 def later_text() -> str:
     """Return whether wide kernels are compiled for later renders, and why not."""
     if not lanes_here():
         return "during renders"
     if later.is_wanted():
-        return f"after short renders too, for the next ({later.SWITCH}=0 forbids that)"
+        now = "one is compiled now" if later.is_running() else "none is being compiled"
+        return f"after renders too, for the next, where that pays; {now} ({later.SWITCH}=0 forbids that)"
     switched_off = os.environ.get(later.SWITCH) == "0"
     return f"during renders, as {later.SWITCH if switched_off else later.BUILD_MACHINE} says"

@@ -1,8 +1,8 @@
 """General kernels: they render most scenes whose own kernels are not compiled yet.
 
 Those of pictures are wide, those of a denoiser's guides scalar. They decide at run time what the kernel of a scene
-knows beforehand (`Features.covers`), so they are slower, with the same bits. Each is compiled in the background when a
-render meets the first scene that it covers, for scenes to come.
+knows beforehand (`Features.covers`), so they are slower, with the same bits. They come compiled with the package (see
+`wrt.prebuilding`), or `wrt compile --general` compiles them.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from wrt.backend.device import Device
 from wrt.compiling.kernel import SCALAR, UNLIKE_PATHS, is_compiled
 from wrt.scene.camera import FisheyeCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
 from wrt.scene.environment import ImageEnvironment
+from wrt.scene.exact.quadrics import disk
 from wrt.scene.lights import (
     DirectionalLight,
     DiskLight,
@@ -33,13 +34,16 @@ from wrt.scene.materials import (
     Diffuse,
     Material,
     Measured,
+    Null,
     Principled,
     RoughConductor,
     RoughDielectric,
     RoughPlastic,
 )
+from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene, Shape
+from wrt.scene.shapes import sphere
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 
 _FACETS: tuple[dict[str, Any], ...] = (
@@ -54,10 +58,11 @@ _LET_RAYS_PASS = frozenset(("null", "thin_dielectric"))
 
 
 class Tier(NamedTuple):
-    """What a general kernel has: reflection models by name, and whether rays may pass surfaces."""
+    """What a general kernel has: reflection models by name, whether rays may pass surfaces, media and exact shapes."""
 
     models: tuple[str, ...]
-    passes: bool
+    passes: bool = False
+    has_all: bool = False
 
 
 def materials() -> list[Material]:
@@ -74,42 +79,46 @@ def materials() -> list[Material]:
 
 
 @cache
-def tiers() -> tuple[Tier, Tier, Tier]:
+def tiers() -> tuple[Tier, ...]:
     """Return what the general kernels have, from the one that is compiled and runs fastest.
 
-    They are for files of meshes, other files, and surfaces with holes. Compiling takes 20, 50 and 60 s of CPU; the
-    second has three quarters of the speed of a scene's own wide kernel, the third half of it. A denoiser's guides take
-    few samples, so they have the first and the last, which compile in 5 and 15 s.
+    They are for files of meshes, other files, surfaces with holes, and media and exact shapes as well. Compiling takes
+    20, 50, 60 and 70 s of CPU; the second has three quarters of the speed of a scene's own wide kernel, the third half
+    of it, the last less by a fifth. A denoiser's guides take few samples, so they have the first and the last, which
+    compile in 5 and 15 s.
     """
     models = {material.model for material in materials() if not material.parts}
-    without_holes = tuple(sorted(models - _LET_RAYS_PASS))
-    return Tier(_OF_MESHES, False), Tier(without_holes, False), Tier(tuple(sorted(models)), True)
+    with_holes, without_holes = (tuple(sorted(each)) for each in (models, models - _LET_RAYS_PASS))
+    return Tier(_OF_MESHES), Tier(without_holes), Tier(with_holes, True), Tier(with_holes, True, True)
 
 
 def general_features(features: Any) -> list[Any]:
     """Return the features of the general kernels that cover a scene, the fastest first.
 
-    There are none for scenes with media, and for options that few use.
+    There are none for options that few use.
     """
-    if not features.guides and (features.aovs or features.integrator in UNLIKE_PATHS):
+    if not features.guides and features.integrator in UNLIKE_PATHS:
         return []
-    if features.media != "none" or features.clamped or features.regularized or features.cameras or features.caustics:
+    if features.clamped or features.regularized or features.cameras or features.caustics:
         return []
     general: dict[str, Any] = dict.fromkeys(_GENERAL, True)
+    everything: dict[str, Any] = {"exact": "quadrics"}
     if not features.guides:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
         general |= {"environment": "image", "light_shapes": shapes}
-    small, large, with_holes = (
-        dataclasses.replace(features, models=tier.models, composite="holes" if tier.passes else "sides", **general)
+        everything |= {"media": "scattering", "grid_media": True}
+    plain = dataclasses.replace(features, media="none", grid_media=False, exact="none")
+    kernels = [
+        dataclasses.replace(
+            plain,
+            models=tier.models,
+            composite="holes" if tier.passes else "sides",
+            **general,
+            **(everything if tier.has_all else {}),
+        )
         for tier in tiers()
-    )
-    kernels = [small, with_holes] if features.guides else [small, large, with_holes]
-    return [kernel for kernel in kernels if kernel.covers(features)]
-
-
-def is_general(features: Any) -> bool:
-    """Return whether a kernel with these features is one of the general ones."""
-    return any(features == kernel for kernel in general_features(dataclasses.replace(features, models=())))
+    ]
+    return [kernel for kernel in (kernels[::3] if features.guides else kernels) if kernel.covers(features)]
 
 
 def compiled_for(features: Any, lanes: int) -> Any:
@@ -159,5 +168,9 @@ def exercise(device: Device) -> None:
     shapes = [*(Shape(mesh, material) for material in materials()), Shape(mesh, Diffuse(), emission=1.0)]
     around = ImageEnvironment(np.full((2, 4, 3), 0.5, np.float32))
     SceneUpload(Scene(shapes=shapes, lights=lights(), environment=around, camera=None), device).finish()
+    smoke = Null(interior=Medium(scattering=(1.0, 1.0, 1.0), density=DensityGrid(np.ones((2, 2, 2), np.float32))))
+    for exact in (), (sphere(exact=True),), (disk(),):
+        filled = [Shape(each, smoke) for each in (mesh, *exact)]
+        SceneUpload(Scene(shapes=filled, camera=PerspectiveCamera()), device).finish()
     for camera in (PerspectiveCamera, OrthographicCamera, PanoramaCamera, FisheyeCamera):
         build_camera(camera(), 8, 8, (0, 0, 8, 8), device=device.name)

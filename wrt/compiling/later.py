@@ -1,4 +1,4 @@
-"""Compile kernels for the next render, after one that is too short to wait for its own.
+"""Compile a wide kernel for the next render, after one that is too short to wait for it, where that pays.
 
 A render writes a request into a folder beside the table of artefacts, and starts a process that compiles what is
 requested there. One such process runs at a time: it holds a lock on the folder, and others that find the lock taken end
@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -47,8 +48,11 @@ RETRY_SECONDS = 3600.0
 KEPT_SECONDS = 7 * 86400.0
 """Age from which requests are removed."""
 
-LONGEST_SECONDS = 3600
-"""Time after which the compiler is ended, whatever it does; kernels take seconds, minutes on a machine that is busy."""
+LONGEST_SECONDS, MOST_CPU_SECONDS = 3600, 90
+"""Time, and time of one core, after which the compiler is ended, whatever it does; kernels take 6 to 20 s of a core."""
+
+WORTH = 3.0
+"""Kernels are compiled if they save the next render at least this many times the time that compiling them takes."""
 
 PRIORITY = 10
 """The compiler's niceness: where all cores are busy, it gets about a tenth of one. At 19 it does not finish while
@@ -66,6 +70,12 @@ def is_wanted() -> bool:
     """Return whether kernels may be compiled for later renders, by what the environment says."""
     switch = os.environ.get(SWITCH, "")
     return switch == "1" or (switch != "0" and os.environ.get(BUILD_MACHINE, "").lower() in ("", "0", "false"))
+
+
+def is_running() -> bool:
+    """Return whether a process compiles for later renders now."""
+    path = current_backend().artefacts.path
+    return path is not None and requests_folder(path).is_dir() and _is_locked(requests_folder(path))
 
 
 def request(features: Any, lanes: int) -> Path | None:
@@ -131,7 +141,8 @@ def main(arguments: list[str]) -> int:
     The arguments are the program's name, the stem of the table of artefacts, and Warp's folder of compiled kernels.
     """
     signal.alarm(LONGEST_SECONDS)
-    _give_way()
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_SECONDS, MOST_CPU_SECONDS))
+    give_way()
     artefacts, kernels = current_backend().artefacts, Path(arguments[2])
     if artefacts.path is None or artefacts.path.stem != arguments[1]:
         return 1  # the sources of kernels have changed since
@@ -150,7 +161,6 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
     """Compile what a request says. If that fails it stays as BEGUN, so that it is not repeated at once."""
     import warp as wp
 
-    from wrt.compiling.general import exercise, is_general
     from wrt.spmd.ir import Unsupported
 
     begun = path.with_suffix(BEGUN)
@@ -164,7 +174,7 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
         if isinstance(requested, dict):
             compile_generated(requested)
         elif not is_compiled(features := from_json(requested[0]), lanes := requested[1]):
-            compile_kernel(features, lanes, exercise if is_general(features) else None)
+            compile_kernel(features, lanes)
         begun.unlink(missing_ok=True)
 
 
@@ -191,7 +201,7 @@ def _remove_old(folder: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-def _give_way() -> None:
+def give_way() -> None:
     """Take a low priority among all processes, and be the first to end when memory is short."""
     with contextlib.suppress(OSError):
         os.nice(PRIORITY)

@@ -39,9 +39,12 @@ def code_of(features: Any, lanes: int) -> Future[str]:
 
 @functools.cache
 def _generator() -> ThreadPoolExecutor:
+    import atexit
     from concurrent.futures import ThreadPoolExecutor
 
-    return ThreadPoolExecutor(1)
+    pool = ThreadPoolExecutor(1)
+    atexit.register(pool.shutdown)  # which the command line's own end would not wait for otherwise
+    return pool
 
 
 def _generate(features: Any, lanes: int) -> str:

@@ -6,6 +6,7 @@ import pickle
 import sys
 import threading
 import time
+import warnings
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -126,7 +127,9 @@ def _build(job: Job, scene: Scene) -> None:
         _renderers.popitem(last=False)
     options = {**job.options, "threads": job.options["threads"] or _threads()}
     options["crop"] = (0, 0, 1, 1)  # its own film is not used
-    _renderers[job.digest] = Renderer(scene, **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # the head node shows those of a scene
+        _renderers[job.digest] = Renderer(scene, **options)
 
 
 def _threads() -> int | None:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from typing import Any
 
 from wrt.backend.device import Device
 from wrt.backend.processor import lanes_here
-from wrt.compiling import general, later
-from wrt.compiling.kernel import SCALAR, declaration, is_compiled
-from wrt.rendering.wide_kernel import SPEEDUP, SPEEDUP_OF_OWN, WORTH_SECONDS, WideKernel, threads_of
+from wrt.compiling import general
+from wrt.compiling.kernel import SCALAR, declaration
+from wrt.rendering.wide_kernel import SPEEDUP, SPEEDUP_OF_OWN, WideKernel, threads_of
 from wrt.upload.accel.bvh import kernels_of_building
 
 REGENERATE = "WRT_REGENERATE"
 """Environment variable: 0 has a GPU follow each path in a loop of its own (`kernels/regeneration.py`)."""
+
+FIRST_PICTURE_SECONDS = 3.0
+"""Time for which no other process compiles where a general kernel renders: the first picture is then on the disk."""
 
 OF_GPU = "wrt.kernels.regeneration", "make_gpu_render_kernel"
 """Module and name of the function that declares the kernels of GPUs."""
@@ -50,7 +54,6 @@ class RenderKernel:
         self._device, self.features = device, features
         self._width, self._height = width, height
         self._stand_in: WideKernel | None = None
-        self._is_general_requested = False
         can_launch = device.is_cpu and device.backend.artefacts.can_launch
         found = general.compiled_for(features, lanes_here()) if can_launch else None
         if found is not None and read is not None and not read.has_uploads_of(found):
@@ -80,6 +83,7 @@ class RenderKernel:
         If that is impossible, for instance because an array is too large for it, use the scalar one.
         """
         self.records, self.wide = records, WideKernel(self._device, self.features, records)
+        self._started = time.perf_counter()
         if self.scalar is None:
             is_own = self.read == self.features
             self._stand_in = self.wide if is_own else WideKernel(self._device, self.read, records)
@@ -95,26 +99,14 @@ class RenderKernel:
     def launch(self, inputs: list[Any], seconds_left: float) -> None:
         """Render a pass with the kernel's arguments; `seconds_left` decides whether to load the wide kernel."""
         seconds_left += self.seconds_after
-        self.wide.prepare(seconds_left, SPEEDUP if self._stand_in is None else SPEEDUP_OF_OWN)
-        self._request_general(seconds_left)
+        stands_in = self._stand_in is not None
+        may_compile = not stands_in or time.perf_counter() - self._started > FIRST_PICTURE_SECONDS
+        self.wide.prepare(seconds_left, SPEEDUP_OF_OWN if stands_in else SPEEDUP, may_compile=may_compile)
         threads, best = self._width * self._height, self._best()
         if best.kernel is not None:
             threads = threads_of(self._width, self._height, best.tile)
         spared = int(self.wide.is_being_compiled)
         self._device.launch(best.kernel or self.scalar, threads, inputs, spared=spared, cancellable=True)
-
-    def _request_general(self, seconds_left: float) -> None:
-        """Have the general kernel compiled that covers this scene, for other scenes."""
-        guides = self.features.guides
-        if self._is_general_requested or not (guides or seconds_left > WORTH_SECONDS):
-            return
-        lanes = lanes_here()
-        if self._device.is_cpu and self._device.backend.artefacts.can_launch and lanes > 0:
-            self._is_general_requested = True
-            lanes = SCALAR if guides else lanes
-            for features in general.general_features(self.features)[:1]:
-                if not is_compiled(features, lanes):
-                    later.request(features, lanes)
 
     def features_for(self, scene: Any) -> Any:
         """Return the features of this kernel if it can render a scene with the features `scene`, else those."""

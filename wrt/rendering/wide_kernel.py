@@ -26,9 +26,6 @@ from wrt.compiling import later, own
 LOADING_SECONDS = 0.02
 """Skip loading if fewer than this many seconds remain to render."""
 
-WORTH_SECONDS = 0.3
-"""Compile nothing for the next render if fewer than this many seconds remain of this one: it has nothing to gain."""
-
 COMPILING_SECONDS = 8.0
 """Seconds of one core that the compiler takes, roughly (6 to 20): see `compiling_pays`."""
 
@@ -96,9 +93,11 @@ class WideKernel:
                 self._say_refused()
             if self._is_compiled():
                 self._load()
-            elif may_compile and compiling_pays(seconds_left, self._device.threads, speedup):
-                self._compile()
-            elif may_compile and seconds_left > WORTH_SECONDS and not self._is_requested:
+                return
+            serves_next = pays_next_time(seconds_left, self._device.threads, speedup)
+            if may_compile and compiling_pays(seconds_left, self._device.threads, speedup):
+                self._compile(serves_next)
+            elif may_compile and serves_next and not self._is_requested:
                 self._is_requested = True
                 self._request = later.request(self._features, self._lanes)
         finally:
@@ -152,8 +151,8 @@ class WideKernel:
             self._device.compile(kernel)
             self.kernel = kernel
 
-    def _compile(self) -> None:
-        """Start compiling the kernel in another process."""
+    def _compile(self, serves_next: bool = True) -> None:
+        """Start compiling the kernel in another process; if this one ends first, it is for the next that it serves."""
         try:
             environment = {**os.environ, "TMPDIR": str(cache_folders.work_folder())}  # which this process removes
             arguments = [str(self._lanes), str(os.getpid()), *self._folders()]
@@ -169,7 +168,7 @@ class WideKernel:
             self._possible = False
             return
         self._compiling_since = time.perf_counter()
-        weakref.finalize(self, _end, self._compiler, self._features, self._lanes)  # nothing else would end it
+        weakref.finalize(self, _end, self._compiler, serves_next, self._features, self._lanes)
 
     def _folders(self) -> list[str]:
         """Return the folders for compiled kernels, and for the table of artefacts if its usual folder fails."""
@@ -196,27 +195,32 @@ class WideKernel:
         """Say what in a model from outside keeps the kernel from being translated."""
         if own.models_from_outside(self._features) and (why := own.refusal(self._features, self._lanes)):
             self._possible = False
-            cache_folders.warn_once(f"{why} (until then renders take twice as long: docs/own.md)")
+            cache_folders.warn_once(f"{why} (until then renders take twice as long: docs/own-bsdf.md)")
 
 
-def _end(compiler: subprocess.Popen[bytes] | own.Compiler, features: Any, lanes: int) -> None:
-    """End the compiler of a render that ends before it; the next render gets the kernel nevertheless."""
+def _end(compiler: subprocess.Popen[bytes] | own.Compiler, serves_next: bool, features: Any, lanes: int) -> None:
+    """End the compiler of a render that ends before it, which nothing else would; the next may get the kernel."""
     if compiler.poll() is None:
         compiler.kill()
         compiler.wait()
-        later.request(features, lanes)
+        if serves_next:
+            later.request(features, lanes)
 
 
 def compiling_pays(seconds_left: float, threads: int, speedup: float) -> bool:
     """Return whether a render is done earlier if one of its threads gives way to the compiler.
 
     That costs what the thread would have done while the compiler runs, and saves `1 - 1 / speedup` of the work that is
-    left then. Otherwise the compiler serves the next render, at the lowest priority: where all cores are busy it takes
-    a minute.
+    left then.
     """
     cost = COMPILING_SECONDS / threads
     left_then = seconds_left - (COMPILING_SECONDS - cost)
     return left_then * (1.0 - 1.0 / speedup) > cost
+
+
+def pays_next_time(seconds_left: float, threads: int, speedup: float) -> bool:
+    """Return whether compiling it after this render is worth its time, if the next takes as long as this still does."""
+    return seconds_left * threads * (1.0 - 1.0 / speedup) >= later.WORTH * COMPILING_SECONDS
 
 
 def largest_array(record: Struct) -> int:

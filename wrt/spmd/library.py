@@ -2,7 +2,7 @@
 
 import functools
 import re
-from collections.abc import Iterable
+from collections.abc import Collection
 from typing import Any
 
 from wrt.kernels.native import headers_of, included_by, text_of
@@ -35,9 +35,21 @@ _WIDE = {
 """Native functions (`wp.func_native`) with a version for lanes in `kernels/native/lanes`, by name."""
 
 
-def traverses_one_tree(functions: Iterable[str]) -> bool:
-    """Return whether any of the functions with these names looks for hits in a tree without instances."""
-    return any(_WIDE.get(name) == "closest_hit" for name in functions)
+def trees_of(query: str, functions: Collection[str]) -> str | None:
+    """Return the C++ type of the trees through which the rays of a ray query go together.
+
+    Args:
+        query: the name of its function.
+        functions: the names of all functions of the module.
+
+    Returns:
+        A type of `kernels/native/lanes/ray_queries.h`; None for queries of other things, and for moving instances.
+    """
+    if query in ("closest_hit", "occluded") and "_in_one_tree__locals__traverse" in functions:
+        return "InOneTree"
+    if query.startswith(("closest_hit_still", "occluded_still")) and "_in_instances__locals__traverse" in functions:
+        return "InInstances"
+    return None
 
 
 def native_function(types: Any, function: Any) -> str:

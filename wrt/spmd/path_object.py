@@ -12,7 +12,7 @@ from wrt.kernels.core.ray_tree import INFINITE_DISTANCE
 from wrt.spmd.analysis import Liveness, same_for_all, set_by, uses
 from wrt.spmd.emit import Emitter
 from wrt.spmd.ir import Function, Module, Unsupported, Variable
-from wrt.spmd.library import traverses_one_tree
+from wrt.spmd.library import trees_of
 from wrt.spmd.rounds import RayQuery, Rounds, check_path_function, cut
 from wrt.spmd.types import Types
 
@@ -190,20 +190,20 @@ def _ray_query(types: Types, query: RayQuery, name: str, steps: str, answer: str
     """
     nearest = query.distance is None
     answer_type = types.wide(query.answer.type) if nearest else "lanes::Ints"
-    together = query.function == functions.get("closest_hit" if nearest else "occluded")
+    trees = trees_of(next(key for key, own in functions.items() if own == query.function), functions)
     call = f"wide_{query.function}(steps.{query.scene.name}, ray"
-    if not together or not traverses_one_tree(functions):
+    if trees is None:
         kind = f"AskedEach<{name}, {answer_type}>"
         blocked = f"lanes::choose({call}, reach, exec), (lanes::ints)0, (lanes::ints)-1)"
         ask = f"{call}, exec)" if nearest else f"lanes::Ints({blocked})"
         declaration = "Answer ask(const Steps& steps, const Ray& ray, lanes::Floats reach, lanes::Mask exec)"
         member = f"static {declaration} {{ return {ask}; }}"
     elif nearest:
-        kind = f"NearestTogether<{name}>"
-        hit = f"wide_{functions['_hit']}(found, exec)"
+        kind = f"NearestTogether<{name}, lanes::{trees}>"
+        hit = f"wide_{functions['_hit' if trees == 'InOneTree' else '_instance_hit']}(found, exec)"
         member = f"template<class Found> static Answer as_hit(Found found, lanes::Mask exec) {{ return {hit}; }}"
     else:
-        kind, member = f"AnyTogether<{name}>", ""
+        kind, member = f"AnyTogether<{name}, lanes::{trees}>", ""
     reach = f"steps.{query.distance.name}" if query.distance else f"lanes::Floats({INFINITE_DISTANCE!r}f)"
     return f"""\
 // The ray query {query.function}.

@@ -29,7 +29,7 @@ class BodyTable:
     """The bodies and media of a scene; a body for each material object.
 
     Attributes:
-        of_shapes: (shapes,) number of the body that each shape bounds; −1 for none.
+        of_shapes: (shapes,) number of the body that each shape bounds; −1 for none, and where none matters.
         records: (medium, priority, index inside, index outside, spread of the first over the channels) of each body.
         media: all media that affect light.
         medium: number of the medium outside all bodies; −1 for none.
@@ -61,6 +61,8 @@ class BodyTable:
         if any(medium.scatters for medium in self.media):
             self.kind = "scattering"
         self.nested = any(priority != 0 for _, priority, *_ in self.records)
+        if not (self.media or self.nested):  # so that kernels which follow bodies have the bits of those which do not
+            self.of_shapes = [-1] * len(self.of_shapes)
         for shape in scene.shapes if self.nested else ():
             if any(isinstance(body, RoughDielectric) and body.multiple_bounces for body in bodies_of(shape.material)):
                 raise InputError(

@@ -115,7 +115,7 @@ def integrator_features(features: Features, integrator: str, settings: RenderSet
     if features.caustics and not (settings.caustics and integrator in WITH_PHOTONS):
         features = dataclasses.replace(features, caustics=False)
     if integrator in ("path", "direct", "whitted") and features.media == "scattering":
-        features = dataclasses.replace(features, media="absorbing")
+        features = dataclasses.replace(features, media="unscattered")
     if integrator == "direct":
         return features
     if integrator in ("path", "volpath"):

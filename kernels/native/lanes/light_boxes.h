@@ -18,14 +18,14 @@ LANES_CALLED Vector<2, Ints> next_light_box(
     int place = lane(place_, __builtin_ctz(bits(exec) | 1u << (WIDTH - 1)));
     while (place < boxes.shape[0]) {
         const wrt::LightBox& box = ((const wrt::LightBox*)boxes.data)[place];
-        const ints met = wrt::meets(line, box, end) & (skipped.v != box.shape);
-        const bool any_met = wrt::mask_of(met) != 0;
-        if (any_met && box.shape >= 0) {
+        const ints met = wrt::meets(line, box, end);
+        const ints counts = met & (skipped.v != box.shape);
+        if (box.shape >= 0 && wrt::mask_of(counts) != 0) {
             found.c[0] = Ints(place);
-            found.c[1].v = -met;
+            found.c[1].v = -counts;
             return found;
         }
-        place = any_met ? place + 1 : box.behind;
+        place = wrt::mask_of(met) != 0 ? place + 1 : box.behind;
     }
     found.c[0] = Ints(-1);
     found.c[1] = Ints(0);

@@ -2,31 +2,58 @@
 // Ray queries of paths, for all groups of a pool.
 //
 // The translator writes a type for each query (`wrt/spmd/ray_queries.py`): its rays, its scene, the greatest distance,
-// and the place for the answers. It derives from one of the types here, which trace the rays. In scenes with one tree,
-// `rays.h` traces the groups, and the rays that leave their groups are interleaved, whichever group they left. In scenes
-// with instances each group is traced by itself.
-#include "lanes/rays.h"
+// and the place for the answers. It derives from one of the types here, which trace the rays. The rays that leave their
+// groups are interleaved, whichever group they left. Among instances that move each group is traced by itself.
+#include "lanes/instances.h"
 
 namespace lanes {
-// Starts a group, and follows the rays that leave any group.
-template<class RayQuery, bool any_hit> struct AskedTogether {
+// Scenes with one tree: starts a group, and follows the rays that leave any group.
+struct InOneTree {
     typedef Journeys Traced;
-    template<class Steps, class Ray>
-    static void set_out(const Steps& steps, Traced& t, const Ray& ray, Floats reach, Mask exec) {
-        const auto& scene = RayQuery::scene(steps);
+    template<bool any_hit, class Scene, class Ray>
+    static void set_out(const Scene& scene, Traced& t, const Ray& ray, Floats reach, Mask exec) {
         const wrt::Axes axes = wrt::axes_of(scene.corners, scene.normals);
         lanes::set_out(scene.bvh, axes, t, ray.origin, ray.direction, reach, any_hit, exec);
     }
+    template<bool any_hit, class Scene> static void follow(const Scene& scene, Traced* t, int count) {
+        follow_alone<any_hit>(scene.bvh, t, count);
+    }
+    template<class Scene> static auto found(const Scene&, const Traced& t, Floats reach) {
+        return lanes::found(t, reach);
+    }
+};
+// Scenes with instances that do not move.
+struct InInstances {
+    typedef InstanceJourneys Traced;
+    template<bool any_hit, class Scene, class Ray>
+    static void set_out(const Scene& scene, Traced& t, const Ray& ray, Floats reach, Mask exec) {
+        const wrt::Axes axes = wrt::axes_of(scene.corners, scene.normals);
+        lanes::set_out<any_hit>(scene.placed, axes, t, ray.origin, ray.direction, reach, exec);
+    }
+    template<bool any_hit, class Scene> static void follow(const Scene& scene, Traced* t, int count) {
+        follow_alone<any_hit>(scene.placed, wrt::axes_of(scene.corners, scene.normals), t, count);
+    }
+    template<class Scene> static auto found(const Scene& scene, const Traced& t, Floats reach) {
+        return lanes::found(scene.placed, t, reach);
+    }
+};
+template<class RayQuery, class Trees, bool any_hit> struct AskedTogether {
+    typedef typename Trees::Traced Traced;
+    template<class Steps, class Ray>
+    static void set_out(const Steps& steps, Traced& t, const Ray& ray, Floats reach, Mask exec) {
+        Trees::template set_out<any_hit>(RayQuery::scene(steps), t, ray, reach, exec);
+    }
     template<class Steps> static void follow(const Steps& steps, Traced* t, int count) {
-        follow_alone<any_hit>(RayQuery::scene(steps).bvh, t, count);
+        Trees::template follow<any_hit>(RayQuery::scene(steps), t, count);
     }
 };
 
 // The nearest hit. The data of the triangles that were hit are prefetched.
-template<class RayQuery> struct NearestTogether : AskedTogether<RayQuery, false> {
-    template<class Steps> static auto found(const Steps& steps, const Journeys& t, Floats reach, Mask exec) {
-        const auto hits = RayQuery::as_hit(lanes::found(t, reach), exec);
+template<class RayQuery, class Trees> struct NearestTogether : AskedTogether<RayQuery, Trees, false> {
+    template<class Steps>
+    static auto found(const Steps& steps, const typename Trees::Traced& t, Floats reach, Mask exec) {
         const auto& scene = RayQuery::scene(steps);
+        const auto hits = RayQuery::as_hit(Trees::found(scene, t, reach), exec);
         if (scene.points.shape[0] > wrt::POINTS_IN_CACHE) LANES_EACH(l, exec) {
             const size_t triangle = hits.triangle.v[l] < 0 ? 0 : hits.triangle.v[l];
             __builtin_prefetch((const int*)scene.corners.data + 3 * triangle);
@@ -46,9 +73,10 @@ template<class RayQuery> struct NearestTogether : AskedTogether<RayQuery, false>
 };
 
 // Whether there is any hit.
-template<class RayQuery> struct AnyTogether : AskedTogether<RayQuery, true> {
-    template<class Steps> static Ints found(const Steps&, const Journeys& t, Floats reach, Mask) {
-        return cast_int32(lanes::found(t, reach).c[0]);
+template<class RayQuery, class Trees> struct AnyTogether : AskedTogether<RayQuery, Trees, true> {
+    template<class Steps>
+    static Ints found(const Steps& steps, const typename Trees::Traced& t, Floats reach, Mask) {
+        return cast_int32(Trees::found(RayQuery::scene(steps), t, reach).c[0]);
     }
     template<class Steps> static void prepare(Steps&, Mask) {}
 };

@@ -18,6 +18,29 @@ struct alignas(64) Partings {
     unsigned rays[MOST_PARTINGS];        // bits of the rays that leave
     int nodes[MOST_PARTINGS], count;
     unsigned some;  // bits of the rays that leave anywhere
+
+    // Put a node on the list; `go` follows those on it when it is full.
+    template<class Go>
+    WRT_MEMBER void add(const int node, const unsigned leaving, const floats& begins_there, Go go) {
+        // Also without any rays left, which saves a branch that would be mispredicted.
+        const int k = count;
+        *(floats*)begins[k] = begins_there;
+        nodes[k] = node;
+        rays[k] = leaving;
+        some |= leaving;
+        count = k + (leaving != 0);
+        if (count == MOST_PARTINGS) {
+            go();
+            count = 0;
+        }
+    }
+    // Put the root on the empty list.
+    WRT_MEMBER void all_leave(const unsigned leaving) {
+        count = 1;
+        some = rays[0] = leaving;
+        nodes[0] = 0;
+        *(floats*)begins[0] = (floats)0.0f;
+    }
 };
 // A group of rays in flight.
 struct Journeys {
@@ -25,82 +48,80 @@ struct Journeys {
     Partings partings;
 };
 
-// The rays that leave some groups, for `follow_in_turn`.
-struct Lone : wrt::Traveller {
+// A ray that leaves its group.
+template<class Journeys> struct LoneOf : wrt::Traveller {
     unsigned long long left;  // bits of the partings still to follow
     Journeys* group;
-};
-struct LoneRays {
-    Journeys *next, *end;
 
-    WRT_MEMBER bool branch(Lone& r) {
-        const float limit = r.nearest.t * (float)wrt::BOX_PAD;
-        if (limit < 0.0f) return false;
-        const Partings& partings = r.group->partings;
-        for (; r.left; r.left &= r.left - 1) {
-            const int k = __builtin_ctzll(r.left);
-            if (partings.begins[k][r.number] > limit) continue;
-            r.current = partings.nodes[k];
-            r.left &= r.left - 1;
+    // Take the next ray that leaves any of some groups, and return whether there is one.
+    WRT_MEMBER bool take(Journeys*& next, Journeys* const end) {
+        number = -1;
+        for (; next < end; ++next) {
+            Partings& partings = next->partings;
+            if (!partings.some) continue;
+            group = next;
+            number = __builtin_ctz(partings.some);
+            partings.some &= partings.some - 1;
+            nearest = next->rays.nearest(number);
+            top = 0;
+            const ints own = (ints)(1 << number);
+            left = 0;
+            LANES_UNROLL for (int first = 0; first < MOST_PARTINGS; first += WIDTH) {
+                const ints parts = (*(const ints*)(partings.rays + first) & own) != 0;
+                left |= (unsigned long long)wrt::mask_of(parts) << first;
+            }
+            left &= ~0ull >> (64 - partings.count);
             return true;
         }
         return false;
     }
-    WRT_MEMBER void start(Lone& r) {
-        r.number = -1;
-        for (; next < end; ++next) {
-            Partings& partings = next->partings;
-            r.group = next;
-            for (; partings.some; partings.some &= partings.some - 1) {
-                const int n = r.number = __builtin_ctz(partings.some);
-                r.nearest = next->rays.nearest(n);
-                r.top = 0;
-                const ints own = (ints)(1 << n);
-                r.left = 0;
-                LANES_UNROLL for (int first = 0; first < MOST_PARTINGS; first += WIDTH) {
-                    const ints parts = (*(const ints*)(partings.rays + first) & own) != 0;
-                    r.left |= (unsigned long long)wrt::mask_of(parts) << first;
-                }
-                r.left &= ~0ull >> (64 - partings.count);
-                if (branch(r)) {
-                    partings.some &= partings.some - 1;
-                    return;
-                }
-                r.number = -1;
-            }
+    // Take the next parting whose box begins before `limit`; −1 if there is none.
+    WRT_MEMBER int next_parting(const float limit) {
+        while (left) {
+            const int k = __builtin_ctzll(left);
+            left &= left - 1;
+            if (group->partings.begins[k][number] <= limit) return k;
         }
+        return -1;
+    }
+};
+// Those of one tree, for `follow_in_turn`.
+typedef LoneOf<Journeys> Lone;
+struct LoneRays {
+    const wrt::Tree all;
+    Journeys *next, *end;
+
+    WRT_MEMBER bool branch(Lone& r) {
+        const float limit = r.nearest.t * (float)wrt::BOX_PAD;
+        const int k = limit < 0.0f ? -1 : r.next_parting(limit);
+        if (k >= 0) r.current = r.group->partings.nodes[k];
+        return k >= 0;
+    }
+    WRT_MEMBER void start(Lone& r) {
+        while (r.take(next, end))
+            if (branch(r)) return;
     }
     WRT_MEMBER void finish(Lone& r) { r.group->rays.set(r.number, r.nearest); }
     WRT_MEMBER wrt::Ray ray(const Lone& r) { return r.group->rays.one(r.number); }
+    WRT_MEMBER const wrt::Tree& tree(const Lone&) { return all; }
 };
 // Reading a large tree takes several hundred cycles, as it fits no cache.
 template<class Bvh> LANES_INLINE bool is_large(const Bvh& bvh) { return bvh.leaves.shape[0] > wrt::LARGE_TREE; }
 
 template<bool any_hit, class Bvh>
 LANES_CALLED void follow_alone(const Bvh& bvh, Journeys* groups, const int count) {
-    LoneRays rays = {groups, groups + count};
+    LoneRays rays = {wrt::tree_of(bvh), groups, groups + count};
     const bool large = is_large(bvh);
     const int in_turn = large ? wrt::IN_TURN_IF_LARGE : wrt::IN_TURN;
-    wrt::follow_in_turn<any_hit, wrt::IN_TURN_IF_LARGE, Lone>(wrt::tree_of(bvh), 0.0f, in_turn, large ? 5 : 4, rays);
+    wrt::follow_in_turn<any_hit, wrt::IN_TURN_IF_LARGE, Lone>(0.0f, in_turn, large ? 5 : 4, rays);
 }
 
 template<bool any_hit, bool octants, bool axes, class Bvh>
 LANES_CALLED void follow_together(const Bvh& bvh, Journeys& journeys) {
-    Partings& partings = journeys.partings;
     wrt::follow_together<any_hit, octants, axes>(
         wrt::tree_of(bvh), journeys.rays, 0.0f,
         [&](const int node, const unsigned rays, const floats& begins) __attribute__((always_inline)) {
-            // Also without any rays left, which saves a branch that would be mispredicted.
-            const int k = partings.count;
-            *(floats*)partings.begins[k] = begins;
-            partings.nodes[k] = node;
-            partings.rays[k] = rays;
-            partings.some |= rays;
-            partings.count = k + (rays != 0);
-            if (partings.count == MOST_PARTINGS) {
-                follow_alone<any_hit>(bvh, &journeys, 1);
-                partings.count = 0;
-            }
+            journeys.partings.add(node, rays, begins, [&] { follow_alone<any_hit>(bvh, &journeys, 1); });
         });
 }
 template<bool any_hit, class Bvh>
@@ -127,10 +148,7 @@ LANES_CALLED void set_out(
     const int few = is_large(bvh) ? wrt::FEW_RAYS_IF_LARGE : wrt::FEW_RAYS;
     partings.some = partings.count = 0;
     if (__builtin_popcount(runs) < few) {
-        partings.count = 1;
-        partings.some = partings.rays[0] = runs;
-        partings.nodes[0] = 0;
-        *(floats*)partings.begins[0] = (floats)0.0f;
+        partings.all_leave(runs);
     } else {
         const int one = __builtin_ctz(runs);
         const bool octants = wrt::mask_of(wrt::row(a.flips) != a.flips[one]) & runs;

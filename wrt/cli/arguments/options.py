@@ -123,6 +123,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--checkpoint": _value("FILE", str, "save the state of the render here, for --resume", action=Once),
     "--define": _value("NAME=VALUE", types.definition, "value of the parameter $NAME in a Mitsuba scene",
         dest="parameters", action="append"),
+    "--with": _value("FILE", str, "first run a Python file that registers materials, lights or cameras",
+        dest="models", action="append"),
     "--crease": _value("DEGREES", whole(0),
         "smooth edges that are folded by up to this angle in meshes without normals; 0 is flat (default: what the "
         "format says, or 60)", dest="smooth_degrees"),
@@ -139,7 +141,7 @@ STUDIO = (
     "--wireframe --edge-width --edge-color --layers --triangles"
 )
 INTEGRATION = "--sampler --integrator --caustics --clamp-indirect --regularization"
-READING = "--define --camera --confined --strict --up --crease --point-radius --double-sided"
+READING = "--with --define --camera --confined --strict --up --crease --point-radius --double-sided"
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -227,8 +229,8 @@ def make_parser() -> argparse.ArgumentParser:
         "first, or the one that --camera names"
     }
     command("scenes", "", "list the built-in scenes")
-    command("schema", "", "print the JSON schema of scene files|, for editors")
-    command("materials", "NAME --presets", "list the materials and their parameters, or describe one")
+    command("schema", "--with", "print the JSON schema of scene files|, for editors")
+    command("materials", "NAME --presets --with", "list the materials and their parameters, or describe one")
     command(
         "info",
         f"SCENES --system --memory --size {READING}",
