@@ -6,6 +6,7 @@
     python scripts/benchmark.py gradients [--scenes NAME ...] [--spp N] [--seeds N] [--llvm FOLDER]
     python scripts/benchmark.py caustics [--scenes NAME ...] [--seconds S ...] [--folder FOLDER] [--llvm FOLDER]
     python scripts/benchmark.py found [--scenes NAME ...] [--spp N ...] [--folder FOLDER] [--llvm FOLDER]
+    python scripts/benchmark.py own [--spp N] [--repeats N]
 
 Each command prints its results, and writes them as JSON with --json FILE. With --docs, results go to docs/measured, and
 tables and pictures to docs/performance.md and docs/notes. Everything is warmed up first. Competitors are
@@ -21,7 +22,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import caustics, checkouts, found, gradients, rays, render, report
+from benchmarks import caustics, checkouts, found, gradients, own, rays, render, report
 from benchmarks.measure import machine
 
 MODULES = {
@@ -31,6 +32,7 @@ MODULES = {
     "checkouts": checkouts,
     "gradients": gradients,
     "caustics": caustics,
+    "own": own,
 }
 
 

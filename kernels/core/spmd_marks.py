@@ -23,7 +23,8 @@ def pixel_kernel(kernel: F) -> F:
 
     It has one loop over samples, `for index in range(first, last)`, where `last` is an argument of the kernel. The loop
     calls the path function once, either at its top level or in the last of nested `if`s. The kernel may be launched
-    with a smaller `last` first: it resumes where it left a pixel.
+    with a smaller `last` first: it resumes where it left a pixel, or else is launched for numbers of samples that
+    are taken at once (see `wrt/gradients/kernels.py`).
     """
     return _marked(kernel, "pixel_kernel")
 

@@ -9,6 +9,7 @@ import warp as wp
 
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.rays import Ray, Receiver
 from wrt.kernels.core.scene_data import (
     LIGHT_ENVIRONMENT,
     LIGHT_TRIANGLE,
@@ -20,12 +21,10 @@ from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
 from wrt.kernels.gradients.sums import GradientSums, add_color
 from wrt.kernels.gradients.values import add_bilinear, make_add_to_slot
-from wrt.kernels.integrators.next_event import LightForGradients
 from wrt.kernels.integrators.path_escape import make_met_light_weights
-from wrt.kernels.integrators.path_state import PathSettings, PathState, SurfaceVertex, sees_no_lights
-from wrt.kernels.integrators.path_surface import make_emission_weight
 from wrt.kernels.lights.choice import NO_LIGHT, make_light_choice
 from wrt.kernels.lights.environment import point_towards
+from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_model, shape_number
 from wrt.kernels.textures.textures import make_slot_color, neighbors
 
@@ -46,13 +45,13 @@ def add_to_environment_texels(sums: GradientSums, scene: SceneData, direction: w
 
 
 class LightGradients(NamedTuple):
-    """Functions that add to `sums`. `upstream` is the derivative of the loss by the radiance of the path.
+    """Functions that add to `sums`; `gradient` is the derivative of the loss by the radiance of the light.
 
     Attributes:
-        escaped: (sums, scene, path, hit, upstream, settings), where a ray meets no triangle.
-        emitted: (sums, scene, path, vertex, upstream, strategy), where a ray meets a triangle.
-        sampled: (sums, scene, path, u_light, light, gradient), by what a vertex receives from a sampled light;
-            `gradient` is the derivative by its radiance.
+        escaped: (sums, scene, ray, hit, upstream, receiver, passed_distance, scatter_pdf, strategy), where the ray of a
+            path meets no triangle; `upstream` is times the throughput.
+        emitted: (sums, scene, surface, gradient), where a ray meets a triangle.
+        sampled: (sums, scene, receiver, u_light, sample, gradient), by what a vertex receives from a sampled light.
     """
 
     escaped: wp.Function
@@ -64,24 +63,29 @@ class LightGradients(NamedTuple):
 def make_light_gradients(features: Features) -> LightGradients:
     """Return the functions for scenes with these features."""
     weight_of, model = make_met_light_weights(features), make_light_model(features.light_shapes)
-    emission_weight, add_to_slot = make_emission_weight(features), make_add_to_slot(features)
+    add_to_slot = make_add_to_slot(features)
     choose_light, slot_color = make_light_choice(features.light_tree).choose_light, make_slot_color(features.mipmapped)
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
     textured_lights = features.textured and are_textured(features.light_shapes)
 
     @wp.func
     def escaped(
-        sums: GradientSums, scene: SceneData, path: PathState, hit: Hit, upstream: wp.vec3, settings: PathSettings
+        sums: GradientSums,
+        scene: SceneData,
+        ray: Ray,
+        hit: Hit,
+        gradient: wp.vec3,
+        receiver: Receiver,
+        passed_distance: float,
+        scatter_pdf: float,
+        strategy: int,
     ):
-        if sees_no_lights(path, settings):
-            return
-        gradient = wp.cw_mul(upstream, path.throughput)
-        direction = path.ray.direction
+        direction = ray.direction
         if hit.triangle == NO_HIT:
             if wp.static(features.environment == "image"):
                 if scene.environment.width > 0:
                     point = point_towards(scene.environment, direction)
-                    weight = weight_of.image(scene, path.receiver, point, path.scatter_pdf, settings.strategy)
+                    weight = weight_of.image(scene, receiver, point, scatter_pdf, strategy)
                     add_to_environment_texels(sums, scene, direction, gradient * weight)
                 else:
                     add_color(sums.environment, 0, gradient)
@@ -91,17 +95,13 @@ def make_light_gradients(features: Features) -> LightGradients:
                 for i in range(scene.solid_light_shapes, scene.sun_light_shapes):
                     sun = scene.light_shapes[i]
                     if model.covers(sun, direction):
-                        weight = weight_of.shape(
-                            scene, sun, path.receiver, direction, 0.0, path.scatter_pdf, settings.strategy
-                        )
+                        weight = weight_of.shape(scene, sun, receiver, direction, 0.0, scatter_pdf, strategy)
                         add_color(sums.lights, sun.light, gradient * weight)
         elif wp.static(bool(features.light_shapes)):
             shape = scene.light_shapes[shape_number(hit)]
-            if model.shines_back(scene.lights[shape.light], shape, path.ray):
-                distance = path.passed_distance + hit.t
-                weight = weight_of.shape(
-                    scene, shape, path.receiver, direction, distance, path.scatter_pdf, settings.strategy
-                )
+            if model.shines_back(scene.lights[shape.light], shape, ray):
+                distance = passed_distance + hit.t
+                weight = weight_of.shape(scene, shape, receiver, direction, distance, scatter_pdf, strategy)
                 add_color(sums.lights, shape.light, gradient * weight)
 
     @wp.func
@@ -114,27 +114,21 @@ def make_light_gradients(features: Features) -> LightGradients:
         add_color(sums.emission, number, gradient)
 
     @wp.func
-    def emitted(
-        sums: GradientSums, scene: SceneData, path: PathState, vertex: SurfaceVertex, upstream: wp.vec3, strategy: int
-    ):
-        weight = emission_weight(scene, path, vertex, strategy)
-        if weight >= 0.0:
-            gradient = wp.cw_mul(upstream, path.throughput) * weight
-            add_to_surface(sums, scene, vertex.surface.shape, vertex.surface, gradient)
+    def emitted(sums: GradientSums, scene: SceneData, surface: Surface, gradient: wp.vec3):
+        add_to_surface(sums, scene, surface.shape, surface, gradient)
 
     @wp.func
     def sampled(
         sums: GradientSums,
         scene: SceneData,
-        path: PathState,
+        receiver: Receiver,
         u_light: wp.vec4,
-        light: LightForGradients,
+        sample: LightSample,
         gradient: wp.vec3,
     ):
-        number = choose_light(scene, path.receiver, u_light).light
+        number = choose_light(scene, receiver, u_light).light
         if number != NO_LIGHT:
             record = scene.lights[number]
-            sample = light.light
             if record.kind == LIGHT_TRIANGLE:
                 surface = Surface()
                 if wp.static(features.textured):

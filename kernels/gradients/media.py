@@ -8,12 +8,10 @@ import warp as wp
 
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import INFINITE_DISTANCE, NO_HIT, Hit
-from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.scene_data import BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.gradients.bsdf import over
 from wrt.kernels.gradients.sums import GradientSums, add_color, add_number
-from wrt.kernels.integrators.path_media import MediumSegment
-from wrt.kernels.integrators.path_state import PathState
 from wrt.kernels.media.medium import make_extinction, mean_free_length, medium_of, transmittance
 
 
@@ -47,9 +45,11 @@ def mean_free_length_slope(extinction: float, distance: float) -> float:
 
 @specialised("media", "grid_media")
 def make_add_to_medium(features: Features) -> wp.Function:
-    """Return (sums, scene, path, hit, segment, upstream, later): from a segment to the medium in which it lies.
+    """Return the device function that adds the derivatives by the medium in which a segment of a path lies.
 
-    `path` is before the segment, and `later` the radiance that it finds after it, without the medium's own emission.
+    Its arguments are (sums, scene, stack, hit, length, throughput, scatters, distance, upstream, later). The throughput
+    is that before the segment, `length` that of the way to the hit, and `later` the radiance that the path finds after
+    the segment, without the medium's own emission.
     """
     extinction_of, add_to_extinction = make_extinction(features.media), make_add_to_extinction(features.media)
 
@@ -57,36 +57,38 @@ def make_add_to_medium(features: Features) -> wp.Function:
     def add_to_medium(
         sums: GradientSums,
         scene: SceneData,
-        path: PathState,
+        stack: BodyStack,
         hit: Hit,
-        segment: MediumSegment,
+        length: float,
+        throughput: wp.vec3,
+        scatters: bool,
+        distance: float,
         upstream: wp.vec3,
         later: wp.vec3,
     ):
-        medium = medium_of(scene, path.medium_stack)
+        medium = medium_of(scene, stack)
         if medium >= 0:
             record = scene.media[medium]
             if record.grid < 0:
-                length = path.origin_gap + hit.t
                 gradient = wp.cw_mul(upstream, later)
                 by_extinction = wp.vec3(0.0)
-                if segment.scatters:
-                    by_extinction = gradient * -segment.distance
+                if scatters:
+                    by_extinction = gradient * -distance
                 elif hit.triangle != NO_HIT:
                     by_extinction = gradient * -length
-                extinction = extinction_of(scene, path.medium_stack)
+                extinction = extinction_of(scene, stack)
                 if wp.max(record.emission) > 0.0:
                     for c in range(3):
                         # A channel without extinction shines nowhere, or not without end.
                         if extinction[c] > 0.0 or length < 0.5 * INFINITE_DISTANCE:
-                            seen = upstream[c] * path.throughput[c]
+                            seen = upstream[c] * throughput[c]
                             slope = mean_free_length_slope(extinction[c], length)
                             by_extinction[c] = by_extinction[c] + seen * record.emission[c] * slope
                             free = mean_free_length(extinction[c], length)
                             add_number(sums.media_emission, 3 * medium + c, seen * free)
                 add_to_extinction(sums, medium, by_extinction)
                 if wp.static(features.media == "scattering"):
-                    if segment.scatters:
+                    if scatters:
                         add_color(sums.media_scattering, medium, over(gradient, record.scattering))
 
     return add_to_medium

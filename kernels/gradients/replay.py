@@ -13,9 +13,10 @@ from wrt.kernels.bsdf import make_bsdf, model_of, models_with
 from wrt.kernels.core.bsdf import slot_values
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import NO_HIT
-from wrt.kernels.core.rays import to_local
+from wrt.kernels.core.rays import Ray, to_local
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import path_function
 from wrt.kernels.gradients.bsdf import differentiable, make_lobe_weights, make_weighted, over
 from wrt.kernels.gradients.lights import make_light_gradients
 from wrt.kernels.gradients.materials import make_add_to_material
@@ -23,10 +24,12 @@ from wrt.kernels.gradients.media import make_add_to_medium
 from wrt.kernels.gradients.shadows import dims_shadows, make_add_to_shadow
 from wrt.kernels.gradients.sums import GradientSums
 from wrt.kernels.integrators.next_event import make_light_at_surface, make_light_in_medium
+from wrt.kernels.integrators.path import make_begin_path
 from wrt.kernels.integrators.path_escape import make_escape
 from wrt.kernels.integrators.path_media import make_place_in_medium, make_scatter_in_medium, make_traverse_medium
-from wrt.kernels.integrators.path_state import PathSettings, PathState
+from wrt.kernels.integrators.path_state import PathSettings, sees_no_lights
 from wrt.kernels.integrators.path_surface import (
+    make_emission_weight,
     make_place_receiver,
     make_prepare_bsdf,
     make_sample_bsdf,
@@ -43,11 +46,13 @@ from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_
 
 @specialised()
 def make_replay_path(features: Features) -> wp.Function:
-    """Return the device function (sums, scene, path, sampler, settings, radiance, upstream).
+    """Return the device function that adds the derivatives of the radiance of a path.
 
-    It follows a path from its begin, as `make_follow_path` does, with the same random numbers, and adds derivatives to
-    `sums`. `radiance` is what it finds in all, and `upstream` the derivative of the loss by that.
+    Its arguments are (sums, scene, camera_ray, pixel_footprint, sampler, settings, radiance, upstream). It follows the
+    path from its begin, as `make_follow_path` does, with the same random numbers. `radiance` is what the path finds in
+    all, and `upstream` the derivative of the loss by that. The result is how many surfaces scattered it.
     """
+    begin_path = make_begin_path(features)
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
     closest_hit, occluded = make_closest_hit(features), make_intersect(features.geometry).occluded
     hit_shown = make_hit_shown(features.geometry, features.light_shapes)
@@ -57,6 +62,7 @@ def make_replay_path(features: Features) -> wp.Function:
     place_receiver, light_at_surface = make_place_receiver(features), make_light_at_surface(features, factors=True)
     scattering, panes = features.media == "scattering", bool(models_with(features.models, "straight"))
     draws_more = features.mixed or panes or scattering or features.grid_media
+    emission_weight = make_emission_weight(features)
     by_light, evaluate = make_light_gradients(features), make_bsdf(features.models).evaluate
     models = differentiable(features.models)
     weighted_value, weighted_lobes, _ = make_weighted(models)
@@ -67,16 +73,18 @@ def make_replay_path(features: Features) -> wp.Function:
     shadows, add_to_shadow = dims_shadows(features), make_add_to_shadow(features)
 
     @wp.func
+    @path_function
     def replay_path(
         sums: GradientSums,
         scene: SceneData,
-        begun: PathState,
+        camera_ray: Ray,
+        pixel_footprint: wp.vec2,
         sampler: Sampler,
         settings: PathSettings,
         radiance: wp.vec3,
         upstream: wp.vec3,
-    ):
-        path = begun
+    ) -> int:
+        path = begin_path(scene, camera_ray, pixel_footprint)
         while path.depth < settings.max_depth:
             vertex_number = path.depth + path.medium_scatterings + 1
             u_light = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
@@ -93,7 +101,18 @@ def make_replay_path(features: Features) -> wp.Function:
             # ---- Medium
             if wp.static(features.media != "none"):
                 segment = traverse_medium(scene, path, hit, wp.vec2(u_more[3], u_more[2]), settings.max_scatterings)
-                add_to_medium(sums, scene, path, hit, segment, upstream, radiance - segment.radiance)
+                add_to_medium(
+                    sums,
+                    scene,
+                    path.medium_stack,
+                    hit,
+                    path.origin_gap + hit.t,
+                    path.throughput,
+                    segment.scatters,
+                    segment.distance,
+                    upstream,
+                    radiance - segment.radiance,
+                )
                 path.radiance = segment.radiance
                 path.throughput = segment.throughput
                 if wp.static(scattering):
@@ -105,9 +124,12 @@ def make_replay_path(features: Features) -> wp.Function:
                             light = light_in_medium(scene, at, segment.g, u_light, settings.strategy)
                             if wp.max(light.weight) > 0.0:
                                 arriving = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.weight)
-                                by_light.sampled(sums, scene, at, u_light, light, wp.cw_mul(arriving, light.value))
+                                by_radiance = wp.cw_mul(arriving, light.value)
+                                by_light.sampled(sums, scene, at.receiver, u_light, light.light, by_radiance)
                                 by_shadow = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.radiance)
-                                add_to_shadow(sums, scene, light, at.skin, by_shadow)
+                                add_to_shadow(
+                                    sums, scene, light.shadow_ray, light.t_max, light.medium_stack, at.skin, by_shadow
+                                )
                         path = scatter_in_medium(scene, path, segment, hit, u_light, u_bsdf, settings)
                         if path.is_done:
                             break
@@ -115,7 +137,18 @@ def make_replay_path(features: Features) -> wp.Function:
 
             # ---- Environment, and lights that are shapes
             if hit.triangle <= NO_HIT:
-                by_light.escaped(sums, scene, path, hit, upstream, settings)
+                if not sees_no_lights(path, settings):
+                    by_light.escaped(
+                        sums,
+                        scene,
+                        path.ray,
+                        hit,
+                        wp.cw_mul(upstream, path.throughput),
+                        path.receiver,
+                        path.passed_distance,
+                        path.scatter_pdf,
+                        settings.strategy,
+                    )
                 path = escape(scene, path, hit, settings)
                 if path.is_done:
                     break
@@ -131,7 +164,10 @@ def make_replay_path(features: Features) -> wp.Function:
                     if path.is_done:
                         break
                     continue
-            by_light.emitted(sums, scene, path, vertex, upstream, settings.strategy)
+            weight_of_emission = emission_weight(scene, path, vertex, settings.strategy)
+            if weight_of_emission >= 0.0:
+                by_emission = wp.cw_mul(upstream, path.throughput) * weight_of_emission
+                by_light.emitted(sums, scene, vertex.surface, by_emission)
             path = surface_emission(scene, path, vertex, settings.strategy)
             if wp.static(not panes):
                 if path.depth + 1 >= settings.max_depth:
@@ -144,19 +180,18 @@ def make_replay_path(features: Features) -> wp.Function:
             # ---- Direct lighting
             path = place_receiver(path, vertex)
             light = light_at_surface(scene, path, vertex, u_light, settings.strategy)
+            blocked = bool(False)
+            if wp.static(not can_attenuate_shadows(features)):
+                blocked = occluded(scene, light.shadow_ray, light.t_max)
             arriving = wp.vec3(0.0)  # the derivative of the loss by what is scattered
-            if wp.max(light.weight) > 0.0:
-                blocked = bool(False)
-                if wp.static(not can_attenuate_shadows(features)):
-                    blocked = occluded(scene, light.shadow_ray, light.t_max)
-                if not blocked:
-                    path.radiance += wp.cw_mul(path.throughput, light.radiance)
-                    arriving = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.weight)
-                    by_light.sampled(sums, scene, path, u_light, light, wp.cw_mul(arriving, light.value))
-                    arriving = wp.cw_mul(arriving, light.light.radiance)
-                    if wp.static(shadows):
-                        by_shadow = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.radiance)
-                        add_to_shadow(sums, scene, light, no_skin(), by_shadow)
+            if wp.max(light.weight) > 0.0 and not blocked:
+                path.radiance += wp.cw_mul(path.throughput, light.radiance)
+                arriving = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.weight)
+                by_light.sampled(sums, scene, path.receiver, u_light, light.light, wp.cw_mul(arriving, light.value))
+                arriving = wp.cw_mul(arriving, light.light.radiance)
+                if wp.static(shadows):
+                    by_shadow = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.radiance)
+                    add_to_shadow(sums, scene, light.shadow_ray, light.t_max, light.medium_stack, no_skin(), by_shadow)
             gradients = slot_values()
             if wp.static(is_smooth):
                 if wp.max(wp.abs(arriving)) > 0.0:
@@ -182,5 +217,7 @@ def make_replay_path(features: Features) -> wp.Function:
             add_to_material(sums, scene, vertex.material, vertex.bsdf, vertex.surface, gradients)
             if path.is_done:
                 break
+        vertices = path.depth
+        return vertices
 
     return replay_path

@@ -10,15 +10,15 @@ from wrt.kernels.accel.intersect import make_intersect
 from wrt.kernels.bsdf import make_is_any, models_with
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import INFINITE_DISTANCE, NO_HIT
-from wrt.kernels.core.rays import to_local
+from wrt.kernels.core.rays import Ray, to_local
 from wrt.kernels.core.scene_data import BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import traces_alone
 from wrt.kernels.geometry.surface import make_surface_at
 from wrt.kernels.gradients.bsdf import differentiable, make_weighted, over
 from wrt.kernels.gradients.materials import make_add_to_material
 from wrt.kernels.gradients.media import make_add_to_extinction
 from wrt.kernels.gradients.sums import GradientSums
-from wrt.kernels.integrators.next_event import LightForGradients
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows, make_mapped
 from wrt.kernels.materials.choice import MOST_PASSED, leaves_of, make_next_leaf
 from wrt.kernels.materials.values import make_bsdf_at, make_share_passed
@@ -34,9 +34,10 @@ def dims_shadows(features: Features) -> bool:
 
 @specialised(*("instances", "media", "composite", "nested"), *make_mapped.fields, *make_share_passed.fields)
 def make_add_to_shadow(features: Features) -> wp.Function:
-    """Return (sums, scene, light, skin, gradient): to what dims the shadow ray of a light that arrives.
+    """Return (sums, scene, ray, t_max, stack, skin, gradient): to what dims the shadow ray of a light that arrives.
 
-    `gradient` is the derivative of the loss by the logarithm of the light, and `skin` the surface beside its receiver.
+    `gradient` is the derivative of the loss by the logarithm of the light, `stack` are the bodies at the ray's origin,
+    and `skin` is the surface beside its receiver.
     """
     intersect, surface_at = make_intersect(features.geometry), make_surface_at(features.geometry)
     add_to_extinction, add_to_material = make_add_to_extinction(features.media), make_add_to_material(features)
@@ -54,16 +55,24 @@ def make_add_to_shadow(features: Features) -> wp.Function:
                 add_to_extinction(sums, medium, gradient * -length)
 
     @wp.func
-    def add_to_shadow(sums: GradientSums, scene: SceneData, light: LightForGradients, skin: Skin, gradient: wp.vec3):
-        ray = light.shadow_ray
+    @traces_alone
+    def add_to_shadow(
+        sums: GradientSums,
+        scene: SceneData,
+        ray: Ray,
+        t_max: float,
+        stack: BodyStack,
+        skin: Skin,
+        gradient: wp.vec3,
+    ):
         if wp.static(not can_attenuate_shadows(features)):
-            add_to_stretch(sums, scene, light.medium_stack, light.t_max, gradient)
+            add_to_stretch(sums, scene, stack, t_max, gradient)
         else:
-            hit = intersect.closest_hit_before(scene, ray, light.t_max)
+            hit = intersect.closest_hit_before(scene, ray, t_max)
             if wp.static(features.media == "scattering"):
                 hit = hit_or_skin(skin, ray, hit)
             last = Crossing()
-            last.stack = light.medium_stack
+            last.stack = stack
             t_before = float(0.0)
             surfaces_passed = int(0)
             goes_on = bool(True)
@@ -97,7 +106,7 @@ def make_add_to_shadow(features: Features) -> wp.Function:
                                     of_leaf = weight * leaves.share
                                     by_share, _0, _1 = wp.grad(weighted_straight)(bsdf, wo, of_leaf)
                                     add_to_material(sums, scene, leaves.leaf, bsdf, surface, by_share.slots)
-                    hit = intersect.next_hit(scene, ray, hit, light.t_max)
+                    hit = intersect.next_hit(scene, ray, hit, t_max)
                     surfaces_passed += 1
 
     return add_to_shadow

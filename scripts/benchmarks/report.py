@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from peers.peer import OWN, PEERS
 
-from benchmarks import caustics, checkouts, found, gradients, rays
+from benchmarks import caustics, checkouts, found, gradients, own, rays
 from benchmarks.measure import MEASURED_FOLDER, ROOT, Row, geometric_mean, table, write_section
 
 PAGE = ROOT / "docs" / "performance.md"
@@ -200,5 +200,6 @@ SECTIONS = {
     "gradients": (Section(None, "gradients", gradients.text),),
     "caustics": (Section(None, "caustics", caustics.text),),
     "checkouts": (Section(None, "checkouts", checkouts.text),),
+    "own": (Section(None, "own", own.text),),
 }
 """The tables of each benchmark."""

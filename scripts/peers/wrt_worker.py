@@ -12,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from worker import serve, shared_file
 
 import wrt
+from wrt.gradients.backward import Backward
 from wrt.rendering.passes import LONGEST_PASS
 
 
@@ -61,7 +62,9 @@ class WrtWorker:
 
     def gradients(self, d_image: Any, names: list[str], spp: int, seed: int) -> dict[str, Any]:
         """Return the derivatives of a loss by parameters."""
-        return self.renderer.gradients(d_image, names, spp=spp, seed=seed)
+        found = self.renderer.gradients(d_image, names, spp=spp, seed=seed)
+        Backward(self.renderer).compile()  # only the first gradients are without wide kernels
+        return found
 
     def picture(self) -> Any:
         """Return (H, W, 3) float32."""

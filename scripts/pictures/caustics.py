@@ -116,9 +116,8 @@ def magnifying_glass() -> wrt.Scene:
 
 def prism() -> wrt.Scene:
     """A strip of sunlight through a slit, and a prism of glass with much dispersion."""
-    scene = on_a_table((0.35, 2.4, 2.2), (0.35, 0.0, 0.15), sky=0.05)
+    scene = on_a_table((0.35, 2.4, 2.2), (0.35, 0.0, 0.15), sky=0.15)
     scene.settings.exposure = 0.0
-    scene.settings.max_depth = 4  # light of the strip that goes through the prism, too, would be coloured dots
     corners = 0.45 * np.array([(np.sin(a), np.cos(a)) for a in np.radians((180.0, 300.0, 60.0))])
     points = np.array([(x, y, z) for y in (0.002, 0.5) for x, z in corners])
     sides = [(0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4), (2, 0, 3), (2, 3, 5), (0, 2, 1), (3, 4, 5)]

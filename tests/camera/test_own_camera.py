@@ -9,6 +9,7 @@ from support.pages import program_of
 from support.small_scenes import finish
 
 import wrt
+from wrt.kernels.camera.models import CAMERA_MODELS
 from wrt.kernels.camera.projections import PERSPECTIVE as PINHOLE
 from wrt.scene.camera import CAMERAS
 
@@ -27,6 +28,7 @@ def example(tmp_path_factory):
     assert wrt.load_image(path.parent / "stereographic.png").shape == (8, 8, 3)
     yield SimpleNamespace(**program)
     CAMERAS.pop("stereographic", None)  # leave the register as it was found
+    CAMERA_MODELS.forget("stereographic")
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from support.pages import program_of
 import wrt
 from wrt.backend import user_code
 from wrt.cli import main
+from wrt.kernels.bsdf import BSDFS
 from wrt.scene.materials import MATERIALS
 
 CODE = program_of("own-bsdf")
@@ -84,6 +85,7 @@ def test_a_file_is_loaded_again_after_a_change(folder: Path) -> None:
             wrt.load_models("numpy.py")
     finally:
         MATERIALS.pop("lunar", None)
+        BSDFS.forget("lunar")
 
 
 @pytest.mark.parametrize(

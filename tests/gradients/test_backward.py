@@ -247,7 +247,7 @@ def test_devices_agree(device: str) -> None:
 def test_bits_do_not_depend_on_threads_or_launches(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = box()
     found = gradients(renderer_of(scene))
-    monkeypatch.setattr("wrt.gradients.backward.PER_LAUNCH", 5 * SIZE * SIZE)
+    monkeypatch.setattr("wrt.gradients.kernels.PER_LAUNCH", 5 * SIZE * SIZE)
     again = gradients(renderer_of(scene, threads=1))
     assert set(found) == set(KEYS)
     for key in KEYS:

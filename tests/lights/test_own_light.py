@@ -31,6 +31,7 @@ def ring(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Register the page's light, and leave the register as it was found."""
     yield definitions(CODE, tmp_path_factory.mktemp("own") / "ring.py")["RingLight"]
     del LIGHTS["ring"]
+    LIGHT_SHAPES.forget("ring")
 
 
 @pytest.fixture(autouse=True)

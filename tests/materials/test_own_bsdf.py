@@ -35,6 +35,7 @@ def lunar() -> Iterator[Any]:
     """Leave the registers as they were found, for tests of other files that look at every material."""
     yield lunar_of("lunar", CODE)
     del MATERIALS["lunar"]
+    BSDFS.forget("lunar")
 
 
 @pytest.mark.slow

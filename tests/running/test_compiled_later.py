@@ -67,7 +67,8 @@ def compiled(monkeypatch):
     """Return what `main` would have compiled; diffuse surfaces are not translated, or rejected by clang."""
     features = []
 
-    def compile_kernel(requested, lanes):
+    def compile_kernel(requested, lanes, part):
+        assert part == kernel.RENDER
         if requested == DIFFUSE:
             raise Unsupported("diffuse") if lanes == 8 else RuntimeError("CPU kernel build failed")
         features.append(requested)
@@ -143,7 +144,7 @@ def test_one_process_compiles_and_serves_what_comes_meanwhile(started, table, co
     second = dataclasses.replace(MIRROR, composite="holes")
     paths = []
 
-    def compile_kernel(features, *_):
+    def compile_kernel(features, *_, **__):
         if features == MIRROR:
             paths.append(request(second, 8, tmp_path))
             assert serve(table, tmp_path) == 0, "another process ends at once"
@@ -258,7 +259,7 @@ def test_general_kernels_are_compiled_once(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv(WIDE, "8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     compiled = []
-    monkeypatch.setattr(kernel, "compile_kernel", lambda features, *_: compiled.append(features))
+    monkeypatch.setattr(kernel, "compile_kernel", lambda features, *_, **__: compiled.append(features))
     assert main(["compile", "--general", "--sampler", "independent"]) == 0
     plain = Features(("diffuse",), False, "none", sampler="independent")
     assert compiled == general_features(plain) + general_features(guide_features(plain, wrt.RenderSettings()))

@@ -20,11 +20,13 @@ from support.wide_scenes import LANES, differences, needs_lanes
 
 import wrt
 from wrt.compiling.general import tiers
-from wrt.kernels.bsdf import diffuse
+from wrt.kernels.bsdf import BSDFS, diffuse
 from wrt.kernels.camera import projections
+from wrt.kernels.camera.models import CAMERA_MODELS
 from wrt.kernels.core.bsdf import Bsdf, Model
 from wrt.kernels.core.spmd_marks import path_function
 from wrt.kernels.lights import area_lights
+from wrt.kernels.lights.shapes import LIGHT_SHAPES
 from wrt.scene.camera import CAMERAS
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS
@@ -59,11 +61,13 @@ def scene(material: wrt.Material, light: wrt.Light, camera: wrt.Camera) -> wrt.S
 @pytest.fixture
 def registers() -> Any:
     """Leave the registers as they were found."""
-    before = [(register, dict(register)) for register in (MATERIALS, LIGHTS, CAMERAS)]
+    kinds = ((MATERIALS, BSDFS), (LIGHTS, LIGHT_SHAPES), (CAMERAS, CAMERA_MODELS))
+    before = [set(register) for register, _ in kinds]
     yield
-    for register, entries in before:
-        register.clear()
-        register.update(entries)
+    for (register, models), names in zip(kinds, before, strict=True):
+        for name in set(register) - names:
+            del register[name]
+            models.forget(name.replace("-", "_"))
 
 
 WHERE: dict[str, Any] = {"origin": (0.1, 1.0, 3.5), "target": (0.0, 0.4, 0.0)}

@@ -35,16 +35,22 @@ def has_wide(features: Any) -> bool:
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
 
 
-def declaration(features: Any, lanes: int) -> tuple[Any, ...]:
+RENDER = "render"
+"""What most kernels do. Those of gradients are called "radiance" and "replay": see `wrt.gradients.kernels`."""
+
+
+def declaration(features: Any, lanes: int, part: str = RENDER) -> tuple[Any, ...]:
     """Return the module, the name and the arguments of the function that declares a kernel."""
+    if part != RENDER:
+        return "wrt.spmd.kernel", "make_wide_gradient_kernel", features, part, lanes
     if lanes == SCALAR:
         return "wrt.kernels.render", "make_render_kernel", features
     return "wrt.spmd.kernel", "make_wide_render_kernel", features, lanes
 
 
-def name_of_kernel(features: Any, lanes: int) -> str:
+def name_of_kernel(features: Any, lanes: int, part: str = RENDER) -> str:
     """Return the name in the table of artefacts of the kernel with these features and lanes."""
-    module, function, *arguments = declaration(features, lanes)
+    module, function, *arguments = declaration(features, lanes, part)
     return call_name(module, function, tuple(arguments))
 
 
@@ -80,12 +86,14 @@ def start(module: str, *arguments: str, **options: Any) -> subprocess.Popen[byte
     return subprocess.Popen(command(module, *arguments), stdin=null, stdout=null, stderr=null, **options)
 
 
-def is_compiled(features: Any, lanes: int) -> bool:
+def is_compiled(features: Any, lanes: int, part: str = RENDER) -> bool:
     """Return whether the kernel is compiled and in the cache."""
-    return current_backend().artefacts.has(name_of_kernel(features, lanes))
+    return current_backend().artefacts.has(name_of_kernel(features, lanes, part))
 
 
-def compile_kernel(features: Any, lanes: int, uses: Callable[[Device], object] | None = None) -> None:
+def compile_kernel(
+    features: Any, lanes: int, uses: Callable[[Device], object] | None = None, part: str = RENDER
+) -> None:
     """Compile the kernel in this process, with all that `uses` then needs on the device, for other processes.
 
     Raises:
@@ -94,7 +102,7 @@ def compile_kernel(features: Any, lanes: int, uses: Callable[[Device], object] |
     """
     device = Device("cpu")
     device.backend.kernels("wrt.kernels.native.constants").TILE  # noqa: B018  # which a wide kernel needs, too
-    device.compile(device.backend.call(*declaration(features, lanes)))
+    device.compile(device.backend.call(*declaration(features, lanes, part)))
     if uses is not None:
         uses(device)
     device.backend.artefacts.save()
@@ -103,27 +111,27 @@ def compile_kernel(features: Any, lanes: int, uses: Callable[[Device], object] |
 def main(arguments: list[str]) -> int:
     """Compile the kernel for features given as JSON, or from a file of code that the parent has generated.
 
-    The arguments are the program's name, the features or the file, the lanes, the id of the parent process, and the
-    folders of Warp's kernels and of the table of artefacts if the usual one fails. This process ends with its parent.
-    Concurrent processes compile one after the other.
+    The arguments are the program's name, the features or the file, the lanes, the kernel's part, the id of the parent
+    process, and the folders of Warp's kernels and of the table of artefacts if the usual one fails. This process ends
+    with its parent. Concurrent processes compile one after the other.
     """
     import warp as wp
 
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C reaches every process of the terminal's foreground group
     _end_with_parent()
-    if os.getppid() != int(arguments[3]):
+    if os.getppid() != int(arguments[4]):
         return 1  # the parent ended before the line above
     artefacts = current_backend().artefacts
-    if arguments[4:]:
-        wp.config.kernel_cache_dir, table = arguments[4:]
+    if arguments[5:]:
+        wp.config.kernel_cache_dir, table = arguments[5:]
         artefacts.folders.append(Path(table))
-    what, lanes = arguments[1], int(arguments[2])
+    what, lanes, part = arguments[1], int(arguments[2]), arguments[3]
     with artefacts.lock():
         artefacts.refresh()
         if os.path.isabs(what):
             compile_generated(json.loads(Path(what).read_text(encoding="utf-8")))
-        elif not is_compiled(features := from_json(what), lanes):
-            compile_kernel(features, lanes)
+        elif not is_compiled(features := from_json(what), lanes, part):
+            compile_kernel(features, lanes, part=part)
     return 0
 
 

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 from wrt.backend import cache_folders, current_backend
 from wrt.backend.artefacts import Artefacts
 from wrt.compiling.kernel import (
+    RENDER,
     as_json,
     compile_generated,
     compile_kernel,
@@ -78,7 +79,7 @@ def is_running() -> bool:
     return path is not None and requests_folder(path).is_dir() and _is_locked(requests_folder(path))
 
 
-def request(features: Any, lanes: int) -> Path | None:
+def request(features: Any, lanes: int, part: str = RENDER) -> Path | None:
     """Have another process compile a kernel, and return the path of the request, which is removed once it is done.
 
     Return None if the environment forbids that, if the cache cannot be written to, or if the kernel's compiler was
@@ -90,16 +91,16 @@ def request(features: Any, lanes: int) -> Path | None:
     try:
         kernels = cache_folders.kernels_folder()
         cache_folders.require_writable(kernels / artefacts.warp_version)
-        folder, name = requests_folder(artefacts.path), _digest(name_of_kernel(features, lanes).encode())
+        folder, name = requests_folder(artefacts.path), _digest(name_of_kernel(features, lanes, part).encode())
         path = folder / f"{_group(artefacts.path, kernels)}-{name}{REQUESTED}"
         folder.mkdir(parents=True, exist_ok=True)
         if _is_young(path.with_suffix(BEGUN), RETRY_SECONDS):
             return path if _is_locked(folder) else None
         if not models_from_outside(features):
-            _put(path, json.dumps([as_json(features), lanes]), artefacts.path, kernels)
+            _put(path, json.dumps([as_json(features), lanes, part]), artefacts.path, kernels)
         elif path not in _being_generated:
             _being_generated.add(path)
-            code_of(features, lanes).add_done_callback(partial(_put_code, path, artefacts.path, kernels))
+            code_of(features, lanes, part).add_done_callback(partial(_put_code, path, artefacts.path, kernels))
     except (OSError, TypeError):
         return None
     return path
@@ -173,8 +174,10 @@ def _serve(path: Path, artefacts: Artefacts, kernels: Path) -> None:
             wp.config.kernel_cache_dir = str(kernels)
         if isinstance(requested, dict):
             compile_generated(requested)
-        elif not is_compiled(features := from_json(requested[0]), lanes := requested[1]):
-            compile_kernel(features, lanes)
+        else:
+            features, lanes, part = from_json(requested[0]), requested[1], requested[2]
+            if not is_compiled(features, lanes, part):
+                compile_kernel(features, lanes, part=part)
         begun.unlink(missing_ok=True)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wrt.backend import cache_folders, current_backend
-from wrt.compiling.kernel import declaration, name_of_kernel
+from wrt.compiling.kernel import RENDER, declaration, name_of_kernel
 
 if TYPE_CHECKING:
     from concurrent.futures import Future, ThreadPoolExecutor
@@ -29,12 +29,12 @@ def models_from_outside(features: Any) -> list[str]:
 
 
 @functools.cache
-def code_of(features: Any, lanes: int) -> Future[str]:
+def code_of(features: Any, lanes: int, part: str = RENDER) -> Future[str]:
     """Return the code of a kernel as JSON, which is ready in a second; see `wrt.backend.generated`.
 
     Its exception is Unsupported if the kernel cannot be translated. Python ends only after it is ready.
     """
-    return _generator().submit(_generate, features, lanes)
+    return _generator().submit(_generate, features, lanes, part)
 
 
 @functools.cache
@@ -47,11 +47,11 @@ def _generator() -> ThreadPoolExecutor:
     return pool
 
 
-def _generate(features: Any, lanes: int) -> str:
+def _generate(features: Any, lanes: int, part: str) -> str:
     from wrt.backend.generated import generate
 
-    kernel = current_backend().call(*declaration(features, lanes))
-    return json.dumps(generate(name_of_kernel(features, lanes), kernel))
+    kernel = current_backend().call(*declaration(features, lanes, part))
+    return json.dumps(generate(name_of_kernel(features, lanes, part), kernel))
 
 
 def refusal(features: Any, lanes: int) -> str:
@@ -63,9 +63,9 @@ def refusal(features: Any, lanes: int) -> str:
 class Compiler:
     """What compiles a kernel: first the thread that generates its code, then a process; used as that process is."""
 
-    def __init__(self, features: Any, lanes: int, start: Callable[[str], subprocess.Popen[bytes]]) -> None:
+    def __init__(self, features: Any, lanes: int, part: str, start: Callable[[str], subprocess.Popen[bytes]]) -> None:
         """Begin; `start` starts the process, for a file with the code."""
-        self._code, self._start = code_of(features, lanes), start
+        self._code, self._start = code_of(features, lanes, part), start
         self._process: subprocess.Popen[bytes] | None = None
         self._is_ended = False
 

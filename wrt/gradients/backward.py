@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
+from wrt.gradients.kernels import GradientKernels
 from wrt.values import array, integer
 
 KEYS = (
@@ -28,9 +29,6 @@ LARGEST = 2.0**42
 PILOT = (0, -20, -40, 20)
 """Powers of two by which the unit of the first try is changed until nothing overflows."""
 
-PER_LAUNCH = 1 << 22
-"""Samples of a launch, between which an interrupt takes effect."""
-
 
 class Backward:
     """The derivatives of a renderer's picture.
@@ -40,7 +38,7 @@ class Backward:
     """
 
     def __init__(self, renderer: Any) -> None:
-        """Take a renderer, and declare the kernel for its scene, which `run` compiles.
+        """Take a renderer, and declare the kernels for its scene.
 
         Raises:
             InputError: for an integrator other than "path", "volpath" and "direct", with clamped indirect light, or
@@ -56,10 +54,15 @@ class Backward:
         features = dataclasses.replace(
             renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False
         )
-        self._kernel = self._device.backend.call(
-            "wrt.kernels.gradients.gradient_pass", "make_gradient_kernel", features
-        )
+        kernel = renderer._kernel
+        if kernel.gradients is None:
+            kernel.gradients = GradientKernels(self._device, features, kernel.records)
+        self._kernels: GradientKernels = kernel.gradients
         self.rejected = 0
+
+    def compile(self) -> None:
+        """Compile the wide kernels if necessary, and load them if possible."""
+        self._kernels.wait()
 
     def run(self, d_image: ArrayLike, spp: int, seed: int) -> dict[str, NDArray[np.float64]]:
         """Return the derivatives of a loss by the values of the scene.
@@ -140,10 +143,8 @@ class Backward:
             each.sums, each.faults, each.scale = integers, faults, scales[key]
         weights = backend.array(upstream, "vec3", name)
         shared = self._renderer.arguments_for(self._renderer.film)[1:5]
-        samples = max(1, PER_LAUNCH // len(upstream))
-        for first in range(0, spp, samples):
-            last = min(spp, first + samples)
-            self._device.launch(self._kernel, len(upstream), [first, last, seed, *shared, weights, sums])
+        film = self._renderer.film
+        self._kernels.run(spp, seed, shared, weights, sums, film.width, film.height)
         self.rejected, overflowed = (int(count) for count in backend.fetch(faults))
         found = {
             key: backend.fetch(integers)[: 3 * counts[key]].astype(np.float64).reshape(-1, 3) / scales[key]

@@ -52,11 +52,14 @@ class WideKernel:
         tile: Pixels along each side of the square that one of its threads renders.
     """
 
-    def __init__(self, device: Device, features: Any, records: tuple[Any, ...]) -> None:
-        """Start without a kernel; `features` and `records` are those of the scalar kernel (see RenderKernel)."""
+    def __init__(self, device: Device, features: Any, records: tuple[Any, ...], part: str = compiler.RENDER) -> None:
+        """Start without a kernel; `features` and `records` are those of the scalar kernel (see RenderKernel).
+
+        `part` is what the kernel does (see `wrt.compiling.kernel`).
+        """
         self.kernel: Any = None
         self.tile = 0
-        self._device, self._features, self._records = device, features, records
+        self._device, self._features, self._records, self._part = device, features, records, part
         self._lanes = 0
         self._possible: bool | None = None if device.is_cpu else False  # None: not known yet
         self._compiler: subprocess.Popen[bytes] | own.Compiler | None = None
@@ -99,7 +102,7 @@ class WideKernel:
                 self._compile(serves_next)
             elif may_compile and serves_next and not self._is_requested:
                 self._is_requested = True
-                self._request = later.request(self._features, self._lanes)
+                self._request = later.request(self._features, self._lanes, self._part)
         finally:
             _LOADING.release()
 
@@ -141,12 +144,12 @@ class WideKernel:
         return self._possible
 
     def _is_compiled(self) -> bool:
-        return compiler.is_compiled(self._features, self._lanes)
+        return compiler.is_compiled(self._features, self._lanes, self._part)
 
     def _load(self) -> None:
         self._possible = False  # do not try again, whatever happens
         with contextlib.suppress(OSError):  # the scalar kernel continues, with the same bits
-            kernel = self._device.backend.call(*compiler.declaration(self._features, self._lanes))
+            kernel = self._device.backend.call(*compiler.declaration(self._features, self._lanes, self._part))
             self.tile = self._device.backend.kernels("wrt.kernels.native.constants").TILE
             self._device.compile(kernel)
             self.kernel = kernel
@@ -155,20 +158,21 @@ class WideKernel:
         """Start compiling the kernel in another process; if this one ends first, it is for the next that it serves."""
         try:
             environment = {**os.environ, "TMPDIR": str(cache_folders.work_folder())}  # which this process removes
-            arguments = [str(self._lanes), str(os.getpid()), *self._folders()]
+            arguments = [str(self._lanes), self._part, str(os.getpid()), *self._folders()]
 
             def start(what: str) -> subprocess.Popen[bytes]:
                 return compiler.start(compiler.__name__, what, *arguments, env=environment)
 
             if own.models_from_outside(self._features):
-                self._compiler = own.Compiler(self._features, self._lanes, start)
+                self._compiler = own.Compiler(self._features, self._lanes, self._part, start)
             else:
                 self._compiler = start(compiler.as_json(self._features))
         except OSError:  # no folder has room, or there is no Python
             self._possible = False
             return
         self._compiling_since = time.perf_counter()
-        weakref.finalize(self, _end, self._compiler, serves_next, self._features, self._lanes)
+        kernel = self._features, self._lanes, self._part
+        weakref.finalize(self, _end, self._compiler, serves_next, *kernel)
 
     def _folders(self) -> list[str]:
         """Return the folders for compiled kernels, and for the table of artefacts if its usual folder fails."""
@@ -193,18 +197,21 @@ class WideKernel:
 
     def _say_refused(self) -> None:
         """Say what in a model from outside keeps the kernel from being translated."""
-        if own.models_from_outside(self._features) and (why := own.refusal(self._features, self._lanes)):
+        refused = own.models_from_outside(self._features) and self._part == compiler.RENDER
+        if refused and (why := own.refusal(self._features, self._lanes)):
             self._possible = False
             cache_folders.warn_once(f"{why} (until then renders take twice as long: docs/own-bsdf.md)")
 
 
-def _end(compiler: subprocess.Popen[bytes] | own.Compiler, serves_next: bool, features: Any, lanes: int) -> None:
+def _end(
+    compiler: subprocess.Popen[bytes] | own.Compiler, serves_next: bool, features: Any, lanes: int, part: str
+) -> None:
     """End the compiler of a render that ends before it, which nothing else would; the next may get the kernel."""
     if compiler.poll() is None:
         compiler.kill()
         compiler.wait()
         if serves_next:
-            later.request(features, lanes)
+            later.request(features, lanes, part)
 
 
 def compiling_pays(seconds_left: float, threads: int, speedup: float) -> bool:

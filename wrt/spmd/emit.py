@@ -50,7 +50,7 @@ class Emitter:
         }
         self._loops: list[str] = []
         self._depth = 0  # open `if`s
-        self._result: str | None = None  # the text after `return` if the function may end once all lanes are done
+        self._end: str | None = None  # the statement that ends the function, if it may end once all lanes are done
         self._cut: str | None = None  # the loop whose parts of a round are blocks of their own
         self._current = ir.Statement()
 
@@ -72,9 +72,19 @@ class Emitter:
 
     def whole(self) -> str:
         """Return the body of a function with the active lanes `exec_in`; any result is in `result_`."""
-        self._result = " result_" if self._function.result is not None else ""
+        self._end = "return result_;" if self._function.result is not None else "return;"
         masks = "    lanes::Mask exec = exec_in, returned_ = false;\n"
         return self.declarations(self._function.variables) + masks + self.code(self._function.body)
+
+    def until_return(self, statements: Iterable[ir.Statement]) -> str:
+        """Return the C++ of statements before the reverse part of an adjoint function, which have no result."""
+        self._end = "break;"
+        return f"    do {{\n{self.code(statements)}    }} while (false);\n"
+
+    def operand(self, e: ir.Expression) -> str:
+        """Return the C++ of an operand; of a constant integer, its number."""
+        constant = e.constant if isinstance(e, ir.Variable) else None
+        return str(constant) if type(constant) is int else self._operand(e)
 
     def in_loop(self, label: str, statements: Iterable[ir.Statement], cut: bool = False) -> str:
         """Return the C++ of statements in a loop that is emitted elsewhere.
@@ -119,8 +129,9 @@ class Emitter:
             case ir.Jump(kind, loop):
                 mask = f"{'broken' if kind == 'end' else 'continued'}_{loop}"
                 return f"{mask} = {mask} | exec; exec = false;"
-            case ir.Return(value):
+            case ir.Return(value, label):
                 result = f"lanes::set_first(result_, {value.name}, exec, returned_); " if value else ""
+                result += f"at_{label} = exec; " if label else ""
                 return f"{result}returned_ = returned_ | exec; exec = false;"
             case ir.Verbatim(code):
                 return code
@@ -142,8 +153,8 @@ class Emitter:
         text += f"    }} exec = {before} & ~({' | '.join(inactive)}); }}"
         if self._depth:
             return text
-        if self._result is not None and not self._loops and _has(s.body, ir.Return):
-            text += f" if (!lanes::any(exec)) return{self._result};"
+        if self._end is not None and not self._loops and _has(s.body, ir.Return):
+            text += f" if (!lanes::any(exec)) {self._end}"
         if self._loops == [self._cut] and _has(s.body, (ir.Return, ir.Jump, ir.Loop)):
             text += " if (!lanes::any(exec)) break;"
         return text
@@ -226,11 +237,7 @@ class Emitter:
 
     def _with_known_indices(self, arguments: tuple[ir.Expression, ...]) -> str:
         """Return arguments with constant indices as numbers, which select the C++ overload."""
-        texts = [self._operand(arguments[0])]
-        for a in arguments[1:]:
-            constant = a.constant if isinstance(a, ir.Variable) else None
-            texts.append(str(constant) if type(constant) is int else self._operand(a))
-        return ", ".join(texts)
+        return ", ".join([self._operand(arguments[0]), *map(self.operand, arguments[1:])])
 
     def _value(self, e: ir.Expression) -> str:
         match e:
@@ -275,8 +282,8 @@ class Emitter:
         member = of is None or (isinstance(of, ir.Address) and len(of.fields) < 2)
         if not member:
             raise self._unsupported()
-        if e.name == "load":
-            return f"lanes::load({arguments}, exec)"
+        if e.name in ("load", "atomic_add"):
+            return f"lanes::{e.name}({arguments}, exec)"
         if e.name in ("extract", "indexref"):
             arguments = self._with_known_indices(e.arguments)
         return f"lanes::{e.name}({arguments})"

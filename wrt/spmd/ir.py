@@ -181,9 +181,10 @@ class Jump(Statement):
 
 @dataclass(eq=False, slots=True)
 class Return(Statement):
-    """The end of the function for the active lanes."""
+    """The end of the function for the active lanes; in an adjoint function, of its first part (`label`)."""
 
     value: Variable | None
+    label: str = ""
 
 
 @dataclass(eq=False, slots=True)

@@ -1,13 +1,16 @@
-"""The wide render kernel for the CPU: each of Warp's threads renders a tile, several lanes at a time."""
+"""The wide kernels for the CPU: each of Warp's threads does the work of a tile, several lanes at a time."""
 
 import functools
 import re
+from collections.abc import Callable
+from typing import Literal
 
 import warp as wp
 
 from wrt.kernels.bsdf import model_of
 from wrt.kernels.core.bsdf import MAX_SLOTS
 from wrt.kernels.core.features import Features
+from wrt.kernels.gradients.gradient_pass import make_gradient_kernel, of_gradients
 from wrt.kernels.native import at_file_level
 from wrt.kernels.render import make_render_kernel, of_pass
 from wrt.spmd.translate import wide_code
@@ -22,12 +25,7 @@ def make_wide_render_kernel(features: Features, lanes: int) -> wp.Kernel:
     Raises:
         Unsupported: The kernel cannot be translated.
     """
-    code = wide_code(make_render_kernel(features), lanes)
-    # A material has as many slots as the scene's models read, instead of the maximum. That many take 3 KB in sixteen
-    # lanes, copied several times at each surface: glossy 1.02, textures 1.04.
-    slots = max((model_of(name).slots for name in features.models), default=0)
-    code = re.sub(rf"(Matrix|mat_t|make_mat)<{MAX_SLOTS}, ?3,", rf"\g<1><{max(slots, 1)}, 3,", code)
-    wide_code_h = at_file_level(code, "wide_code")
+    wide_code_h = _header(make_render_kernel(features), features, lanes)
 
     @wp.func_native("""
     const int width = camera.crop_width, height = (int)film.count.shape[0] / width;
@@ -43,3 +41,40 @@ def make_wide_render_kernel(features: Features, lanes: int) -> wp.Kernel:
         render_tile(first_tile + wp.tid(), target_count, seed, camera, filter_table, scene, settings, film, aovs)
 
     return render_tiles
+
+
+@functools.cache
+def make_wide_gradient_kernel(features: Features, part: Literal["radiance", "replay"], lanes: int) -> wp.Kernel:
+    """Return the kernel of 4, 8 or 16 lanes for a part of gradients; see `make_gradient_kernel`.
+
+    Raises:
+        Unsupported: The kernel cannot be translated.
+    """
+    wide_code_h = _header(make_gradient_kernel(features, part), features, lanes)
+
+    @wp.func_native("""
+    const int width = camera.crop_width, height = (int)upstream.shape[0] / width;
+    render_tile(
+        tile, width, height, 0, first, last, seed, camera, filter_table, scene, settings, upstream, radiances, sums);
+    """)
+    @of_gradients
+    def tile(tile, first, last, seed, camera, filter_table, scene, settings, upstream, radiances, sums):
+        wide_code_h()
+
+    @wp.kernel(module=wp.get_module(f"wrt.{part}.wide{lanes}.{features.name}"), enable_backward=False)
+    @of_gradients
+    def tiles(first_tile, first, last, seed, camera, filter_table, scene, settings, upstream, radiances, sums):
+        number = first_tile + wp.tid()
+        tile(number, first, last, seed, camera, filter_table, scene, settings, upstream, radiances, sums)
+
+    return tiles
+
+
+def _header(kernel: wp.Kernel, features: Features, lanes: int) -> Callable[[], None]:
+    """Return the function that includes the wide code of a kernel; see `kernels/native`."""
+    code = wide_code(kernel, lanes)
+    # A material has as many slots as the scene's models read, instead of the maximum. That many take 3 KB in sixteen
+    # lanes, copied several times at each surface: glossy 1.02, textures 1.04.
+    slots = max((model_of(name).slots for name in features.models), default=0)
+    code = re.sub(rf"(Matrix|mat_t|make_mat)<{MAX_SLOTS}, ?3,", rf"\g<1><{max(slots, 1)}, 3,", code)
+    return at_file_level(code, "wide_code")

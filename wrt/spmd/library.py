@@ -9,14 +9,15 @@ from wrt.kernels.native import headers_of, included_by, text_of
 from wrt.spmd.ir import Unsupported
 
 
-def library(lanes: int, *, exact: str = "") -> str:
+def library(lanes: int, *, exact: str = "", adjoints: bool = False) -> str:
     """Return the C++ that all wide code with this number of lanes begins with.
 
     `exact` is a header that comes first: "exact/with_spheres.h" or "exact/with_quadrics.h" if kernels test spheres, or
-    disks and cylinders, too.
+    disks and cylinders, too. `adjoints` adds those of Warp's functions.
     """
     define = text_of(exact) if exact else ""
-    return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}"
+    last = text_of("lanes/adjoints.h") if adjoints else ""
+    return f"#define LANES_WIDTH {lanes}\n{define}{text_of('lanes/library.h')}{last}"
 
 
 @functools.cache
@@ -27,6 +28,7 @@ def names() -> frozenset[str]:
 
 _WIDE = {
     "_in_one_tree__locals__traverse": "closest_hit",
+    "add_exactly": "add_exactly",
     "_sample_tree": "sample_light_tree",
     "_next_light_box": "next_light_box",
     "reverse_bits": "reverse_bits",

@@ -5,13 +5,14 @@ variables that are mostly set once. Only this file knows their syntax.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import PurePath
 from typing import Any
 
 from warp._src.codegen import strip_reference
 
 from wrt.spmd import ir
+from wrt.spmd.analysis import uses
 from wrt.spmd.remedies import refusal
 
 _V = r"(var_\w+)"
@@ -33,16 +34,41 @@ def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
     Raises:
         Unsupported: A line has an unknown form.
     """
-    adj = function.adj
-    arguments, variables = ([_variable(v) for v in of] for of in (adj.args, adj.variables))
-    parser = _Parser(structs, {v.name: v for v in (*arguments, *variables)})
+    arguments, variables = ([variable(v) for v in of] for of in (function.adj.args, function.adj.variables))
+    variables = [v for v in variables if not v.ctype.startswith("wp::tuple_t")]  # see `_Parser.pack`
     is_native = bool(getattr(function, "native_snippet", None))
-    lines = [] if is_native else [line.strip() for line in adj.blocks[0].body_forward]
-    source, number, file = "", 0, PurePath(adj.filename or "").name
-    for line in lines:
+    lines = [] if is_native else function.adj.blocks[0].body_forward
+    body = statements(function, lines, structs, [*arguments, *variables])
+    marks = frozenset(getattr(function.func, "spmd_marks", ()))
+    result = function.adj.return_var[0].type if function.adj.return_var else None
+    name = getattr(function, "native_func", "")
+    outside = not function.func.__module__.startswith("wrt.")
+    return ir.Function(function.key, name, arguments, variables, body, marks, result, outside)
+
+
+_SOURCE = re.compile(r"// (.*?) *<L (\d+)>")
+"""Warp's comment above the code of a line of Python."""
+
+
+def is_code(line: str) -> bool:
+    """Return whether a line of Warp's C++, without indentation, is neither empty nor a comment nor a directive."""
+    return bool(line) and not line.startswith(("//", "#line"))
+
+
+def statements(
+    function: Any, lines: Iterable[str], structs: dict[str, Any], variables: list[ir.Variable]
+) -> list[ir.Statement]:
+    """Return the statements of lines of a function, in which there are these variables.
+
+    Raises:
+        Unsupported: A line has an unknown form.
+    """
+    parser = _Parser(structs, {v.name: v for v in variables})
+    source, number, file = "", 0, PurePath(function.adj.filename or "").name
+    for line in map(str.strip, lines):
         if m := _SOURCE.fullmatch(line):
             source = f"{file}:{m[2]}: {function.key}: `{m[1]}`"
-        elif line and not line.startswith(("//", "#line")):
+        elif is_code(line):
             try:
                 parser.statement(line, number, source)
             except ir.Unsupported as error:
@@ -50,18 +76,14 @@ def parse(function: Any, structs: dict[str, Any]) -> ir.Function:
             except KeyError:
                 raise refusal(source, line) from None
             number += 1
-    marks = frozenset(getattr(function.func, "spmd_marks", ()))
-    result = adj.return_var[0].type if adj.return_var else None
-    name = getattr(function, "native_func", "")
-    outside = not function.func.__module__.startswith("wrt.")
-    return ir.Function(function.key, name, arguments, variables, parser.bodies[0], marks, result, outside)
+    (body,) = parser.bodies
+    if lost := {v.name for v in uses(body)} & parser.unset:
+        raise ir.Unsupported(f"uses {min(lost)}, a derivative by another than the first argument of a function")
+    return body
 
 
-_SOURCE = re.compile(r"// (.*?) *<L (\d+)>")
-"""Warp's comment above the code of a line of Python."""
-
-
-def _variable(v: Any) -> ir.Variable:
+def variable(v: Any) -> ir.Variable:
+    """Return Warp's variable."""
     return ir.Variable(v.emit(), strip_reference(v.type), v.ctype(), v.constant)
 
 
@@ -70,6 +92,7 @@ class _Parser:
 
     Attributes:
         bodies: The open lists of statements, outermost first.
+        unset: Names of variables that stay without a value.
     """
 
     def __init__(self, structs: dict[str, Any], variables: dict[str, ir.Variable]) -> None:
@@ -77,6 +100,8 @@ class _Parser:
         self.variables = variables
         self._pointers: dict[str, ir.Expression] = {}
         self._loops: list[str] = []
+        self._tuples: dict[str, list[str]] = {}
+        self.unset: set[str] = set()
         self.bodies: list[list[ir.Statement]] = [[]]
 
     def statement(self, line: str, number: int, source: str) -> None:
@@ -131,6 +156,24 @@ class _Parser:
 
     def update(self, name: str, fields: str, value: str) -> ir.Statement:
         return ir.Update(self.variables[name], tuple(fields.split(".")[1:]), self.variables[value])
+
+    # Of `wp.grad`, whose function Warp calls after it has set all adjoints to zero, and that of the result to one.
+
+    def gradient(self, function: str, arguments: str) -> ir.Statement:
+        names = arguments.split(", ")
+        count = len(names) // 2
+        first, *others = names[count:-1]
+        self.unset.update(others)
+        return ir.Set(self.variables[first], self.call(f"grad_{function}", ", ".join(names[:count])))
+
+    def pack(self, name: str, parts: str) -> None:
+        self._tuples[name] = parts.split(", ")
+
+    def unpack(self, name: str, number: str, of: str) -> ir.Statement | None:
+        if number == "0":
+            return ir.Set(self.variables[name], ir.Builtin("copy", (self.operand(self._tuples[of][0]),)))
+        self.unset.add(name)
+        return None
 
     def operand(self, name: str) -> ir.Expression:
         """Return a variable, or the target of a pointer."""
@@ -196,6 +239,11 @@ _STATEMENTS = _compiled(
         ),
         rf"goto (start|end)_{_LABEL};": _Parser.jump,
         rf"return ?{_V}?;": lambda p, name: ir.Return(p.variables[name] if name else None),
+        r"goto (label\d+);": lambda _, label: ir.Return(None, label),
+        rf"{_V} = (?:\{{\}}|wp::vec_t<\d+, wp::float32>\(1\));": lambda *_: None,
+        r"adj_(\w+)\((.*)\);": _Parser.gradient,
+        rf"{_V} = wp::tuple_t<.*>\((.*)\);": _Parser.pack,
+        rf"{_V} = wp::extract<(\d+)>\({_V}\);": _Parser.unpack,
         rf"wp::assign\({_V}, {_V}\);": lambda p, name, value: p.update(name, "", value),
         r"wp::(\w+_inplace|array_store|store)\((.*)\);": lambda p, name, arguments: ir.Do(
             ir.Builtin(name, p.operands(arguments))

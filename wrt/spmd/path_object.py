@@ -123,7 +123,7 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
         parts.append(
             f"""\
     lanes::Mask part_{number}(const lanes::Mask live) {{
-        lanes::Mask exec = {"waiting" if number else "live"}, returned_ = false;
+        lanes::Mask exec = {"waiting & live" if number else "live"}, returned_ = false;
         lanes::Mask broken_{rounds.loop.label} = false, continued_{rounds.loop.label} = false;
         if (!lanes::any(exec)) return live;
         {answered}

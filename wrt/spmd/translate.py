@@ -12,6 +12,7 @@ import warp as wp
 from warp._src.context import ModuleBuilder
 
 from wrt.kernels.native import headers_of, included_by
+from wrt.spmd.adjoints import Adjoints
 from wrt.spmd.analysis import changes
 from wrt.spmd.emit import Emitter
 from wrt.spmd.ir import Function, Module, Unsupported, Variable, calls
@@ -53,7 +54,11 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
     types = Types([*functions, pixels], structs, elements)
     headers = {n for f in builder.functions for header in included_by(f) for n in headers_of(header)}
     exact = next((header for header in ("exact/with_quadrics.h", "exact/with_spheres.h") if header in headers), "")
-    out = [library(lanes, exact=exact), types.declarations([a.type for a in pixels.arguments])]
+    gradients = {name.removeprefix("grad_") for f in functions for name in calls(f.body) if name.startswith("grad_")}
+    out = [library(lanes, exact=exact, adjoints=bool(gradients))]
+    out.append(types.declarations([a.type for a in pixels.arguments]))
+    adjoints = Adjoints(types, builder.functions, by_name)
+    out += [f"{adjoints.declaration(name)};\n" for name in sorted(gradients)]
     code.functions[path] = without_stages(code.functions[path], code)
     called = {name for f in (*code.functions.values(), pixels) if not _is_stage(f) for name in calls(f.body)}
     for f, of_warp in zip(functions, of_module, strict=True):
@@ -61,6 +66,8 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
             continue
         native = getattr(of_warp, "native_snippet", None)
         out.append(native_function(types, of_warp) if native else _function(types, f))
+    if gradients:
+        out.append(adjoints.code(gradients))
     out.append(pixel_object(types, pixels, code.functions[path], code))
     # Whether they take such arguments is up to clang.
     if missing := set(re.findall(r"\blanes::(\w+)\(", "".join(out[1:]))) - set(re.findall(r"\w+", out[0])):
@@ -108,4 +115,4 @@ def _renumbered(code: str, names: list[str]) -> str:
         prefix, name, suffix = identifier.groups()
         return f"{prefix}{numbered[name]}{suffix}" if name in numbered else identifier[0]
 
-    return re.sub(r"\b(wide_|steps_|)(\w+_\d+)((?:_of_one|_set_out|_found)?)\b", renamed, code)
+    return re.sub(r"\b(wide_grad_|wide_adj_|wide_|steps_|)(\w+_\d+)((?:_of_one|_set_out|_found)?)\b", renamed, code)

@@ -250,6 +250,26 @@ template<class T> LANES_INLINE void array_store(const wp::array_t<T>& a, Ints i,
     LANES_EACH(l, exec) wp::array_store(a, i.v[l], j.v[l], lane(x, l));
 }
 
+template<class T> LANES_INLINE Wide<T> atomic_add(const wp::array_t<T>& a, Ints i, Wide<T> x, Mask exec) {
+    Wide<T> before;
+    LANES_EACH(l, exec) before.v[l] = wp::atomic_add(a, i.v[l], x.v[l]);
+    return before;
+}
+// Lanes that add to one sum do so at once, unless that may overflow unnoticed. What the sum was is that of all then.
+LANES_INLINE Longs add_exactly(const wp::array_t<wp::int64>& sums, Ints i, Longs x, Mask exec) {
+    Longs before;
+    const Mask large = exec & ~(abs(x) < Longs(1ll << 57));
+    unsigned left = bits(exec);
+    while (left) {
+        const int first = __builtin_ctz(left), place = i.v[first];
+        const unsigned here = any(large) ? 1u << first : left & bits(i == Ints(place));
+        const long long total = __builtin_reduce_add(choose(of_bits(here), x.v, (longs)0));
+        set(before, Longs(__atomic_fetch_add(&sums.data[place], total, __ATOMIC_RELAXED)), of_bits(here));
+        left &= ~here;
+    }
+    return before;
+}
+
 // Ranges
 
 struct Range {

@@ -351,6 +351,11 @@ LANES_MATRIX Matrix<R, N, T> mul(const Matrix<R, N, T>& a, same<T> b) {
     LANES_UNROLL for (int j = 0; j < R; ++j) LANES_FOR r.c[j][k] = mul(a.c[j][k], b);
     return r;
 }
+LANES_MATRIX Matrix<R, N, T> add(const Matrix<R, N, T>& a, const Matrix<R, N, T>& b) {
+    Matrix<R, N, T> r;
+    LANES_UNROLL for (int j = 0; j < R; ++j) LANES_FOR r.c[j][k] = add(a.c[j][k], b.c[j][k]);
+    return r;
+}
 LANES_MATRIX Matrix<N, R, T> transpose(const Matrix<R, N, T>& a) {
     Matrix<N, R, T> r;
     LANES_UNROLL for (int j = 0; j < R; ++j) LANES_FOR r.c[k][j] = a.c[j][k];

@@ -1,0 +1,114 @@
+"""`own`: copies of built-in models, registered from outside, beside the built-in ones."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import resource
+import statistics
+import time
+from typing import Any, ClassVar
+
+import wrt
+from benchmarks.measure import Row, table
+from wrt.compiling.kernel import SCALAR, declaration
+from wrt.kernels.bsdf.diffuse import DIFFUSE
+from wrt.kernels.camera.projections import PERSPECTIVE
+from wrt.kernels.lights.area_lights import DISK
+from wrt.rendering.wide_kernel import threads_of
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnDiffuse(wrt.Diffuse):
+    """A copy of `wrt.Diffuse`."""
+
+    type_name: ClassVar[str] = "own-diffuse"
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnDisk(wrt.DiskLight):
+    """A copy of `wrt.DiskLight`."""
+
+    type_name: ClassVar[str] = "own-disk"
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnPerspective(wrt.PerspectiveCamera):
+    """A copy of `wrt.PerspectiveCamera`."""
+
+    type_name: ClassVar[str] = "own-perspective"
+    model: ClassVar[str] = "own_perspective"
+
+
+KINDS: dict[str, tuple[Any, Any, Any]] = {
+    "built-in": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera),
+    "BSDF": (OwnDiffuse, wrt.DiskLight, wrt.PerspectiveCamera),
+    "light": (wrt.Diffuse, OwnDisk, wrt.PerspectiveCamera),
+    "camera": (wrt.Diffuse, wrt.DiskLight, OwnPerspective),
+}
+"""Material, light and camera of each scene: one of them is a copy."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.add_argument("--spp", type=int, default=64, metavar="N")
+    parser.add_argument("--repeats", type=int, default=5, metavar="N")
+
+
+def benchmark(options: argparse.Namespace) -> Row:
+    """Return seconds of CPU by scalar and wide kernels, and the seconds until each kernel was there."""
+    wrt.register_material(OwnDiffuse, DIFFUSE)
+    wrt.register_light(OwnDisk, DISK)
+    wrt.register_camera(OwnPerspective, PERSPECTIVE)
+    renderers, rows = {}, {}
+    for name, (material, light, camera) in KINDS.items():
+        scene = wrt.Scene(camera=camera((0.0, 1.0, 4.0)))
+        scene.add(wrt.sphere(), material=material(0.6))
+        scene.add(wrt.quad((-4, -1, 4), (8, 0, 0), (0, 0, -8)), material=material(0.6))
+        scene.add_light(light((0.0, 4.0, 2.0), (0.0, -1.0, 0.0), 1.0, 9.0))
+        start = time.perf_counter()
+        renderer = wrt.Renderer(scene, width=200, height=150, threads=1)
+        renderer.render(spp=1)
+        first = time.perf_counter() - start
+        wide = renderer.compile()
+        renderers[name], rows[name] = renderer, {"first": first, "compiling": wide, "lanes": renderer.lanes}
+    for kernel in ("scalar", "wide"):
+        seconds: dict[str, list[float]] = {name: [] for name in KINDS}
+        for _ in range(options.repeats):
+            for name, renderer in renderers.items():  # in turn: the machine's speed changes
+                seconds[name].append(_seconds(renderer, options.spp, kernel))
+        for name, found in seconds.items():
+            rows[name][kernel] = statistics.median(found)
+    return {"benchmark": "own", "rows": rows, "spp": options.spp}
+
+
+def _seconds(renderer: wrt.Renderer, spp: int, kernel: str) -> float:
+    """Return seconds of CPU of the first `spp` samples of each pixel by one of the renderer's kernels."""
+    film, wide = renderer.film, renderer._kernel.wide
+    threads, launched = threads_of(film.width, film.height, wide.tile), wide.kernel
+    if kernel == "scalar":
+        declared = declaration(renderer._kernel.features, SCALAR)
+        threads, launched = film.pixels, renderer._kernel.scalar or renderer.device.backend.call(*declared)
+        renderer.device.compile(launched)
+    film.data.count.zero_()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_utime
+    renderer.device.launch(launched, threads, [spp, *renderer._inputs])
+    return resource.getrusage(resource.RUSAGE_SELF).ru_utime - before
+
+
+def text(result: Row) -> str:
+    """Return the speeds as shares of the built-in models' own."""
+    rows, of = result["rows"], result["rows"]["built-in"]
+    head = ("a copy of", "scalar", "wide", "lanes", "until the first picture", "wide kernel")
+    return table(
+        head,
+        (
+            (
+                name,
+                *(f"{of[kernel] / row[kernel]:.2f}" for kernel in ("scalar", "wide")),
+                str(row["lanes"]),
+                *(f"{row[key]:.1f} s" for key in ("first", "compiling")),
+            )
+            for name, row in rows.items()
+        ),
+    )
