@@ -3,7 +3,7 @@
 If each thread follows its paths in an inner loop, as in `render.py`, threads whose path has ended wait for the longest
 one of their warp, at each sample. Here there is one loop: a round begins a path if there is none, follows it to its
 next vertex, and adds it to the film if it ended (Novák, Havran and Dachsbacher 2010). Lanes without a path vote, so
-that camera rays, which are alike, are traced side by side. The savings are in docs/gpu.md.
+that camera rays, which are alike, are traced side by side. The savings are in docs/notes/gpu.md.
 """
 
 from dataclasses import replace

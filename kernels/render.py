@@ -37,7 +37,7 @@ def gpu_module(name: str) -> wp.Module:
     """Return the module of this name, for kernels that run on GPUs alone.
 
     It is compiled with approximate division and square roots, accurate to two units in the last place, which take half
-    of the code: a GPU waits for instructions longer than for anything else (docs/gpu.md).
+    of the code: a GPU waits for instructions longer than for anything else (docs/notes/gpu.md).
     """
     module = wp.get_module(name)
     module.options["fast_math"] = True

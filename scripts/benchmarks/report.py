@@ -193,7 +193,7 @@ SECTIONS = {
         Section(NOTES / "comparison.md", "render", render_text),
         Section(NOTES / "comparison.md", "agreement", lambda result: agreement_table(result["rows"])),
     ),
-    "gpu": (Section(ROOT / "docs" / "gpu.md", "speed", gpu_text),),
+    "gpu": (Section(ROOT / "docs" / "notes" / "gpu.md", "speed", gpu_text),),
     "files": (Section(NOTES / "comparison.md", "files", files_text),),
     "found": (Section(PAGE, "found", found.text),),
     "rays": (Section(None, "rays", rays.text),),

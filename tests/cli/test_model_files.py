@@ -46,13 +46,11 @@ def test_pictures_of_them(folder: Path) -> None:
     for command in (
         ("render", *own, *small, "-o", "moon.npy"),
         ("compile", *own, *small[:2]),
-        ("convert", "again.toml", *own),
         ("materials", "lunar", *own[1:]),
     ):
         done = run(folder, *command)
         assert (done.returncode, done.stderr.count("error")) == (0, 0), done.stderr
     assert wrt.load_image("moon.npy").max() > 0.0
-    assert 'type = "lunar"' in Path("again.toml").read_text()
 
 
 @pytest.mark.parametrize(
