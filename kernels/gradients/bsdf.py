@@ -39,16 +39,17 @@ def _nothing_straight(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
 def differentiable(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return those of the models `names` that have derivatives by their slots.
 
-    The waves of a thin film are summed in a loop that carries values from round to round, whose adjoint Warp gets
-    wrong without a word.
+    The film of "principled" changes little where it ends its sum of waves, and quotients do not prove its derivatives.
     """
-    return tuple(name for name in names if model_of(name).slots and "film" not in name.split(":"))
+    filmed = [name for name in names if name.startswith("principled:") and "film" in name.split(":")]
+    return tuple(name for name in names if model_of(name).slots and name not in filmed)
 
 
 def slots_without_derivative(name: str) -> tuple[int, ...]:
-    """Return the slots of a model that have no derivative, or one of little use.
+    """Return the slots of a model that have no derivative here.
 
-    How far light is bent by a smooth boundary has none, and indices with dispersion come from several values.
+    The index of a smooth boundary decides where refracted light goes, and so all that a path finds from there on. With
+    dispersion a row of the slots is overwritten for each channel, whose adjoint Warp 1.19 gets wrong.
     """
     model = model_of(name)
     if not differentiable((name,)):
@@ -112,8 +113,8 @@ def make_lobe_weights(names: tuple[str, ...]) -> wp.Function:
 def make_own_slots(names: tuple[str, ...]) -> wp.Function:
     """Return (bsdf, gradients, between_bodies, own_normals) -> slot_values, without what is not the material's.
 
-    Between bodies the refractive index is theirs, with dispersion it is computed for each channel, whose probabilities
-    are those of the path; and a coat's normals are those of its normal map.
+    Between bodies the refractive index is theirs, with dispersion it has no derivative, and the probabilities of the
+    channels are those of the path; and a coat's normals are those of its normal map.
     """
     without_index, with_normals = _make_without_index(names), make_with_normals(names)
 

@@ -1,4 +1,4 @@
-"""Derivatives by the absorption and the scattering coefficient of homogeneous media.
+"""Derivatives by the absorption, the scattering coefficient and the emission of homogeneous media.
 
 The sampling of flights stays as it is, so along a segment of length d only the measured factor depends on them: the
 transmittance exp(−σt d), times σs if the path scatters there, with σt = σa + σs.
@@ -7,11 +7,11 @@ transmittance exp(−σt d), times σs if the path scatters there, with σt = σ
 import warp as wp
 
 from wrt.kernels.core.features import Features
-from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.ray_tree import INFINITE_DISTANCE, NO_HIT, Hit
 from wrt.kernels.core.scene_data import BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.gradients.bsdf import over
-from wrt.kernels.gradients.sums import GradientSums, add_color
+from wrt.kernels.gradients.sums import GradientSums, add_color, add_number
 from wrt.kernels.media.medium import make_extinction, mean_free_length, medium_of, transmittance
 
 
@@ -77,10 +77,15 @@ def make_add_to_medium(features: Features) -> wp.Function:
                 elif hit.triangle != NO_HIT:
                     by_extinction = gradient * -length
                 extinction = extinction_of(scene, stack)
-                shining = wp.cw_mul(wp.cw_mul(upstream, throughput), record.emission)
-                for c in range(3):
-                    if shining[c] != 0.0:
-                        by_extinction[c] = by_extinction[c] + shining[c] * mean_free_length_slope(extinction[c], length)
+                if wp.max(record.emission) > 0.0:
+                    for c in range(3):
+                        # A channel without extinction shines nowhere, or not without end.
+                        if extinction[c] > 0.0 or length < 0.5 * INFINITE_DISTANCE:
+                            seen = upstream[c] * throughput[c]
+                            slope = mean_free_length_slope(extinction[c], length)
+                            by_extinction[c] = by_extinction[c] + seen * record.emission[c] * slope
+                            free = mean_free_length(extinction[c], length)
+                            add_number(sums.media_emission, 3 * medium + c, seen * free)
                 add_to_extinction(sums, medium, by_extinction)
                 if wp.static(features.media == "scattering"):
                     if scatters:

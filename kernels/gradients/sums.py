@@ -42,6 +42,7 @@ class GradientSums:
     environment_texels: ExactSums
     media_absorption: ExactSums
     media_scattering: ExactSums
+    media_emission: ExactSums
 
 
 @wp.func_native("""

@@ -182,9 +182,9 @@ def glasses() -> wrt.Scene:
 
 def fog() -> wrt.Scene:
     """Media that absorb and emit, around everything and in a body."""
-    inside = wrt.Medium((0.6, 1.2, 0.3), emission=(0.1, 0.2, 0.0))
+    inside = wrt.Medium((0.6, 1.2, 0.3), emission=(0.1, 0.2, 0.05))
     body = wrt.box((-0.7, 0.1, -0.4), (-0.1, 0.9, 0.3))
-    return box((body, wrt.Null(interior=inside)), medium=wrt.Medium((0.1, 0.05, 0.2), emission=(0.02, 0.0, 0.03)))
+    return box((body, wrt.Null(interior=inside)), medium=wrt.Medium((0.1, 0.05, 0.2), emission=(0.02, 0.01, 0.03)))
 
 
 SCENES = {each.__name__: each for each in (textures, mixtures, lamps, glasses, fog)}
@@ -208,7 +208,7 @@ def arrays_of(renderer: wrt.Renderer) -> dict[str, NDArray[Any]]:
     for key, array in (("texels", data.texels), ("environment_texels", data.environment.texels)):
         found |= {} if array is None else {key: array.rows}
     if data.media is not None:
-        found |= {"media_absorption": data.media.rows["absorption"], "media_scattering": data.media.rows["scattering"]}
+        found |= {f"media_{name}": data.media.rows[name] for name in ("absorption", "scattering", "emission")}
     return found
 
 

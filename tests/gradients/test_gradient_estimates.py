@@ -76,6 +76,11 @@ CASES = {
     "rough glass": Case(
         on_ball(wrt.RoughDielectric(1.5, alpha=0.4)), 256, {"alpha": slot(0, 0.04), "through": slot(3, 0.03)}
     ),
+    "film": Case(
+        on_ball(wrt.RoughConductor(0.3, metal="Ti", film_thickness=150.0, film_ior=1.8)),
+        64,
+        {"alpha": slot(0, 0.03), "thickness": slot(4, 2.0), "index": slot(5, 0.03)},
+    ),
     "pane": Case(lambda: room((PANE, wrt.ThinDielectric(1.5))), 256, {"ior": slot(0, 0.1), "through": slot(2, 0.03)}),
     "milk": Case(
         lambda: room((wrt.box((-0.6, 0.1, -0.6), (0.6, 1.3, 0.6)), wrt.Null(interior=MILK))),

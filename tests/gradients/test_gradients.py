@@ -16,6 +16,10 @@ def room():
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.5, 1.5, 4.0), (0.0, 0.5, 0.0)))
     scene.add(wrt.quad((-2.0, 0.0, 2.0), (4.0, 0.0, 0.0), (0.0, 0.0, -4.0)), material=floor, name="floor")
     scene.add(wrt.quad((-2.0, 0.0, -2.0), (4.0, 0.0, 0.0), (0.0, 3.0, 0.0)), material=(0.3, 0.5, 0.7), name="wall")
+    sign = wrt.quad((-1.0, 0.5, -1.0), (0.5, 0.0, 0.0), (0.0, 0.5, 0.0))
+    unlit = wrt.Unlit(0.8)
+    for mesh in (sign, sign.translated((1.0, 0.0, 0.0))):
+        scene.add(mesh, material=unlit, name="sign")
     scene.environment = wrt.ConstantEnvironment((0.2, 0.3, 0.4))
     scene.add_light(wrt.PointLight((0.0, 2.0, 1.0), (3.0, 2.0, 4.0)))
     return scene
@@ -34,7 +38,7 @@ def image_with(renderer, values, spp=SPP):
 def test_gradients_are_those_of_the_picture(renderer):
     values = wrt.parameters(renderer)
     assert list(values) == [
-        *("wall.reflectance", "point.intensity", "floor.reflectance.texels", "environment.radiance"),
+        *("wall.reflectance", "sign.color", "point.intensity", "floor.reflectance.texels", "environment.radiance"),
     ]
     d_image = np.random.default_rng(2).normal(size=(12, 16, 3))
     gradients = renderer.gradients(d_image, spp=SPP)

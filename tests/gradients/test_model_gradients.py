@@ -80,13 +80,16 @@ CASES: dict[str, Case] = {
     "burley's glass": Case(wrt.Burley(RGB, **BURLEY, transmission=0.7, ior=1.4)),
     "burley's pane": Case(wrt.Burley(RGB, **SHEET)),
     "prism": Case(wrt.RoughDielectric(1.7, alpha=0.3, dispersion=4.0)),
+    "film on copper": Case(wrt.Conductor(film_thickness=350.0, film_ior=1.6)),
+    "film by its reflectance": Case(wrt.RoughConductor(0.4, f0=(0.6, 0.4, 0.2), film_thickness=250.0)),
+    "film on rough titanium": Case(wrt.RoughConductor(0.3, metal="Ti", film_thickness=90.0, film_ior=2.3)),
     "dispersive body": Case(P(GOLD, 0.1, 0.4, **SPECULAR, transmission=0.8, dispersion=3.0)),
 }
 QUICK = ("diffuse", "oren-nayar", "glossy", "dielectric", "rough ggx", "rough abc", "principled")
 
 WEIGHT = np.array([0.7, -0.4, 1.3])
 STEP, NEAR_EDGES = 1e-2, 3e-3
-"""Relative steps: rounding disturbs short ones, and critical angles, which an index moves, long ones."""
+"""Relative steps: rounding disturbs short ones; critical angles, which an index moves, and waves disturb long ones."""
 COUNT = 4000
 
 ACROSS_KINKS = {"half metal, all bounces": 2}
@@ -194,7 +197,9 @@ def _difference(
             ends.append(launch(case, moved, wi, device, gradients=False))
         return np.asarray((ends[0] - ends[1]) / (2.0 * step))
 
-    step = size * (NEAR_EDGES if slot == model.index_slot and not model.delta else STEP)
+    of_film = "film" in case.name.split(":") and slot >= model.slots - 2
+    is_short = of_film or (slot == model.index_slot and not model.delta)
+    step = size * (NEAR_EDGES if is_short else STEP)
     coarse, fine = quotient(2.0 * step), quotient(step)
     expected = (4.0 * fine - coarse) / 3.0  # Richardson's extrapolation
     value = np.abs(launch(case, values, wi, device, gradients=False)).mean()

@@ -13,7 +13,7 @@ from wrt.upload.scene_data import SceneUpload
 QUAD = wrt.quad((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 PIXELS = np.random.default_rng(1).uniform(0.2, 0.8, (5, 7, 3)).astype(np.float32)
 GREY = np.repeat(PIXELS[..., :1], 3, axis=2)
-FOG = wrt.Medium((0.3, 0.2, 0.5), (0.1, 0.4, 0.2))
+FOG = wrt.Medium((0.3, 0.2, 0.5), (0.1, 0.4, 0.2), emission=(0.1, 0.3, 0.2))
 
 
 def image(pixels=PIXELS, **options):
@@ -83,7 +83,7 @@ def arrays_of(data, values):
     found["environment"] = environment.radiance[None]
     found["environment_texels"] = np.zeros((0, 3)) if environment.texels is None else environment.texels.numpy()
     media = data.media.numpy()
-    found |= {f"media_{name}": media[name] for name in ("absorption", "scattering")}
+    found |= {f"media_{name}": media[name] for name in ("absorption", "scattering", "emission")}
     return {name: array.astype(np.float64) for name, array in found.items()}
 
 
@@ -128,6 +128,8 @@ def test_the_derivative_by_each_field_of_each_material_is_that_of_its_slots(name
 def test_the_derivatives_by_lights_environments_and_media():
     names = assert_transposed(lit_scene())
     assert names >= {"environment.texels", "directional.irradiance", "spot.texture.texels", "panel.emission.texels"}
-    assert assert_transposed(scene_with(medium=FOG)) >= {"medium.absorption", "medium.scattering"}
+    assert assert_transposed(scene_with(medium=FOG)) >= {
+        f"medium.{name}" for name in ("absorption", "scattering", "emission")
+    }
     assert assert_transposed(harmonic_scene()) >= {"environment.coefficients"}
     assert "environment.radiance" in assert_transposed(scene_with(environment=wrt.ConstantEnvironment(0.3)))

@@ -19,7 +19,7 @@ from wrt.values import array, integer
 
 KEYS = (
     *("slots", "texels", "emission", "lights", "environment", "environment_texels"),
-    *("media_absorption", "media_scattering"),
+    *("media_absorption", "media_scattering", "media_emission"),
 )
 """What has derivatives: arrays of colours parallel to those of SceneData; see `kernels/gradients/sums.py`."""
 
@@ -123,6 +123,7 @@ class Backward:
             "environment_texels": environment.texels,
             "media_absorption": data.media,
             "media_scattering": data.media,
+            "media_emission": data.media,
         }
         counts = {key: 0 if array is None else len(array) for key, array in arrays.items()}
         return {key: 1 if key == "environment" else counts[key] for key in KEYS}

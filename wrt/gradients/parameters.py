@@ -22,14 +22,15 @@ from wrt.gradients.places import (
     MaterialField,
     Place,
     Texels,
+    UnlitColor,
     channel_of,
     slot_values,
 )
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment, SphericalHarmonicsEnvironment
-from wrt.scene.materials import Material
+from wrt.scene.materials import Material, Unlit
 from wrt.scene.materials.body import Body, bodies_of
 from wrt.scene.medium import Medium
-from wrt.scene.scene import Scene
+from wrt.scene.scene import Scene, Shape
 from wrt.scene.textures import ImageTexture, VertexColor
 from wrt.upload.lights.environment import environment_kind, resolve_environment
 from wrt.upload.materials import model_name
@@ -135,12 +136,15 @@ class _Names:
         self._used = {"environment", "medium"}
         self._seen: set[int] = set()
         self._media: set[Medium] = set()
+        self._unlit: dict[int, UnlitColor] = {}
         self._images: dict[int, list[tuple[str, Texels, ImageTexture]]] = {}
         self._is_nested = any(body.priority for shape in scene.shapes for body in bodies_of(shape.material))
         for number, shape in enumerate(scene.shapes):
             name = self._unused(shape.name)
             self._add_material(name, shape.material)
-            if shape.emits and isinstance(shape.emission, ImageTexture):
+            if isinstance(shape.material, Unlit):
+                self._add_unlit(name, number, shape)
+            elif shape.emits and isinstance(shape.emission, ImageTexture):
                 self._add_image(f"{name}.emission", shape.emission, number, is_number=False)
             elif shape.emits and not isinstance(shape.emission, VertexColor):
                 self.places[f"{name}.emission"] = Emission(number, shape.emission)
@@ -198,6 +202,18 @@ class _Names:
             elif field.name in _fields_of(material, self._is_nested):
                 self.places[name] = MaterialField(material, field.name)
 
+    def _add_unlit(self, owner: str, number: int, shape: Shape) -> None:
+        """Add the colour of an unlit material, or one more shape that it has, unless the shape has an emission."""
+        color = shape.material.emission
+        if isinstance(color, ImageTexture):
+            if shape.emission is color:
+                self._add_image(f"{owner}.color", color, number, is_number=False)
+        elif not isinstance(color, VertexColor) and shape.emission == color:
+            key = id(shape.material)
+            if key not in self._unlit:
+                self._unlit[key] = self.places[f"{owner}.color"] = UnlitColor(shape.material, [])
+            self._unlit[key].numbers.append(number)
+
     def _add_image(
         self, name: str, texture: ImageTexture, user: tuple[Material, int] | int, *, is_number: bool
     ) -> None:
@@ -225,6 +241,8 @@ class _Names:
         self.places[f"{owner}.absorption"] = Coefficient(medium, "absorption")
         if medium.scatters:
             self.places[f"{owner}.scattering"] = Coefficient(medium, "scattering")
+        if any(medium.emission):  # type: ignore[arg-type]
+            self.places[f"{owner}.emission"] = Coefficient(medium, "emission")
 
 
 def _fields_of(material: Material, is_nested: bool) -> tuple[str, ...]:

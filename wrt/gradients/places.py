@@ -150,6 +150,27 @@ class Emission:
 
 
 @dataclass(frozen=True)
+class UnlitColor:
+    """The colour of an unlit material, which is the emission of shapes; `numbers`: their numbers."""
+
+    material: Material
+    numbers: list[int]
+
+    @property
+    def value(self) -> NDArray[np.float32]:
+        return np.asarray(self.material.emission, np.float32)
+
+    def edit(self, name: str, value: Floats, edits: Edits) -> None:
+        new = color(value, name)
+        edits.materials.setdefault(id(self.material), {})["color"] = new
+        for number in self.numbers:
+            edits.emissions[number] = new
+
+    def gradient(self, sums: DeviceSums) -> Floats:
+        return np.asarray(sum(sums.of_emission(number) for number in self.numbers))
+
+
+@dataclass(frozen=True)
 class LightAmount:
     """The amount of a light without a mesh, such as its intensity or power."""
 
@@ -201,7 +222,7 @@ class EnvironmentField:
 
 @dataclass(frozen=True)
 class Coefficient:
-    """The absorption or the scattering of a homogeneous medium."""
+    """The absorption, the scattering or the emission of a homogeneous medium."""
 
     medium: Medium
     field: str

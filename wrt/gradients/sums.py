@@ -21,8 +21,8 @@ class DeviceSums:
     """Derivatives of a loss by the values of a scene on a device.
 
     Their arrays, by name, are parallel to those of SceneData: "slots" (S, 3), "texels" (T, 3), "lights" (L, 3),
-    "emission" (shapes, 3), "environment" (3,), "environment_texels" (N, 3), "media_absorption" and "media_scattering"
-    (media, 3). Those of lights with triangles are in "emission", not in "lights".
+    "emission" (shapes, 3), "environment" (3,), "environment_texels" (N, 3), "media_absorption", "media_scattering" and
+    "media_emission" (media, 3). Those of lights with triangles are in "emission", not in "lights".
     """
 
     def __init__(self, values: SceneValues, data: Any, arrays: Mapping[str, Floats]) -> None:
@@ -72,5 +72,5 @@ class DeviceSums:
         return np.asarray(self["lights"][sum(self._values.light_counts) + number])
 
     def of_medium(self, medium: Medium, coefficient: str) -> Floats:
-        """Return the derivative by the "absorption" or the "scattering" of a medium, (3,)."""
+        """Return the derivative by the "absorption", "scattering" or "emission" of a medium, (3,)."""
         return np.asarray(self[f"media_{coefficient}"][self._values.bodies.media.index(medium)])

@@ -93,7 +93,8 @@ class SceneValues:
         old, flux = self._prepared, self._flux
         if not self.materials.is_editable:
             size = 12 * self.materials.editable_texels
-            self._device.require_memory(size, "storing each texel of the images as a value that can change")
+            what = "storing each texel of the images as a value that can change"
+            self._device.require_memory(size, what, copies=0 if self._device.is_cpu else size)
         prepared = old.changed(scene)
         # Upload to a struct of its own, since the change may still be refused.
         data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()

@@ -55,6 +55,13 @@ def _gaussian(d: float, wavenumber: float, width: float) -> wp.vec2:
 
 
 @wp.func
+def _gaussian_slope(d: float, wavenumber: float, width: float) -> wp.vec2:
+    wave = _gaussian(d, wavenumber, width)
+    turning = TWO_PI * wavenumber
+    return wave * (-2.0 * _TWO_PI_SQUARED * d * width * width) + wp.vec2(wave[1], -wave[0]) * turning
+
+
+@wp.func
 def sensitivity(d: float) -> Channels:
     """Return S of a difference of paths in µm."""
     a = _gaussian(d, 1.6356, 0.0624)
@@ -62,6 +69,22 @@ def sensitivity(d: float) -> Channels:
     c = _gaussian(d, 1.8295, 0.1143)
     e = _gaussian(d, 2.1923, 0.1093)
     f = _gaussian(d, 2.2181, 0.1006)
+    return _weighted(a, b, c, e, f)
+
+
+@wp.func
+def sensitivity_slope(d: float) -> Channels:
+    """Return the derivative of `sensitivity`."""
+    a = _gaussian_slope(d, 1.6356, 0.0624)
+    b = _gaussian_slope(d, 1.7311, 0.1068)
+    c = _gaussian_slope(d, 1.8295, 0.1143)
+    e = _gaussian_slope(d, 2.1923, 0.1093)
+    f = _gaussian_slope(d, 2.2181, 0.1006)
+    return _weighted(a, b, c, e, f)
+
+
+@wp.func
+def _weighted(a: wp.vec2, b: wp.vec2, c: wp.vec2, e: wp.vec2, f: wp.vec2) -> Channels:
     w_a = wp.vec3(0.69745, -0.13080, 0.01335)
     w_b = wp.vec3(1.76072, -0.18515, -0.05130)
     w_c = wp.vec3(-1.47746, 1.39148, -0.10073)
@@ -71,6 +94,22 @@ def sensitivity(d: float) -> Channels:
     s.re = w_a * a[1] + w_b * b[1] + w_c * c[1] + w_e * e[1] + w_f * f[1]
     s.im = w_a * a[0] + w_b * b[0] + w_c * c[0] + w_e * e[0] + w_f * f[0]
     return s
+
+
+@wp.func
+def _root(re: float, im: float) -> wp.vec2:
+    """Return the square root of a complex number whose imaginary part is not negative."""
+    length = wp.sqrt(re * re + im * im)
+    return wp.vec2(wp.sqrt(wp.max(0.5 * (length + re), 0.0)), wp.sqrt(wp.max(0.5 * (length - re), 0.0)))
+
+
+@wp.func_grad(_root)
+def _root_adjoint(re: float, im: float, adj_ret: wp.vec2):
+    # dw = dz / (2 w), also for a real z, where a part of w is the root of 0.
+    w = _root(re, im)
+    scale = 0.5 / wp.max(wp.dot(w, w), 1.0e-30)
+    wp.adjoint[re] += scale * (adj_ret[0] * w[0] - adj_ret[1] * w[1])
+    wp.adjoint[im] += scale * (adj_ret[0] * w[1] + adj_ret[1] * w[0])
 
 
 @wp.func
@@ -96,6 +135,89 @@ def _size(a: wp.vec3, power: Channels) -> float:
 
 
 @wp.func
+def _waves(s_a: wp.vec3, s_re: wp.vec3, s_im: wp.vec3, p_a: wp.vec3, p_re: wp.vec3, p_im: wp.vec3, d: float) -> wp.vec3:
+    """Return 1 − |r|², the mean over both polarisations, from A and c of each and the difference of paths."""
+    total = (s_a + p_a) * 0.5
+    s_c = Channels()
+    p_c = Channels()
+    s_c.re = s_re
+    s_c.im = s_im
+    p_c.re = p_re
+    p_c.im = p_im
+    s_power = s_c
+    p_power = p_c
+    m = int(1)
+    while m <= MOST_TERMS and wp.max(_size(s_a, s_power), _size(p_a, p_power)) > LEAST_TERM * LEAST_TERM:
+        wave = sensitivity(wp.min(float(m) * d, FARTHEST))
+        total += _terms(s_a, s_power, wave) + _terms(p_a, p_power, wave)
+        s_power = times(s_power, s_c)
+        p_power = times(p_power, p_c)
+        m += 1
+    return total
+
+
+@wp.func_grad(_waves)
+def _waves_adjoint(
+    s_a: wp.vec3,
+    s_re: wp.vec3,
+    s_im: wp.vec3,
+    p_a: wp.vec3,
+    p_re: wp.vec3,
+    p_im: wp.vec3,
+    d: float,
+    adj_ret: wp.vec3,
+):
+    # Warp's own adjoint of a loop that carries values is wrong. Of Re(cᵐ S(m D)) the derivatives are
+    # m cᵐ⁻¹ S by c and m cᵐ S' by D.
+    one = wp.vec3(1.0)
+    s_c = Channels()
+    p_c = Channels()
+    s_c.re = s_re
+    s_c.im = s_im
+    p_c.re = p_re
+    p_c.im = p_im
+    s_before = Channels()
+    p_before = Channels()
+    s_before.re = one
+    p_before.re = one
+    s_power = s_c
+    p_power = p_c
+    by_s_a = one * 0.5
+    by_p_a = one * 0.5
+    s_slope = Channels()
+    p_slope = Channels()
+    by_d = wp.vec3(0.0)
+    m = int(1)
+    while m <= MOST_TERMS and wp.max(_size(s_a, s_power), _size(p_a, p_power)) > LEAST_TERM * LEAST_TERM:
+        distance = wp.min(float(m) * d, FARTHEST)
+        wave = sensitivity(distance)
+        by_s_a += _terms(one, s_power, wave)
+        by_p_a += _terms(one, p_power, wave)
+        s_term = times(s_before, wave)
+        p_term = times(p_before, wave)
+        s_slope.re += s_term.re * float(m)
+        s_slope.im += s_term.im * float(m)
+        p_slope.re += p_term.re * float(m)
+        p_slope.im += p_term.im * float(m)
+        slope = sensitivity_slope(distance)
+        by_d += (_terms(s_a, s_power, slope) + _terms(p_a, p_power, slope)) * float(m)
+        s_before = s_power
+        p_before = p_power
+        s_power = times(s_power, s_c)
+        p_power = times(p_power, p_c)
+        m += 1
+    by_s = wp.cw_mul(adj_ret, s_a)
+    by_p = wp.cw_mul(adj_ret, p_a)
+    wp.adjoint[s_a] += wp.cw_mul(adj_ret, by_s_a)
+    wp.adjoint[s_re] += wp.cw_mul(by_s, s_slope.re)
+    wp.adjoint[s_im] += -wp.cw_mul(by_s, s_slope.im)
+    wp.adjoint[p_a] += wp.cw_mul(adj_ret, by_p_a)
+    wp.adjoint[p_re] += wp.cw_mul(by_p, p_slope.re)
+    wp.adjoint[p_im] += -wp.cw_mul(by_p, p_slope.im)
+    wp.adjoint[d] += wp.dot(adj_ret, by_d)
+
+
+@wp.func
 def film_reflectance(cos_i: float, index: float, thickness: float, eta: wp.vec3, k: wp.vec3) -> wp.vec3:
     """Return the reflectance of a film on a dielectric or metal for unpolarised light, per channel, 0 to 1.
 
@@ -116,35 +238,25 @@ def film_reflectance(cos_i: float, index: float, thickness: float, eta: wp.vec3,
     # A and c of both polarisations, s and p
     s_a = wp.vec3(0.0)
     p_a = wp.vec3(0.0)
-    s_c = Channels()
-    p_c = Channels()
+    s_re = wp.vec3(0.0)
+    p_re = wp.vec3(0.0)
+    s_im = wp.vec3(0.0)
+    p_im = wp.vec3(0.0)
     for i in range(3):
         # n₃ cosθ₃ = √(n₃² − sin²θ), with both parts positive
         square = wp.vec2(eta[i] * eta[i] - k[i] * k[i], 2.0 * eta[i] * k[i])
-        re = square[0] - sin2
-        length = wp.sqrt(re * re + square[1] * square[1])
-        below = wp.vec2(wp.sqrt(wp.max(0.5 * (length + re), 0.0)), wp.sqrt(wp.max(0.5 * (length - re), 0.0)))
+        below = _root(square[0] - sin2, square[1])
         face = _inner_face(outer_s, wp.vec2(index * cos_film, 0.0), below)
         s_a[i] = face[0]
-        s_c.re[i] = face[1]
-        s_c.im[i] = face[2]
+        s_re[i] = face[1]
+        s_im[i] = face[2]
         face = _inner_face(outer_p, square * cos_film, below * index)
         p_a[i] = face[0]
-        p_c.re[i] = face[1]
-        p_c.im[i] = face[2]
+        p_re[i] = face[1]
+        p_im[i] = face[2]
 
     d = 2.0 * index * thickness * cos_film
-    total = (s_a + p_a) * 0.5
-    s_power = s_c
-    p_power = p_c
-    m = int(1)
-    while m <= MOST_TERMS and wp.max(_size(s_a, s_power), _size(p_a, p_power)) > LEAST_TERM * LEAST_TERM:
-        wave = sensitivity(wp.min(float(m) * d, FARTHEST))
-        total += _terms(s_a, s_power, wave) + _terms(p_a, p_power, wave)
-        s_power = times(s_power, s_c)
-        p_power = times(p_power, p_c)
-        m += 1
-    reflected = wp.vec3(1.0) - total
+    reflected = wp.vec3(1.0) - _waves(s_a, s_re, s_im, p_a, p_re, p_im, d)
     return wp.vec3(wp.clamp(reflected[0], 0.0, 1.0), wp.clamp(reflected[1], 0.0, 1.0), wp.clamp(reflected[2], 0.0, 1.0))
 
 
