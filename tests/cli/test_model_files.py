@@ -21,6 +21,8 @@ type = "lunar"
 [[shapes]]
 type = "sphere"
 material = "dust"
+[environment]
+type = "constant"
 """
 
 
