@@ -39,7 +39,7 @@ from wrt.kernels.integrators.path_surface import (
 )
 from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.integrators.sides import make_hit_shown
-from wrt.kernels.lights.shapes import make_closest_hit
+from wrt.kernels.lights.shapes import make_light_shapes
 from wrt.kernels.media.skin import hit_or_skin, no_skin
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_sample_4d, passed_block, vertex_block
 
@@ -54,7 +54,7 @@ def make_replay_path(features: Features) -> wp.Function:
     """
     begin_path = make_begin_path(features)
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
-    closest_hit, occluded = make_closest_hit(features), make_intersect(features.geometry).occluded
+    intersect, light_shapes = make_intersect(features.geometry), make_light_shapes(features.light_shapes)
     hit_shown = make_hit_shown(features.geometry, features.light_shapes)
     traverse_medium, scatter_in_medium = make_traverse_medium(features), make_scatter_in_medium(features)
     surface_vertex, surface_emission = make_surface_vertex(features), make_surface_emission(features)
@@ -89,7 +89,9 @@ def make_replay_path(features: Features) -> wp.Function:
             vertex_number = path.depth + path.medium_scatterings + 1
             u_light = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
-            hit = closest_hit(scene, path.ray)
+            hit = intersect.closest_hit(scene, path.ray)
+            if wp.static(bool(features.light_shapes)):
+                hit = light_shapes.nearer(scene, path.ray, hit)
             if wp.static(features.single_sided):
                 hit = hit_shown(scene, path.ray, hit, not path.was_blurred)
             if wp.static(scattering):
@@ -182,7 +184,7 @@ def make_replay_path(features: Features) -> wp.Function:
             light = light_at_surface(scene, path, vertex, u_light, settings.strategy)
             blocked = bool(False)
             if wp.static(not can_attenuate_shadows(features)):
-                blocked = occluded(scene, light.shadow_ray, light.t_max)
+                blocked = intersect.occluded(scene, light.shadow_ray, light.t_max)
             arriving = wp.vec3(0.0)  # the derivative of the loss by what is scattered
             if wp.max(light.weight) > 0.0 and not blocked:
                 path.radiance += wp.cw_mul(path.throughput, light.radiance)

@@ -21,8 +21,8 @@ NOT_FOR_GRADIENTS = ("clamp_indirect", "layers", "crop")
 ONLY_SCALAR = "spectral"
 """A scene whose adjoints have a loop."""
 
-SLOW = "plain"
-"""The scene that is tested beside the machinery."""
+SLOW = "plain", "sides"
+"""The scenes that are tested beside the machinery: without lights that rays can hit, and with some."""
 
 SPP = 37
 
@@ -54,7 +54,7 @@ def with_wide_kernels(name: str, monkeypatch: pytest.MonkeyPatch, **changes: Any
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.slow if name == SLOW else pytest.mark.machinery)
+        pytest.param(name, marks=pytest.mark.slow if name in SLOW else pytest.mark.machinery)
         for name in SCENES
         if name != ONLY_SCALAR
     ],
@@ -77,7 +77,7 @@ def test_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 @needs_lanes
 @pytest.mark.slow
 def test_sums_beyond_the_limit_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    renderer = with_wide_kernels(SLOW, monkeypatch)
+    renderer = with_wide_kernels(SLOW[0], monkeypatch)
     monkeypatch.setattr(backward, "LARGEST", 2.0**63)
     with pytest.raises(wrt.errors.InputError, match="too large"):
         sums(renderer)
