@@ -61,39 +61,31 @@ def _gaussian_slope(d: float, wavenumber: float, width: float) -> wp.vec2:
     return wave * (-2.0 * _TWO_PI_SQUARED * d * width * width) + wp.vec2(wave[1], -wave[0]) * turning
 
 
-@wp.func
-def sensitivity(d: float) -> Channels:
-    """Return S of a difference of paths in µm."""
-    a = _gaussian(d, 1.6356, 0.0624)
-    b = _gaussian(d, 1.7311, 0.1068)
-    c = _gaussian(d, 1.8295, 0.1143)
-    e = _gaussian(d, 2.1923, 0.1093)
-    f = _gaussian(d, 2.2181, 0.1006)
-    return _weighted(a, b, c, e, f)
+def _summed(name: str, gaussian: wp.Function) -> wp.Function:
+    """Return the device function (difference of paths, µm) -> Channels, the sum of S over Gaussians or their slopes."""
+
+    @wp.func(name=name)
+    def summed(d: float) -> Channels:
+        a = gaussian(d, 1.6356, 0.0624)
+        b = gaussian(d, 1.7311, 0.1068)
+        c = gaussian(d, 1.8295, 0.1143)
+        e = gaussian(d, 2.1923, 0.1093)
+        f = gaussian(d, 2.2181, 0.1006)
+        w_a = wp.vec3(0.69745, -0.13080, 0.01335)
+        w_b = wp.vec3(1.76072, -0.18515, -0.05130)
+        w_c = wp.vec3(-1.47746, 1.39148, -0.10073)
+        w_e = wp.vec3(-0.57756, 0.27577, 0.56201)
+        w_f = wp.vec3(0.59684, -0.35130, 0.57667)
+        s = Channels()
+        s.re = w_a * a[1] + w_b * b[1] + w_c * c[1] + w_e * e[1] + w_f * f[1]
+        s.im = w_a * a[0] + w_b * b[0] + w_c * c[0] + w_e * e[0] + w_f * f[0]
+        return s
+
+    return summed
 
 
-@wp.func
-def sensitivity_slope(d: float) -> Channels:
-    """Return the derivative of `sensitivity`."""
-    a = _gaussian_slope(d, 1.6356, 0.0624)
-    b = _gaussian_slope(d, 1.7311, 0.1068)
-    c = _gaussian_slope(d, 1.8295, 0.1143)
-    e = _gaussian_slope(d, 2.1923, 0.1093)
-    f = _gaussian_slope(d, 2.2181, 0.1006)
-    return _weighted(a, b, c, e, f)
-
-
-@wp.func
-def _weighted(a: wp.vec2, b: wp.vec2, c: wp.vec2, e: wp.vec2, f: wp.vec2) -> Channels:
-    w_a = wp.vec3(0.69745, -0.13080, 0.01335)
-    w_b = wp.vec3(1.76072, -0.18515, -0.05130)
-    w_c = wp.vec3(-1.47746, 1.39148, -0.10073)
-    w_e = wp.vec3(-0.57756, 0.27577, 0.56201)
-    w_f = wp.vec3(0.59684, -0.35130, 0.57667)
-    s = Channels()
-    s.re = w_a * a[1] + w_b * b[1] + w_c * c[1] + w_e * e[1] + w_f * f[1]
-    s.im = w_a * a[0] + w_b * b[0] + w_c * c[0] + w_e * e[0] + w_f * f[0]
-    return s
+sensitivity, sensitivity_slope = _summed("sensitivity", _gaussian), _summed("sensitivity_slope", _gaussian_slope)
+"""S of a difference of paths in µm, and its derivative."""
 
 
 @wp.func
