@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
+from benchmarks.own import OwnDiffuse, OwnDisk, OwnPerspective
 from conftest import ROOT
 from support.pages import definitions, program_of
 from support.spmd_example import Mirrors, Ray, albedo_at, make_kernel, next_mirror
@@ -32,22 +32,6 @@ from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS
 from wrt.spmd.ir import Unsupported
 from wrt.spmd.translate import wide_code
-
-
-@dataclasses.dataclass(frozen=True)
-class OwnDiffuse(wrt.Diffuse):
-    type_name: ClassVar[str] = "own_diffuse"
-
-
-@dataclasses.dataclass(frozen=True)
-class OwnDisk(wrt.DiskLight):
-    type_name: ClassVar[str] = "own_disk"
-
-
-@dataclasses.dataclass(frozen=True)
-class OwnPinhole(wrt.PerspectiveCamera):
-    type_name: ClassVar[str] = "own_pinhole"
-    model: ClassVar[str] = "own_pinhole"
 
 
 def scene(material: wrt.Material, light: wrt.Light, camera: wrt.Camera) -> wrt.Scene:
@@ -78,9 +62,9 @@ WHERE: dict[str, Any] = {"origin": (0.1, 1.0, 3.5), "target": (0.0, 0.4, 0.0)}
 def test_copies_of_built_in_models_have_their_bits(registers: Any) -> None:
     wrt.register_material(OwnDiffuse, diffuse.DIFFUSE)
     wrt.register_light(OwnDisk, area_lights.DISK)
-    wrt.register_camera(OwnPinhole, projections.PERSPECTIVE)
+    wrt.register_camera(OwnPerspective, projections.PERSPECTIVE)
     disk: Any = ((0.0, 3.0, 1.0), (0.0, -1.0, 0.0), 0.7, 9.0)
-    copies = scene(OwnDiffuse(0.7), OwnDisk(*disk), OwnPinhole(**WHERE))
+    copies = scene(OwnDiffuse(0.7), OwnDisk(*disk), OwnPerspective(**WHERE))
     assert differences(copies) == []
     how: Any = {"width": 40, "height": 30, "spp": 17, "seed": 3}
     built_in = scene(wrt.Diffuse(0.7), wrt.DiskLight(*disk), wrt.PerspectiveCamera(**WHERE))
