@@ -20,6 +20,7 @@ OF_TRIMESH = "trimesh"
 
 
 _SHOWN: ContextVar[tuple[tuple[str, str], ...]] = ContextVar("shown", default=())
+_IS_MUTED: ContextVar[bool] = ContextVar("is_muted", default=False)
 
 
 @contextmanager
@@ -72,8 +73,20 @@ class Hint(InputWarning):
     """A setting would show more of the scene; the message is one line that names it."""
 
 
+@contextmanager
+def muted() -> Iterator[None]:
+    """Within the context, have `warn` do nothing in this thread; the filters of `warnings` are those of all threads."""
+    token = _IS_MUTED.set(True)
+    try:
+        yield
+    finally:
+        _IS_MUTED.reset(token)
+
+
 def warn(message: str, category: type[Warning] = InputWarning) -> None:
     """Warn, in one line, as if the line of the caller's program that called wrt did so."""
+    if _IS_MUTED.get():
+        return
     frame, level = sys._getframe(1), 2
     within = ("wrt", "contextlib")  # the second calls functions of wrt for a decorator that is a context
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in within:

@@ -6,6 +6,7 @@ import itertools
 import os
 import re
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import wrt
 import wrt.distributed
 from wrt.backend import processor
 from wrt.cli import main
+from wrt.distributed import worker
 from wrt.distributed.dask_cluster import DaskCluster, client_of
 from wrt.distributed.processes import devices_of
 from wrt.distributed.spread import Pass, windows_of_pass
@@ -171,6 +173,23 @@ def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
         pytest.raises(wrt.InputError, match=r"no worker can render this picture: .* wrt \(0\.0\.1 there"),
     ):
         film_of(spread(client), 1)
+
+
+def test_a_worker_that_builds_a_scene_mutes_no_other_thread(monkeypatch):
+    """Workers may be threads of the head's process, which tells meanwhile of a worker that renders nothing."""
+
+    def build(scene, **_):
+        wrt.errors.warn("of the scene")
+        head = threading.Thread(target=wrt.errors.warn, args=("of the head",))
+        head.start()
+        head.join()
+        return scene
+
+    monkeypatch.setattr("wrt.rendering.renderer.Renderer", build)
+    with pytest.warns(wrt.InputWarning) as warned:
+        worker._build(worker.Job("digest", {"threads": 1}, None), block_scene())
+    worker._renderers.pop("digest")
+    assert [str(each.message) for each in warned] == ["of the head"]
 
 
 def test_errors_are_one_line(client, monkeypatch, capsys):

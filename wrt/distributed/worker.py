@@ -6,7 +6,6 @@ import pickle
 import sys
 import threading
 import time
-import warnings
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -121,14 +120,14 @@ def render_window(
 
 
 def _build(job: Job, scene: Scene) -> None:
+    from wrt.errors import muted
     from wrt.rendering.renderer import Renderer
 
     while len(_renderers) >= KEPT:
         _renderers.popitem(last=False)
     options = {**job.options, "threads": job.options["threads"] or _threads()}
     options["crop"] = (0, 0, 1, 1)  # its own film is not used
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # the head node shows those of a scene
+    with muted():  # the head node shows the warnings of a scene
         _renderers[job.digest] = Renderer(scene, **options)
 
 
