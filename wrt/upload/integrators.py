@@ -84,13 +84,11 @@ def _obstacle_to_photons(scene: Scene, settings: RenderSettings, integrator: str
     """Return the message about what keeps photons from bringing caustics, or ""."""
     if integrator not in WITH_PHOTONS:
         return f"integrator {integrator!r} cannot render caustics by photons; use 'path' or 'volpath'"
-    if any(shape.shadow_catcher for shape in scene.shapes):
-        return "caustics by photons do not fall on shadow catchers; leave one of the two out"
     camera = scene.camera
-    if camera is not None and any(
-        is_moving(each, (camera.shutter_open, camera.shutter_close)) for each in scene.shapes
-    ):
-        return "caustics: shapes must stand still while the shutter is open; render without motion blur"
+    if camera is not None and any(shape.shadow_catcher for shape in scene.shapes):
+        # The picture without the other shapes would have other times.
+        if any(is_moving(each, (camera.shutter_open, camera.shutter_close)) for each in scene.shapes):
+            return "caustics on shadow catchers have no motion blur; leave one of the three out"
     return ""
 
 
