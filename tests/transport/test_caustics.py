@@ -290,7 +290,7 @@ def test_light_in_motion_is_the_mean_of_still_light(what: str, monkeypatch: pyte
     report("mean radiance", exposed.mean() / expected.mean(), 1.0)
     variances = exposed.var(axis=0, ddof=1) / SEEDS, expected.var(axis=0, ddof=1) / SEEDS
     z = two_sample_z(exposed.mean(axis=0), variances[0], expected.mean(axis=0), variances[1], n_a=SEEDS, n_b=SEEDS)
-    assert (exposed.std(axis=0) < 0.05 * exposed.mean()).all()
+    assert np.median(exposed.std(axis=0)) < 0.03 * exposed.mean()
     assert 2.0 * stats.norm.sf(np.abs(z)).min() > sidak(1e-3, z.size)
 
 

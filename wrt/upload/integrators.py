@@ -84,11 +84,11 @@ def _obstacle_to_photons(scene: Scene, settings: RenderSettings, integrator: str
     """Return the message about what keeps photons from bringing caustics, or ""."""
     if integrator not in WITH_PHOTONS:
         return f"integrator {integrator!r} cannot render caustics by photons; use 'path' or 'volpath'"
-    camera = scene.camera
-    if camera is not None and any(shape.shadow_catcher for shape in scene.shapes):
+    shutter = (0.0, 0.0) if scene.camera is None else (scene.camera.shutter_open, scene.camera.shutter_close)
+    catches = any(shape.shadow_catcher for shape in scene.shapes)
+    if catches and any(is_moving(shape, shutter) for shape in scene.shapes):
         # The picture without the other shapes would have other times.
-        if any(is_moving(each, (camera.shutter_open, camera.shutter_close)) for each in scene.shapes):
-            return "caustics on shadow catchers have no motion blur; leave one of the three out"
+        return "caustics on shadow catchers have no motion blur; leave one of the three out"
     return ""
 
 
