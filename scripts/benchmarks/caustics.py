@@ -245,19 +245,22 @@ MEASURES = {
 
 
 def errors_of(picture: Array, references: list[Array], is_diffuse: NDArray[np.bool_]) -> Row:
-    """Return the errors of a picture by MEASURES."""
+    """Return the errors of a picture by MEASURES; where the references do not resolve one, what they resolve."""
+
+    def root(squares: Array) -> float:
+        return float(np.sqrt(max(squares.mean(), squares.std() / np.sqrt(squares.size))))
+
     reference = np.mean(references, axis=0)
     squares = ((picture - references[0]) * (picture - references[1])).mean(axis=2)
     power = (reference**2).mean(axis=2)
     scale = power + 1e-2 * reference.mean() ** 2
     order = np.argsort((((picture - reference) ** 2).mean(axis=2) / scale).ravel())
     kept = order[: order.size - max(round(TRIMMED * order.size), 1)]
-    means = {
-        "whole": squares.mean() / power.mean(),
-        "diffuse": squares[is_diffuse].mean() / power[is_diffuse].mean(),
-        "trimmed": (squares / scale).ravel()[kept].mean(),
+    return {
+        "whole": root(squares / power.mean()),
+        "diffuse": root(squares[is_diffuse] / power[is_diffuse].mean()),
+        "trimmed": root((squares / scale).ravel()[kept]),
     }
-    return {key: float(np.sqrt(max(mean, 0.0))) for key, mean in means.items()}
 
 
 def text(result: Row) -> str:
