@@ -10,8 +10,8 @@ _COVERING_KINDS = {"media": ("none", "absorbing", "scattering"), "exact": ("none
 _COVERING = ("sampler", "models", "light_shapes", "environment", "composite", *_COVERING_FLAGS, *_COVERING_KINDS)
 """Features of a kernel that a scene need not have, or less of: the kernel decides at run time."""
 
-EITHER = "either"
-"""The sampler of kernels that take "sobol" or "independent" at run time."""
+EITHER, OF_EITHER = "either", ("sobol", "independent")
+"""The sampler of kernels that take one of two at run time, and these."""
 
 _COVER_NOTHING = ("whitted", "ao")
 """Integrators whose kernels do not decide at run time: the ray tree takes an image around for there, for one."""
@@ -95,7 +95,7 @@ class Features:
             return self == scene
         return replace(scene, **{name: getattr(self, name) for name in _COVERING}) == self and (
             set(scene.models) <= set(self.models)
-            and (self.sampler == scene.sampler or (self.sampler == EITHER and scene.sampler in ("sobol", "independent")))
+            and (self.sampler == scene.sampler or (self.sampler == EITHER and scene.sampler in OF_EITHER))
             and set(scene.light_shapes) <= set(self.light_shapes)
             and (self.environment == "image" or self.environment == scene.environment)
             and (self.has_holes or scene.composite in ("none", self.composite))

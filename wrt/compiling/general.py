@@ -97,7 +97,7 @@ def general_features(features: Any) -> list[Any]:
 
     There are none for options that few use.
     """
-    from wrt.kernels.core.features import EITHER
+    from wrt.kernels.core.features import EITHER, OF_EITHER
 
     if not features.guides and features.integrator in UNLIKE_PATHS:
         return []
@@ -109,7 +109,7 @@ def general_features(features: Any) -> list[Any]:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
         general |= {"environment": "image", "light_shapes": shapes}
         everything |= {"media": "scattering", "grid_media": True}
-    sampler = EITHER if features.sampler in ("sobol", "independent") else features.sampler
+    sampler = EITHER if features.sampler in OF_EITHER else features.sampler
     plain = dataclasses.replace(features, sampler=sampler, media="none", grid_media=False, exact="none")
     kernels = [
         dataclasses.replace(
