@@ -34,6 +34,7 @@ class PathSettings:
     ao_distance: float  # length of the rays of ambient occlusion
     clamp_indirect: float  # upper bound on indirect radiance, per channel
     widening: float  # variance that slopes of rough surfaces gain once the path was scattered by what is not smooth
+    is_sobol: int  # which of the two samplers a kernel takes that has both
     hides_lights: int  # whether camera rays do not see the environment and lights without triangles
     photon_map: PhotonMap
 

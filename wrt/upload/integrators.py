@@ -135,6 +135,7 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> An
         path.ambient = mean_radiance(scene)
     path.ao_distance = intersect.INFINITE_DISTANCE if settings.ao_distance is None else settings.ao_distance
     path.clamp_indirect = 0.0 if settings.clamp_indirect is None else settings.clamp_indirect
+    path.is_sobol = int(settings.sampler == "sobol")
     path.hides_lights = int(settings.transparent)
     path.widening = 0.5 * settings.regularization**2  # α² of a slope's variance σ² is 2σ²
     return path

@@ -128,6 +128,7 @@ class SceneUpload:
         read = read or self.features
         data, device, layout, places = self._data, self._device, self._prepared.layout, self._places
         textured = read.textured or read.tangents or self._texture_coordinates
+        data.reads = self._reads()
         _upload_geometry(data, layout, places, device, textured=textured, uv2_alpha=read.uv2_alpha)
         if self._prepared.has_tangents:
             data.aligns_tangents = 2
@@ -141,6 +142,13 @@ class SceneUpload:
         if self.casters is not None and self.features.bodies:
             self._require_photons_outside(data)
         return built
+
+    def _reads(self) -> int:
+        """Return SceneData.reads: a kernel of other scenes skips what materials of this one do not read."""
+        k, own = current_backend().kernels("wrt.kernels.core.scene_data"), self.features
+        reads = int(k.READS_COORDINATES) if own.textured or own.tangents or self._texture_coordinates else 0
+        reads |= int(k.READS_MORE) if own.uv2_alpha else 0
+        return reads | (int(k.READS_LEVELS) if own.mipmapped else 0)
 
     def _require_photons_outside(self, data: Any) -> None:
         """Raise InputError if any light is in a body, where photons would begin as if in the open."""
