@@ -13,7 +13,8 @@ from support.wide_scenes import LANES, needs_lanes
 import wrt
 from wrt.compiling import general
 from wrt.compiling.kernel import SCALAR, name_of_kernel
-from wrt.kernels.core.features import Features
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.core.features import PASSED_BY_LIGHT, Features
 from wrt.rendering.guides import guide_features
 from wrt.upload.materials import model_name
 
@@ -52,6 +53,7 @@ def test_what_they_cover():
             assert [large.covers(plain), large.covers(large)] == [False, True]
     names = {model_name(material) for material in general.materials() if not material.parts}
     assert names == set(WITH_HOLES.models)
+    assert {name for name in names if model_of(name).straight} == PASSED_BY_LIGHT
     assert {light.model for light in general.lights()} >= set(WITH_HOLES.light_shapes)
 
 
@@ -105,7 +107,8 @@ import sys
 import warp as wp
 from wrt.compiling.general import exercise, general_features
 from wrt.compiling.kernel import SCALAR, compile_kernel
-from wrt.kernels.core.features import Features
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.core.features import PASSED_BY_LIGHT, Features
 from wrt.rendering.guides import guide_features
 from wrt.scene.scene import RenderSettings
 plain = Features(("diffuse",), False, "none", sampler="sobol")

@@ -54,7 +54,6 @@ _FACETS: tuple[dict[str, Any], ...] = (
 
 _GENERAL = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided")
 _OF_MESHES = ("diffuse", "principled")
-_LET_RAYS_PASS = frozenset(("null", "thin_dielectric"))
 
 
 class Tier(NamedTuple):
@@ -87,8 +86,10 @@ def tiers() -> tuple[Tier, ...]:
     of it, the last less by a fifth. A denoiser's guides take few samples, so they have the first and the last, which
     compile in 5 and 15 s.
     """
+    from wrt.kernels.core.features import PASSED_BY_LIGHT
+
     models = {material.model for material in materials() if not material.parts}
-    with_holes, without_holes = (tuple(sorted(each)) for each in (models, models - _LET_RAYS_PASS))
+    with_holes, without_holes = (tuple(sorted(each)) for each in (models, models - PASSED_BY_LIGHT))
     return Tier(_OF_MESHES), Tier(without_holes), Tier(with_holes, True), Tier(with_holes, True, True)
 
 
