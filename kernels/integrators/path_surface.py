@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_bsdf, make_is_any, make_is_matt, make_receives_light, models_with
+from wrt.kernels.bsdf import make_bsdf, make_is_any, make_is_caster, make_is_matt, make_receives_light, models_with
 from wrt.kernels.core.bsdf import Bsdf, BsdfSample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import Hit
@@ -301,7 +301,8 @@ def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> 
     A path of photons runs the other way: what depends on the direction to the light depends on where it comes from.
     """
     lets_pass = features.has_holes or features.nested or bool(models_with(features.models, "straight"))
-    is_matt = make_is_matt(features.models)
+    is_matt, is_caster = make_is_matt(features.models), make_is_caster(features.models)
+    casters = bool(models_with(features.models, "is_caster"))
 
     @wp.func
     @inline_stage
@@ -316,9 +317,13 @@ def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> 
         # A direction along the surface, wi[2] = 0, leaves to no side.
         path.is_done = not (wp.dot(direction, vertex.surface.normal) * sample.wi[2] > 0.0)
         if wp.static(features.caustics):
-            path.has_gathered = path.has_gathered or sample.pdf > 0.0
+            receives = sample.pdf > 0.0
+            if wp.static(casters):
+                path.was_cast = sample.pdf == 0.0 or is_caster(vertex.bsdf)
+                receives = not path.was_cast
+            path.has_gathered = path.has_gathered or receives
             if wp.static(features.media != "scattering"):
-                path.has_settled = path.has_settled or (sample.pdf > 0.0 and is_matt(vertex.bsdf))
+                path.has_settled = path.has_settled or (receives and is_matt(vertex.bsdf))
         if wp.static(of_photons):
             # With shading normals the adjoint of a BSDF is another one (Veach 1997, section 5.3).
             came = wp.abs(vertex.wo[2]) * wp.abs(wp.dot(direction, vertex.surface.normal))

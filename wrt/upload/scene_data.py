@@ -101,12 +101,12 @@ class SceneUpload:
             texture_coordinates: whether to upload these even if no material needs them.
             edges: whether to upload which sides of triangles are drawn.
             light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
-            caustics: whether to list what photons are aimed at.
+            caustics: whether to list what photons are aimed at, and to tell it apart.
 
         Raises:
             InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
         """
-        self._prepared = prepared = PreparedScene(scene)
+        self._prepared = prepared = PreparedScene(scene, caustics=caustics)
         self._device, self._texture_coordinates, self._edges = device, texture_coordinates, edges
         _require_memory(prepared, device, texture_coordinates)
         self._data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()
