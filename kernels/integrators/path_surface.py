@@ -15,7 +15,7 @@ from wrt.kernels.core.bsdf import Bsdf, BsdfSample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import RECEIVES_BOTH, RECEIVES_FRONT, Ray, to_local, to_world
-from wrt.kernels.core.scene_data import READS_COORDINATES, READS_LEVELS, BodyStack, SceneData
+from wrt.kernels.core.scene_data import NEEDS_COORDINATES, NEEDS_LEVELS, BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.geometry.surface import (
@@ -92,10 +92,10 @@ def make_vertex_at(features: Features) -> wp.Function:
 
         # Texture coordinates
         if wp.static(has_coordinates):
-            if scene.reads & READS_COORDINATES != 0:
+            if scene.needs & NEEDS_COORDINATES != 0:
                 surface = add_texture_coordinates(scene, hit, surface)
         if wp.static(features.mipmapped):
-            if scene.reads & READS_LEVELS != 0 and width > 0.0:
+            if scene.needs & NEEDS_LEVELS != 0 and width > 0.0:
                 surface.footprint = sample_footprint(scene, hit, surface, ray.direction, width, index)
         vertex.hit = hit
         vertex.surface = surface
