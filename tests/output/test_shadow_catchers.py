@@ -72,6 +72,30 @@ def test_the_picture_over_the_catchers_is_the_whole_scene(material, report):
     assert (np.abs(own[..., :3] @ LUMINANCE - means[1][..., 0]) > 0.02).mean() > 0.05  # the ball is seen
 
 
+@pytest.mark.slow
+def test_light_through_glass_falls_on_catchers(report):
+    """Below a slab is (1 - R) / (1 + R) of the sun's light, and beside it all, to the bit."""
+    slab = wrt.Shape(wrt.box((-1.0, 0.6, -1.0), (1.0, 0.8, 1.0)), wrt.Dielectric(1.5))
+    scene = table(slab, light=wrt.DirectionalLight((0.0, -1.0, 0.0), 1.0))
+    scene.shapes[0] = dataclasses.replace(scene.shapes[0], material=wrt.Diffuse(1e-3))
+    scene.camera = wrt.PerspectiveCamera((0.0, 0.5, 0.01), (0.0, 0.0, 0.0), fov_degrees=150.0)
+    renderers = [
+        wrt.Renderer(scene, **SIZE, seed=k, layers=("shadow", "position", "alpha"), caustics=True) for k in range(8)
+    ]
+    layers = [finish(each, 32).layers() for each in renderers]
+    shadow = np.array([each["shadow"] for each in layers])
+    off = np.abs(layers[0]["position"][..., ::2]).max(axis=2)
+    off[layers[0]["alpha"] < 1.0] = np.inf
+    below = shadow[:, off < 0.6].mean(axis=(1, 2))
+    expected = 0.96 / 1.04
+    report("share of the light below a slab", below.mean(), expected)
+    assert below.std() < 0.02
+    assert abs(below.mean() - expected) < 3.5 * below.std(ddof=1) / np.sqrt(8)
+    free = (off > 1.3) & (off < 1.8)
+    assert free.sum() > 16
+    assert (shadow[:, free] == 1.0).all()
+
+
 GLASS = wrt.Dielectric(1.5, interior=wrt.Medium(1.0))
 BALLS = {
     "mesh": ball(),

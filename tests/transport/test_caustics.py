@@ -569,7 +569,7 @@ def test_what_cannot_be_rendered_is_said_before() -> None:
         renderer().gradients(np.ones((16, 24, 3)))
     caught = moving()
     caught.shapes[0] = dataclasses.replace(caught.shapes[0], shadow_catcher=True)
-    with pytest.raises(wrt.InputError, match="do not fall on shadow catchers"):
+    with pytest.raises(wrt.InputError, match="on shadow catchers have no motion blur"):
         wrt.Renderer(caught, caustics=True)
     sunk = block(wrt.Dielectric(interior=wrt.Medium(absorption=(0.5, 0.2, 0.1))))
     for height in (0.9, 2.5):

@@ -16,6 +16,7 @@ from wrt.scene.layers import LIGHT_GROUPS
 from wrt.scene.materials import ThinDielectric
 from wrt.scene.materials.body import bodies_of
 from wrt.scene.scene import RenderSettings, Scene
+from wrt.upload.accel.instancing import is_moving
 from wrt.upload.casters import share_of_smooth
 from wrt.upload.lights.environment import resolve_environment
 
@@ -83,8 +84,11 @@ def _obstacle_to_photons(scene: Scene, settings: RenderSettings, integrator: str
     """Return the message about what keeps photons from bringing caustics, or ""."""
     if integrator not in WITH_PHOTONS:
         return f"integrator {integrator!r} cannot render caustics by photons; use 'path' or 'volpath'"
-    if any(shape.shadow_catcher for shape in scene.shapes):
-        return "caustics by photons do not fall on shadow catchers; leave one of the two out"
+    shutter = (0.0, 0.0) if scene.camera is None else (scene.camera.shutter_open, scene.camera.shutter_close)
+    catches = any(shape.shadow_catcher for shape in scene.shapes)
+    if catches and any(is_moving(shape, shutter) for shape in scene.shapes):
+        # The picture without the other shapes would have other times.
+        return "caustics on shadow catchers have no motion blur; leave one of the three out"
     return ""
 
 
