@@ -140,7 +140,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
                 if not vertex.is_pane and path.depth + 1 >= settings.max_depth:
                     break
             if wp.static(features.caustics and casters):
-                # Of this light, too, photons bring what goes on to where the path gathered them.
+                # Photons bring this light, too, to where the path gathered them.
                 if path.has_gathered and is_caster(vertex.bsdf):
                     vertex.samples_lights = False
             if wp.static(features.clamped):
