@@ -80,12 +80,12 @@ def test_light_through_glass_falls_on_catchers(report):
     scene.shapes[0] = dataclasses.replace(scene.shapes[0], material=wrt.Diffuse(1e-3))
     scene.camera = wrt.PerspectiveCamera((0.0, 0.5, 0.01), (0.0, 0.0, 0.0), fov_degrees=150.0)
     renderers = [
-        wrt.Renderer(scene, **SIZE, seed=k, layers=("shadow", "position", "alpha"), caustics=True) for k in range(8)
+        wrt.Renderer(scene, **SIZE, seed=k, layers=("shadow", "position", "object"), caustics=True) for k in range(8)
     ]
     layers = [finish(each, 32).layers() for each in renderers]
     shadow = np.array([each["shadow"] for each in layers])
     off = np.abs(layers[0]["position"][..., ::2]).max(axis=2)
-    off[layers[0]["alpha"] < 1.0] = np.inf
+    off[layers[0]["object"] == 0] = np.inf
     below = shadow[:, off < 0.6].mean(axis=(1, 2))
     expected = 0.96 / 1.04
     report("share of the light below a slab", below.mean(), expected)
