@@ -74,7 +74,7 @@ def test_the_picture_over_the_catchers_is_the_whole_scene(material, report):
 
 @pytest.mark.slow
 def test_light_through_glass_falls_on_catchers(report):
-    """Below a slab is (1 - R) / (1 + R) of the sun's light, and beside it all, to the bit."""
+    """Below a slab is (1 - R) / (1 + R) of the sun's light, and beside it all."""
     slab = wrt.Shape(wrt.box((-1.0, 0.6, -1.0), (1.0, 0.8, 1.0)), wrt.Dielectric(1.5))
     scene = table(slab, light=wrt.DirectionalLight((0.0, -1.0, 0.0), 1.0))
     scene.shapes[0] = dataclasses.replace(scene.shapes[0], material=wrt.Diffuse(1e-3))
@@ -93,7 +93,7 @@ def test_light_through_glass_falls_on_catchers(report):
     assert abs(below.mean() - expected) < 3.5 * below.std(ddof=1) / np.sqrt(8)
     free = (off > 1.3) & (off < 1.8)
     assert free.sum() > 16
-    assert (shadow[:, free] == 1.0).all()
+    assert np.abs(shadow[:, free] - 1.0).max() < 1e-3  # the ground reflects as much
 
 
 GLASS = wrt.Dielectric(1.5, interior=wrt.Medium(1.0))
