@@ -53,7 +53,8 @@ GROUPS: dict[str, str] = {
     "Lights": f"{_names(LIGHTS)} {_names(ENVIRONMENTS)} Light register_light",
     "Materials": f"Material {_names(MATERIALS)} Measurement register_material check_bsdf load_models",
     "Media": "Medium DensityGrid",
-    "Textures": "ImageTexture VertexColor NormalMap",
+    "Textures": "ImageTexture VertexColor NormalMap Texture Checkerboard Bricks PerlinNoise WorleyNoise "
+    "register_texture",
     "Rays": "Intersector Hits",
     "Files and pictures": "load_image save_image cryptomatte_mask develop_image show save_video turntable save_scene "
     "load_density load_measurement",

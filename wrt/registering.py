@@ -1,4 +1,4 @@
-"""Registration of custom cameras, lights and materials, by their names in scene files."""
+"""Registration of custom cameras, lights, materials and textures, by their names in scene files."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ from wrt.errors import InputError
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import MATERIALS, Material
+from wrt.scene.procedural import TEXTURES
+from wrt.scene.textures import Texture
 
 if TYPE_CHECKING:
+    from warp import Function
+
     from wrt.kernels.camera.camera import CameraModel
     from wrt.kernels.core.bsdf import Model
     from wrt.kernels.lights.record import LightModel
@@ -68,6 +72,22 @@ def register_material(cls: type[Material], model: Model | None = None) -> None:
     from wrt.kernels.bsdf import register_model
 
     _register(MATERIALS, cls, lambda name, owner: register_model(name, model, owner))
+
+
+def register_texture(cls: type[Texture], evaluate: Function) -> None:
+    """Make a procedural texture known to scenes and scene files; registering it again is as for `register_camera`.
+
+    Args:
+        cls: the description, with a `type_name` and `slot_names`.
+        evaluate: the device function (values, surface) -> vec3; row k of `values` is that of name k.
+
+    Raises:
+        InputError: if `type_name` is empty or taken by another texture, or there are more than 16 values.
+    """
+    from wrt.kernels.textures.procedures import Procedure, register_procedure
+
+    procedure = Procedure(evaluate, len(cls.slot_names))
+    _register(TEXTURES, cls, lambda name, owner: register_procedure(name, procedure, owner))
 
 
 def _register(registered: dict[str, Any], cls: Any, register_model: Callable[[str, str], None]) -> None:

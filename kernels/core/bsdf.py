@@ -76,6 +76,7 @@ class Model(NamedTuple):
         channels_slot: the row of the probabilities of the channels, if that index is one for each channel
             (`kernels/bsdf/lobes/dispersion.py`); −1 without dispersion.
         coat_slot: the row of a coat that has normals of its own (`kernels/bsdf/lobes/coats.py`); −1 for none.
+        at: (bsdf, surface) -> Bsdf, with slots made from position, normals and texture coordinates; None if none are.
     """
 
     evaluate: wp.Function
@@ -92,6 +93,7 @@ class Model(NamedTuple):
     index_slot: int = -1
     channels_slot: int = -1
     coat_slot: int = -1
+    at: wp.Function | None = None
 
 
 @wp.func

@@ -22,8 +22,8 @@ class Features:
 
     Attributes:
         models: sorted names of the reflection models in the scene (see `kernels.bsdf`).
-        textured: whether any value comes from an image or from vertex colours.
-        mipmapped: whether any image has mip levels.
+        textured: whether any value varies over a surface.
+        mipmapped: whether any image has mip levels, or a procedural texture is filtered.
         environment: "none", "constant" or "image".
         tangents: whether any material depends on the direction of the texture coordinates.
         sampler: the source of random numbers (see `make_sample_4d` in `kernels/sampling/sampler.py`).
@@ -54,6 +54,7 @@ class Features:
         edges: which lines along edges of triangles the film has a layer of: "none", those on the first "surfaces", or
             "wires", which surfaces do not hide (see `kernels/integrators/edges.py`).
         light_groups: whether the film has a layer for each group of lights (see `kernels/integrators/light_groups.py`).
+        procedures: names of the models of procedural textures that any material's value comes from.
         gpu: whether the kernel is for GPUs alone. There one loop reads the values of materials for all models, threads
             take the pixels tile by tile, and shadow rays to a hole in a light are traced to nowhere, beside others of
             a warp.
@@ -84,6 +85,7 @@ class Features:
     caustics: bool = False
     edges: str = "none"
     light_groups: bool = False
+    procedures: tuple[str, ...] = ()
     gpu: bool = False
 
     def covers(self, scene: "Features") -> bool:

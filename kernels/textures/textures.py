@@ -3,6 +3,7 @@
 import warp as wp
 
 from wrt.kernels.core.scene_data import (
+    FIRST_PROCEDURE,
     VERTEX_ALPHA,
     WRAP_CLAMP,
     WRAP_MIRROR,
@@ -14,6 +15,10 @@ from wrt.kernels.core.scene_data import (
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.textures.footprint import texels_across
+from wrt.kernels.textures.procedures import make_procedure
+
+VALUES = ("textured", "uv2_alpha", "mipmapped", "procedures")
+"""The features on which values of materials depend."""
 
 
 @wp.func
@@ -225,8 +230,19 @@ def make_slot_color(mipmapped: bool = False) -> wp.Function:
 
 
 @specialised()
-def make_slot_value(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Function:
+def make_slot_value(uv2_alpha: bool = False, mipmapped: bool = False, procedures: tuple[str, ...] = ()) -> wp.Function:
     """Return the device function (scene, slot, surface) -> vec3: the value of a material's slot at a point."""
+    if procedures:
+        otherwise, procedure = make_slot_value(uv2_alpha, mipmapped), make_procedure(procedures)
+
+        @wp.func
+        def slot_or_procedure(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
+            record = scene.slots[slot]
+            if record.image > FIRST_PROCEDURE:
+                return otherwise(scene, slot, surface)
+            return procedure(scene, record.second, FIRST_PROCEDURE - record.image, surface)
+
+        return slot_or_procedure
     slot_color = make_slot_color(mipmapped)
 
     @wp.func

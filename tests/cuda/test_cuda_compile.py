@@ -72,6 +72,7 @@ THREE = [
         composite="mixed",
         uv2_alpha=True,
         mipmapped=True,
+        procedures=("bricks", "checkerboard", "perlin", "worley"),
         clamped=True,
         regularized=True,
         instances="deforming",

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.gradients.kernels import GradientKernels
+from wrt.upload.materials import vary_by_place
 from wrt.values import array, integer
 
 KEYS = (
@@ -50,6 +51,8 @@ class Backward:
             raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
         if renderer.settings.caustics:
             raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
+        if own := vary_by_place(renderer._kernel.features.models):
+            raise InputError(f"model {own[0].split(':')[0]!r} has no derivatives: it makes its values from places")
         self._renderer, self._device = renderer, renderer.device
         features = dataclasses.replace(
             renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False

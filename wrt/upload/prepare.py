@@ -18,7 +18,7 @@ from wrt.scene.materials import Material
 from wrt.scene.mesh import LARGEST, SMALLEST, Mesh, box_around
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
+from wrt.scene.textures import ImageTexture, NormalMap, Texture, VertexColor
 from wrt.upload.accel.instancing import Layout, lay_out
 from wrt.upload.lights.environment import resolve_environment
 from wrt.upload.lights.table import texture_of
@@ -138,15 +138,19 @@ def check_attributes(shapes: Iterable[Shape]) -> None:
                 most = float(value.pixels.max()) * max(value.factor)  # type: ignore[arg-type]
                 if most > VISIBLE:
                     warn(f"texture {value.name}: as {name} it must be at most 1, but it reaches {most:g}")
-        if shape.mesh.uvs is None and any(isinstance(value, (ImageTexture, NormalMap)) for _, value in values):
+        if shape.mesh.uvs is None and any(_needs_uv(value) for _, value in values):
             warn(f"{shape.name}: its material has an image, but its mesh no texture coordinates; it shows one texel")
+
+
+def _needs_uv(value: object) -> bool:
+    return value.needs_uv if isinstance(value, Texture) else isinstance(value, (ImageTexture, NormalMap))
 
 
 def _varying(material: Material) -> Iterator[tuple[str, object]]:
     """Yield the names and values of those attributes of a material, and of its parts, that vary over a surface."""
     for field in dataclasses.fields(material):
         value = getattr(material, field.name)
-        if isinstance(value, (ImageTexture, NormalMap, VertexColor)):
+        if isinstance(value, (ImageTexture, NormalMap, Texture, VertexColor)):
             yield field.name, value
     for part in material.parts:
         yield from _varying(part)

@@ -153,6 +153,7 @@ class SceneValues:
             "nested": bodies.nested,
             "uv2_alpha": materials.uv2_alpha,
             "mipmapped": materials.mipmapped,
+            "procedures": materials.procedures,
             "single_sided": bool((single_sided | unlit).any()),
         }
 

@@ -38,6 +38,7 @@ from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.motion import Motion
+from wrt.scene.procedural import TEXTURES
 from wrt.scene.scene import RenderSettings, Scene, Shape, bake_transforms
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 from wrt.values import boolean, sealed, text, vector
@@ -186,7 +187,9 @@ class _SceneReader(TableReader):
         return {name: table[name] for name in names if name in table}
 
     def color_source(self, value: Any, kinds: tuple[Any, ...]) -> Any:
-        """Return a value that may vary over the surface: vertex colours, an image, or a constant."""
+        """Return a value that may vary over the surface: vertex colours, an image, a procedure, or a constant."""
+        if isinstance(value, dict) and "texture" not in value and "type" in value:
+            return self.build(choice(value, TEXTURES), value)
         if isinstance(value, dict) and "texture" not in value and "vertex_colors" in value:
             options = self.fields_of(value, scene_keys.VERTEX_COLORS, VertexColor)
             if value["vertex_colors"] is not True:

@@ -33,6 +33,7 @@ from wrt.scene.materials.measured import Measurement
 from wrt.scene.materials.microfacet import LEAST_ALPHA, MASKINGS
 from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.motion import Motion
+from wrt.scene.procedural import TEXTURES
 from wrt.scene.scene import RenderSettings
 from wrt.scene.shapes import MAX_SUBDIVISIONS
 from wrt.scene.textures import WRAPS, ImageTexture, NormalMap, VertexColor
@@ -89,6 +90,7 @@ def _definitions() -> Iterable[tuple[str, Schema]]:
     yield from _kinds("light", LIGHTS)
     yield from _kinds("medium", MEDIA, default="coefficients")
     yield from _kinds("material", MATERIALS)
+    yield from _kinds("procedure", TEXTURES)
     yield from _kinds("shape", shape_makers(), common=scene_keys.SHAPE)
 
 
@@ -234,7 +236,7 @@ def _color(maximum: float = math.inf) -> list[Schema]:
 
 def _that_vary() -> list[Schema]:
     """Return the schemas of a value that varies over a surface."""
-    return [definition("texture"), {"const": "vertex-colors"}, definition("vertex_colors")]
+    return [definition("texture"), {"const": "vertex-colors"}, definition("vertex_colors"), definition("procedure")]
 
 
 def _unchecked() -> dict[str, list[Schema]]:

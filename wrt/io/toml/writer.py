@@ -35,8 +35,9 @@ from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import VERTEX_ATTRIBUTES
 from wrt.scene.motion import Motion
+from wrt.scene.procedural import TEXTURES
 from wrt.scene.scene import Scene, Shape, require_scene
-from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
+from wrt.scene.textures import ImageTexture, NormalMap, Texture, VertexColor
 
 Table = dict[str, Any]
 
@@ -63,7 +64,7 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
         force: whether to replace a scene file and its arrays.
 
     Raises:
-        InputError: where it cannot be written, or has user-defined materials, which scene files cannot hold.
+        InputError: where it cannot be written, or holds what is not registered, or not numbers, text and arrays.
     """
     file = output_path(path, "a scene file")
     require_scene(scene, str(file))
@@ -132,8 +133,9 @@ class _Writer:
 
     def typed(self, thing: Any, classes: dict[str, Any]) -> Table:
         """Return the table of an object of one of several classes."""
-        (name,) = [name for name, cls in classes.items() if cls is type(thing)]
-        return {"type": name, **self.fields(thing)}
+        if classes.get(thing.type_name) is not type(thing):
+            raise InputError(f"{type(thing).__name__}: a scene file holds only what is registered")
+        return {"type": thing.type_name, **self.fields(thing)}
 
     def fields(self, thing: Any, *, without: tuple[str, ...] = ()) -> Table:
         """Return the fields of a dataclass that differ from their defaults."""
@@ -154,6 +156,8 @@ class _Writer:
             return {**table, **self.fields(value, without=("pixels", "name"))}
         if isinstance(value, VertexColor):
             return {"vertex_colors": True, **self.fields(value)}
+        if isinstance(value, Texture):
+            return self.typed(value, TEXTURES)
         if isinstance(value, Medium):
             return self.medium(value)
         if isinstance(value, DensityGrid):
@@ -166,7 +170,11 @@ class _Writer:
             return self.material(value)
         if isinstance(value, (list, tuple)):
             return [self.value(item) for item in value]
-        return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+        if isinstance(value, (np.ndarray, np.generic)):
+            return value.tolist()
+        if not isinstance(value, (bool, int, float, str, dict)):
+            raise InputError(f"a scene file cannot hold a {type(value).__name__}")
+        return value
 
     def environment(self, environment: Any) -> Table:
         if isinstance(environment, ImageEnvironment):
@@ -183,11 +191,7 @@ class _Writer:
         return {"file": file, **self.fields(density, without=("values", "name", *names))}
 
     def material(self, material: Material) -> str:
-        if type(material) not in MATERIALS.values() or type(material).__module__.split(".")[0] != "wrt":
-            raise InputError(f"{type(material).__name__}: a scene file cannot hold materials of one's own")
-        return self.named(
-            material, "material", self.materials, lambda: {"type": material.type_name, **self.fields(material)}
-        )
+        return self.named(material, "material", self.materials, lambda: self.typed(material, MATERIALS))
 
     def named(self, thing: Any, kind: str, tables: Table, make: Any) -> str:
         """Return the name of an object's table, which is made the first time."""
