@@ -44,6 +44,7 @@ FACTORIES = {
 """Functions that make kernels; each is called below."""
 
 ALL_LIGHTS = (*LIGHT_SHAPES, "projector", "projector:spot")
+ALL_TEXTURES = ("bricks", "checkerboard", "perlin", "worley")
 
 THREE = [
     # A loop for each path, as with layers, and all that it asks of the features itself.
@@ -72,7 +73,7 @@ THREE = [
         composite="mixed",
         uv2_alpha=True,
         mipmapped=True,
-        procedures=("bricks", "checkerboard", "perlin", "worley"),
+        procedures=ALL_TEXTURES,
         clamped=True,
         regularized=True,
         instances="deforming",
@@ -190,6 +191,7 @@ VALUES = {
     "edges": ("none", "surfaces", "wires"),
     "models": MODELS,
     "light_shapes": ALL_LIGHTS,
+    "procedures": ALL_TEXTURES,
 }
 """What each feature can be that is not true or false; names that a kernel can have several of are listed one by one."""
 

@@ -188,7 +188,7 @@ def plane_of(material: wrt.Material) -> wrt.Scene:
 @pytest.mark.slow
 def test_a_checkerboard_reflects_and_covers_as_its_image_does(device: str) -> None:
     """Under uniform light a Lambertian plane has the radiance of its reflectance; holes show the light behind."""
-    pixels = np.float32([[0.2, 0.8], [0.8, 0.2]])[:, :, None] * np.ones(3, np.float32)
+    pixels = np.float32([[0.8, 0.2], [0.2, 0.8]])[:, :, None] * np.ones(3, np.float32)
     image = wrt.ImageTexture(pixels, filter="nearest", scale=2.0)
     board = wrt.Checkerboard(0.2, 0.8, scale=4.0)
     how: dict[str, Any] = {"width": 16, "height": 16, "filter": "box", "device": device}
@@ -197,9 +197,11 @@ def test_a_checkerboard_reflects_and_covers_as_its_image_does(device: str) -> No
             image_of(wrt.Renderer(plane_of(wrt.Diffuse(**{"reflectance": 0.5, field: value})), **how), 64)
             for value in (board, image)
         ]
-        # Without light from the side both follow from the same random numbers.
-        np.testing.assert_allclose(found[0], found[1], atol=2e-6)
-    assert found[0].std() > 0.05
+        # Away from edges, where one is filtered, both follow from the same random numbers.
+        inside = np.ix_(*[[k for k in range(16) if k % 4 in (1, 2)]] * 2)
+        np.testing.assert_allclose(found[0][inside], found[1][inside], atol=2e-6)
+        assert found[0].mean() == pytest.approx(found[1].mean(), abs=5e-3)
+        assert found[0].std() > 0.05
 
 
 ALL = tuple(kind(0.2, 0.7, scale=3.0, solid=solid) for kind in KINDS for solid in (False, True))
@@ -212,7 +214,7 @@ def test_wide_kernels_have_the_bits_of_scalar_ones() -> None:
     for k, texture in enumerate(ALL):
         at = (0.8 * (k % 4) - 1.2, 0.8 * (k // 4) - 0.4, 0.0)
         material = wrt.Diffuse(texture) if k % 2 else wrt.RoughConductor(texture)
-        scene.add(wrt.sphere(at, 0.35), material=material)
+        scene.add(wrt.spheres([at], 0.35), material=material)
     scene.add(wrt.quad((-4, -0.8, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Plastic(0.5, opacity=ALL[4]))
     scene.add_light(wrt.DiskLight((0.0, 3.0, 1.0), (0.0, -1.0, 0.0), 0.7, 9.0))
     assert differences(scene) == []
