@@ -92,7 +92,8 @@ def worley(p: wp.vec3, solid: bool) -> float:
     t = p - wp.vec3(wp.floor(p[0]), wp.floor(p[1]), wp.floor(p[2]))
     nearest = float(8.0)  # squared
     # The nearest point may be two cells away, as the one in the own cell may be √3 away.
-    for k in range(125):
+    k = int(0)
+    while k < 125:
         i = _nearby(k % 5)
         j = _nearby((k // 5) % 5)
         m = _nearby(k // 25)
@@ -103,6 +104,7 @@ def worley(p: wp.vec3, solid: bool) -> float:
                 if not solid:
                     to[2] = 0.0
                 nearest = wp.min(nearest, wp.length_sq(to))
+        k += 1
     return wp.sqrt(nearest)
 
 

@@ -133,9 +133,10 @@ class _Writer:
 
     def typed(self, thing: Any, classes: dict[str, Any]) -> Table:
         """Return the table of an object of one of several classes."""
-        if classes.get(thing.type_name) is not type(thing):
+        name = next((name for name, cls in classes.items() if cls is type(thing)), None)
+        if name is None:
             raise InputError(f"{type(thing).__name__}: a scene file holds only what is registered")
-        return {"type": thing.type_name, **self.fields(thing)}
+        return {"type": name, **self.fields(thing)}
 
     def fields(self, thing: Any, *, without: tuple[str, ...] = ()) -> Table:
         """Return the fields of a dataclass that differ from their defaults."""
