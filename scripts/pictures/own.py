@@ -32,13 +32,13 @@ def scene() -> wrt.Scene:
     car_paint, wood = MATERIALS["car-paint"], TEXTURES["wood"]
     clouds = wrt.PerlinNoise(0.9, (0.1, 0.25, 0.6), scale=3.0, solid=True, octaves=5)
     cells = wrt.WorleyNoise((0.06, 0.03, 0.02), (0.75, 0.6, 0.3), scale=6.0, solid=True)
-    worn = wrt.PerlinNoise(0.05, 0.5, scale=5.0, solid=True)
+    worn = wrt.PerlinNoise(0.15, 0.6, scale=5.0, solid=True)
     for k, material in enumerate(
         (
             wrt.Diffuse(clouds),
             car_paint((0.02, 0.05, 0.3), (0.5, 0.7, 1.0), cells=90.0),
             wrt.RoughConductor(worn, metal="gold"),
-            wrt.Plastic(wood()),
+            wrt.RoughPlastic(wood(), alpha=0.2),
             wrt.Diffuse(cells),
         )
     ):
@@ -47,7 +47,7 @@ def scene() -> wrt.Scene:
     made.add(wrt.quad((-40, 0, 40), (80, 0, 0), (0, 0, -80)), material=wrt.Diffuse(floor))
     wall = wrt.Bricks((0.42, 0.13, 0.08), (0.5, 0.47, 0.42), scale=(14.0, 14.0))
     made.add(wrt.quad((-4.2, 0, -1.6), (8.4, 0, 0), (0, 2.8, 0)), material=wrt.Diffuse(wall))
-    made.add_light(wrt.SphereLight((-2.5, 4.0, 4.0), 0.5, radiance=75.0))
+    made.add_light(wrt.SphereLight((-2.5, 4.0, 4.0), 1.4, radiance=10.0))
     return made
 
 

@@ -231,7 +231,8 @@ def test_they_are_written_and_read(tmp_path: Any) -> None:
     wrt.save_scene(tmp_path / "a.toml", scene)
     again = wrt.load(tmp_path / "a.toml")
     assert [shape.material for shape in again.shapes] == [shape.material for shape in scene.shapes]
-    wrt.save_scene(tmp_path / "a.glb", scene.__class__(shapes=scene.shapes[:1]))
+    with pytest.warns(wrt.InputWarning, match="cannot hold procedural textures: the mean of their colours is written"):
+        wrt.save_scene(tmp_path / "a.glb", wrt.Scene(shapes=scene.shapes[:1]))
     assert wrt.load(tmp_path / "a.glb").shapes[0].material.base_color[0] == pytest.approx(0.55, abs=1e-6)
 
 
