@@ -26,6 +26,7 @@ class Case:
 
     material: Material
     front: bool = True
+    _: dataclasses.KW_ONLY
     position: Vec3 = (0.3, 0.4, 0.5)
     uv: tuple[float, float] = (0.3, 0.4)
 

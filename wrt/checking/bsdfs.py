@@ -49,7 +49,7 @@ def check_bsdf(
     holds = True
     for front in (True, False) if case.model.transmits else (True,):
         print(f"{material}{'' if front else ', from inside'}")
-        for name, found, fault in _checks(Case(material, front, position, uv), device):
+        for name, found, fault in _checks(Case(material, front, position=position, uv=uv), device):
             print(f"  {'FAULT' if fault else 'ok':<5}  {name:<34}  {fault or found}".rstrip())
             holds &= not fault
     return holds
