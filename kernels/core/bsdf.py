@@ -94,11 +94,8 @@ class Model(NamedTuple):
     index_slot: int = -1
     channels_slot: int = -1
     coat_slot: int = -1
-<<<<<<< HEAD
-    at: wp.Function | None = None
-=======
     is_caster: bool = False
->>>>>>> main
+    at: wp.Function | None = None
 
 
 @wp.func

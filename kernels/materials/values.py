@@ -168,17 +168,13 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
 @specialised("models", "gpu", *VALUES)
 def make_bsdf_at(features: Features) -> wp.Function:
     """Return the device function (scene, material, surface) -> Bsdf for the models of `features`."""
-<<<<<<< HEAD
-    make_load = _make_load_in_loop if features.gpu else _make_load
+    make_load = _make_load
+    if features.gpu:
+        make_load = _make_load_in_loop
+    elif len(features.models) > MOST_LINKS:
+        make_load = _make_load_at_once
     slot_value = make_slot_value(features.uv2_alpha, features.mipmapped, features.procedures)
     return make_load(features.models, features.textured, slot_value)
-=======
-    if features.gpu:
-        return _make_load_in_loop(features.models, features.textured, features.uv2_alpha, features.mipmapped)
-    if len(features.models) > MOST_LINKS:
-        return _make_load_at_once(features.models, features.textured, features.uv2_alpha, features.mipmapped)
-    return _make_load(features.models, features.textured, features.uv2_alpha, features.mipmapped)
->>>>>>> main
 
 
 @specialised()
@@ -211,16 +207,13 @@ def _make_load(names: tuple[str, ...], textured: bool, slot_value: wp.Function) 
 
 
 @specialised()
-<<<<<<< HEAD
-def _make_load_in_loop(names: tuple[str, ...], textured: bool, slot_value: wp.Function) -> wp.Function:
-=======
-def _make_load_at_once(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Function:
+def _make_load_at_once(names: tuple[str, ...], textured: bool, slot_value: wp.Function) -> wp.Function:
     """Return one piece of code for all models, which loads a value if the model has so many.
 
     In a wide kernel each link of a chain copies 2.7 KB of values for sixteen lanes.
     """
     slot_count, most = make_slot_count(names), max(model_of(name).slots for name in names)
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
+    at, vary = make_at(names), bool(models_with(names, "at"))
 
     @wp.func
     def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:
@@ -233,20 +226,20 @@ def _make_load_at_once(names: tuple[str, ...], textured: bool, uv2_alpha: bool, 
                     bsdf.slots[k] = slot_value(scene, record.first_slot + k, surface)
                 else:
                     bsdf.slots[k] = scene.slots[record.first_slot + k].value
+        if wp.static(vary):
+            return at(bsdf, surface)
         return bsdf
 
     return load
 
 
 @specialised()
-def _make_load_in_loop(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Function:
->>>>>>> main
+def _make_load_in_loop(names: tuple[str, ...], textured: bool, slot_value: wp.Function) -> wp.Function:
     """Return one loop for all models: a texture is looked up in one place, and values stay in memory, not in registers.
 
     On CUDA the kernel of eight textured models is a third shorter so, and spills a half (docs/notes/cuda.md).
     """
-    slot_count, at = make_slot_count(names), make_at(names)
-    vary = bool(models_with(names, "at"))
+    slot_count, at, vary = make_slot_count(names), make_at(names), bool(models_with(names, "at"))
 
     @wp.func
     def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:

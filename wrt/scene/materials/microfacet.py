@@ -90,7 +90,7 @@ def largest(value: ColorSource) -> float:
     """Return the largest of a material's numbers, anywhere on a surface; infinity if it depends on the mesh."""
     if isinstance(value, ImageTexture):
         return float(value.pixels.max()) * max(value.factor)  # type: ignore[arg-type]
-    return math.inf if isinstance(value, VertexColor) else float(np.max(value))
+    return math.inf if isinstance(value, (VertexColor, Texture)) else float(np.max(value))
 
 
 def _pair(value: ColorSource) -> tuple[object, object]:

@@ -16,13 +16,8 @@ from wrt.scene.materials.body import Entered
 from wrt.scene.materials.dielectrics import refractive_index
 from wrt.scene.materials.dispersion import SHARES, Dispersion, Dispersive, channel_indices
 from wrt.scene.materials.material import Filmed, Reflectance, Share, UnlimitedColor, share
-<<<<<<< HEAD
-from wrt.scene.materials.microfacet import LEAST_ALPHA
-from wrt.scene.textures import VARYING, ColorSource, ImageTexture, NormalMap, Texture, VertexColor
-=======
 from wrt.scene.materials.microfacet import LEAST_ALPHA, NEARLY_SMOOTH, largest
-from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
->>>>>>> main
+from wrt.scene.textures import VARYING, ColorSource, ImageTexture, NormalMap, Texture, VertexColor
 from wrt.values import number
 
 
