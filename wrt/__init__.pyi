@@ -26,6 +26,7 @@ from wrt.pictures import show as show
 from wrt.precompiling import Precompiled as Precompiled
 from wrt.precompiling import precompile as precompile
 from wrt.registering import register_camera as register_camera
+from wrt.registering import register_integrator as register_integrator
 from wrt.registering import register_light as register_light
 from wrt.registering import register_material as register_material
 from wrt.rendering.intersector import Hits as Hits
@@ -49,6 +50,7 @@ from wrt.scene.environment import SunSkyEnvironment as SunSkyEnvironment
 from wrt.scene.exact.quadrics import cylinder as cylinder
 from wrt.scene.exact.quadrics import disk as disk
 from wrt.scene.exact.spheres import spheres as spheres
+from wrt.scene.integrators import Integrator as Integrator
 from wrt.scene.lights import *
 from wrt.scene.materials import *
 from wrt.scene.medium import DensityGrid as DensityGrid

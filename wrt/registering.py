@@ -1,4 +1,4 @@
-"""Registration of custom cameras, lights and materials, by their names in scene files."""
+"""Registration of custom cameras, integrators, lights and materials, by their names in scene files."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from wrt.errors import InputError
 from wrt.scene.camera import CAMERAS, Camera
+from wrt.scene.integrators import INTEGRATORS, Integrator, kinds_of
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import MATERIALS, Material
 
@@ -35,6 +36,31 @@ def register_camera(cls: type[Camera], model: CameraModel) -> None:
     from wrt.kernels.camera.models import CAMERA_MODELS
 
     _register(CAMERAS, cls, lambda name, owner: CAMERA_MODELS.register(name, model, owner))
+
+
+def register_integrator(cls: type[Integrator]) -> None:
+    """Make a custom integrator known by its name; registering it again is as for `register_camera`.
+
+    Args:
+        cls: a dataclass of its numbers with a `type_name`, and `make_trace`, which takes `Tools` (see
+            `kernels/integrators/toolbox.py`) and returns the device function (scene, ray, footprint, sampler, settings,
+            numbers) -> PathResult.
+
+    Raises:
+        InputError: if `type_name` is empty or taken, a field is no number, or there is no such function.
+    """
+    if not (isinstance(cls, type) and issubclass(cls, Integrator)):
+        raise InputError(f"an integrator must be a class based on wrt.Integrator, not {cls!r}")
+    if cls.make_trace is Integrator.make_trace:
+        raise InputError(f"{cls.__name__} lacks the static method make_trace, which returns its device function")
+    if "__dataclass_fields__" not in vars(cls):
+        raise InputError(f"{cls.__name__} must be a @dataclass(frozen=True)")
+    from wrt.kernels.integrators.own import OWN_INTEGRATORS, own_integrator
+
+    def register(name: str, owner: str) -> None:
+        OWN_INTEGRATORS.register(name, own_integrator(name, cls.make_trace, kinds_of(cls)), owner)
+
+    _register(INTEGRATORS, cls, register)
 
 
 def register_light(cls: type[Light], model: LightModel) -> None:
@@ -73,7 +99,7 @@ def register_material(cls: type[Material], model: Model | None = None) -> None:
 def _register(registered: dict[str, Any], cls: Any, register_model: Callable[[str, str], None]) -> None:
     """Add a class to those registered, and its device functions by the name and the origin of the class."""
     previous = registered.get(cls.type_name, cls)
-    is_taken = previous.__module__.startswith(_BUILT_IN) or _origin(previous) != _origin(cls)
+    is_taken = previous is None or previous.__module__.startswith(_BUILT_IN) or _origin(previous) != _origin(cls)
     if not cls.type_name or is_taken:
         raise InputError(f"{cls.__name__}: type_name {cls.type_name!r} is empty or taken")
     try:

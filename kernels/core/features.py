@@ -10,8 +10,8 @@ _COVERING_KINDS = {"media": ("none", "absorbing", "scattering"), "exact": ("none
 _COVERING = ("models", "light_shapes", "environment", "composite", *_COVERING_FLAGS, *_COVERING_KINDS)
 """Features of a kernel that a scene need not have, or less of: the kernel decides at run time."""
 
-_COVER_NOTHING = ("whitted", "ao")
-"""Integrators whose kernels do not decide at run time: the ray tree takes an image around for there, for one."""
+_COVERING_INTEGRATORS = ("path", "aov")
+"""Those whose kernels decide at run time. The ray tree does not: it takes an image around for there, for one."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Features:
         sampler: the source of random numbers (see `make_sample_4d` in `kernels/sampling/sampler.py`).
         instances: "none" where all triangles lie in one tree, else the most general kind of instance: "still",
             "moving" rigidly, or "deforming".
-        integrator: the integrator's name (see `kernels/integrators/registry.py`).
+        integrator: the integrator's name (see `kernels/integrators/registry.py`), built-in or registered from outside.
         cameras: names of the camera models that the scene uses and that not all kernels have: models with distortion,
             and models registered from outside the package.
         light_tree: whether lights are chosen by a light tree instead of by power alone.
@@ -88,7 +88,7 @@ class Features:
 
     def covers(self, scene: "Features") -> bool:
         """Return whether the kernel of these features renders scenes with the features `scene`, with the same bits."""
-        if self.integrator in _COVER_NOTHING:
+        if self.integrator not in _COVERING_INTEGRATORS:
             return self == scene
         return replace(scene, **{name: getattr(self, name) for name in _COVERING}) == self and (
             set(scene.models) <= set(self.models)

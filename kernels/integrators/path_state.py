@@ -36,6 +36,7 @@ class PathSettings:
     widening: float  # variance that slopes of rough surfaces gain once the path was scattered by what is not smooth
     hides_lights: int  # whether camera rays do not see the environment and lights without triangles
     photon_map: PhotonMap
+    own: wp.array(dtype=float)  # the memory of the numbers of an integrator from outside
 
 
 @wp.struct

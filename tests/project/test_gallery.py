@@ -16,8 +16,8 @@ from support.covering_kernels import OF_PICTURES, render_with
 
 import wrt
 from wrt.scene.camera import CAMERAS
+from wrt.scene.integrators import INTEGRATORS
 from wrt.scene.materials import MATERIALS
-from wrt.scene.scene import INTEGRATORS
 from wrt.upload.accel.instancing import lay_out
 from wrt.upload.materials import MaterialTable
 

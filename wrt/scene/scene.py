@@ -20,6 +20,7 @@ from wrt.scene.description import Check, Description, Flag, GroupName, instance_
 from wrt.scene.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.integrators import INTEGRATORS, Integrator, integrator_of
 from wrt.scene.layers import REST, SHADOW, layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material, Unlit
@@ -36,9 +37,6 @@ FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 
 SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
 """Samplers by name; docs/sampling.md compares them."""
-
-INTEGRATORS = ("path", "volpath", "direct", "whitted", "ao", "aov")
-"""Integrators by name; docs/integrators.md describes them."""
 
 MAX_SPP = 2**30
 """Most samples per pixel: a wide kernel takes several at once, and must not count beyond 32 bits."""
@@ -189,7 +187,7 @@ class RenderSettings(Description):
         denoise: whether saved pictures are denoised.
         crop: part of the picture to render: first column and row, and the column and row after the last.
         max_scatterings: maximum number of scattering events along a path.
-        integrator: one of INTEGRATORS; None for "volpath" if media scatter, else "path".
+        integrator: one of INTEGRATORS, or one of your own; None for "volpath" if media scatter, else "path".
         min_attenuation: integrator "whitted" ends rays whose throughput is below this.
         jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a "glossy" material; with
             0 that has direct light alone.
@@ -221,7 +219,7 @@ class RenderSettings(Description):
     sampler: Annotated[str, word_of(SAMPLERS)] = "sobol"
     exposure: Annotated[float | str | None, EXPOSURE_SCHEMA, _nameless(check_exposure)] = None
     crop: tuple[int, int, int, int] | None = None
-    integrator: Annotated[str | None, optional(word_of(INTEGRATORS))] = None
+    integrator: Annotated[str | Integrator | None, optional(partial(integrator_of, words=INTEGRATORS))] = None
     max_scatterings: Annotated[int, partial(integer, minimum=0, maximum=65535)] = 4096
     min_attenuation: _Share = 0.005
     jittered_rays: Annotated[int, partial(integer, minimum=0, maximum=MOST_JITTERED_RAYS)] = 1

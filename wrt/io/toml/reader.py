@@ -31,6 +31,7 @@ from wrt.scene.exact import quadrics
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
+from wrt.scene.integrators import INTEGRATORS, Integrator, integrator_of
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.composite import MAX_NESTING
@@ -92,6 +93,7 @@ class _SceneReader(TableReader):
             Material: self.part,
             Medium: self.medium,
             Measurement: self.measurement,
+            Integrator: self.integrator,
             NormalMap: lambda value: self.normal_map(table_of(value)),
             DensityGrid: lambda value: read_density(self, table_of(value)),
         }
@@ -133,6 +135,16 @@ class _SceneReader(TableReader):
                 elif ImageTexture in kinds:
                     arguments[key] = self.color_source(value, kinds)
         return self.call(make, arguments, extra=() if "type" in inspect.signature(make).parameters else ("type",))
+
+    def integrator(self, value: Any) -> str | Integrator:
+        """Return the integrator that a name or a table of its numbers stands for."""
+        table = value if isinstance(value, dict) else {"type": value}
+        found = integrator_of(table.get("type"), "integrator", words=INTEGRATORS)
+        if isinstance(found, Integrator):
+            made: Integrator = self.build(type(found), table)
+            return made
+        self.check_keys(table, ("type",))
+        return found
 
     def camera(self, table: Table) -> Camera:
         cls = choice(table_of(table), CAMERAS, default="perspective")

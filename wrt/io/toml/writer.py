@@ -29,6 +29,7 @@ from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.exact.analytic import Analytic
 from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.integrators import Integrator
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.measured import Measurement
@@ -164,6 +165,8 @@ class _Writer:
             return self.motion(value)
         if isinstance(value, Material):
             return self.material(value)
+        if isinstance(value, Integrator):
+            return {"type": value.type_name, **self.fields(value)}
         if isinstance(value, (list, tuple)):
             return [self.value(item) for item in value]
         return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
