@@ -42,9 +42,7 @@ def register_integrator(cls: type[Integrator]) -> None:
     """Make a custom integrator known by its name; registering it again is as for `register_camera`.
 
     Args:
-        cls: a dataclass of its numbers with a `type_name`, and `make_trace`, which takes `Tools` (see
-            `kernels/integrators/toolbox.py`) and returns the device function (scene, ray, footprint, sampler, settings,
-            numbers) -> PathResult.
+        cls: a dataclass of its numbers, with a `type_name` and a `make_trace`.
 
     Raises:
         InputError: if `type_name` is empty or taken, a field is no number, or there is no such function.

@@ -36,7 +36,7 @@ class Integrator(Kind):
 
     @staticmethod
     def make_trace(tools: Tools) -> Any:
-        """Return the device function that traces a camera ray."""
+        """Return the function (scene, ray, footprint, sampler, settings, Numbers) -> PathResult of a camera ray."""
         raise NotImplementedError
 
 

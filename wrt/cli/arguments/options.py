@@ -69,7 +69,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--seed": _value("N", whole(0), "random seed (default: 0)", default=0),
     "--max-depth": _value("N", whole(1), "maximum number of path segments (default: from the scene)"),
     "--sampler": _value("NAME", str, "independent, stratified, sobol or blue-noise (default: from the scene)"),
-    "--integrator": _value("NAME", str, "path, direct, whitted, ao or aov (default: from the scene)"),
+    "--integrator": _value("NAME", str, "path, direct, whitted, ao, aov, or one of --with (default: from the scene)"),
     "--clamp-indirect": _value("RADIANCE", positive, "limit the indirect radiance of each path; biased"),
     "--regularization": _value("ALPHA", types.finite, "add this roughness to rough surfaces along a path; biased"),
     "--tone": _value("NAME", str,
