@@ -47,7 +47,7 @@ class HeatMap(wrt.Integrator):
             numbers: tools.Numbers,
         ) -> PathResult:
             next_ray = ray
-            bounces = 0
+            bounces = int(0)
             found = tools.first(scene, ray, footprint, sampler)
             while found.vertex.hit.triangle >= 0 and bounces < numbers.most:
                 v = found.vertex

@@ -40,7 +40,8 @@ def load_models(path: PathLike) -> list[str]:
     module.__file__ = str(file.resolve())
     sys.path.insert(0, str(file.resolve().parent))
     try:
-        exec(compile(source, str(file.resolve()), "exec"), module.__dict__)  # it is why the file was given
+        code = compile(source, str(file.resolve()), "exec", dont_inherit=True)  # not with this file's annotations
+        exec(code, module.__dict__)  # it is why the file was given
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise InputError(f"{file}{_where(error, file)}") from error

@@ -1,6 +1,5 @@
 """Integrators from outside the package: their registry, their numbers, and the function that calls them."""
 
-import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -41,13 +40,14 @@ def own_integrator(name: str, make: Callable[[Tools], Any], kinds: dict[str, str
         ValueError: if what `make` returns is no device function with the arguments of an integrator.
     """
     Numbers: Any = wp.struct(type(f"Numbers_{name}", (), {"__annotations__": {k: _TYPES[v] for k, v in kinds.items()}}))
-    example: Any = make(make_tools(Features(("diffuse",), False, "none"))._replace(Numbers=Numbers))
+    try:
+        example: Any = make(make_tools(Features(("diffuse",), False, "none"))._replace(Numbers=Numbers))
+    except NameError as error:
+        raise ValueError(f"{error}; its file must not have `from __future__ import annotations`") from None
     expected = [SceneData, Ray, wp.vec2, Sampler, PathSettings, Numbers]
     if not isinstance(example, wp.Function):
         raise ValueError(f"make_trace must return a function with @wp.func, not {type(example).__name__}")
-    found = list(example.input_types.values())
-    result = inspect.signature(example.func).return_annotation
-    if found != expected or result is not PathResult:
+    if list(example.input_types.values()) != expected or example.adj.arg_types.get("return") is not PathResult:
         words = "(scene: SceneData, ray: Ray, footprint: wp.vec2, sampler: Sampler, settings: PathSettings, numbers: "
         raise ValueError(f"the function must be {words}tools.Numbers) -> PathResult, not {_described(example)}")
     return OwnIntegrator(make, Numbers, example)
@@ -55,7 +55,7 @@ def own_integrator(name: str, make: Callable[[Tools], Any], kinds: dict[str, str
 
 def _described(function: Any) -> str:
     """Return the arguments and the result of a function as it has them."""
-    kinds = function.func.__annotations__
+    kinds = function.adj.arg_types
     names = [f"{name}: {_name_of(kinds[name])}" if name in kinds else name for name in function.input_types]
     return f"({', '.join(names)}) -> {_name_of(kinds.get('return'))}"
 

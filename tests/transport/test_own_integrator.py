@@ -1,7 +1,5 @@
 """Integrators of one's own: their pictures are those of built-in ones, and whatever renders knows them."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,8 +67,8 @@ class PlainPaths(wrt.Integrator):
             throughput = wp.vec3(1.0)
             receiver = Receiver()
             receiver.time = ray.time
-            pdf = 0.0
-            number = 1
+            pdf = float(0.0)
+            number = int(1)
             while number <= settings.max_depth:
                 found = tools.find(scene, ray, cone, sampler, number, throughput, number == 1)
                 found = tools.meet_lights(scene, ray, found)
@@ -159,7 +157,8 @@ def bumpy_scene() -> wrt.Scene:
     bumps = np.random.default_rng(3).random((8, 8, 3)).astype(np.float32) * (0.4, 0.4, 0.0) + (0.3, 0.3, 1.0)
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.5, 4.0), (0.0, 0.3, 0.0)))
     material = wrt.Diffuse(0.5, normal_map=wrt.NormalMap(bumps.astype(np.float32)), opacity=0.6)
-    scene.add(wrt.sphere((0.0, 0.5, 0.0), 0.8), material=material)
+    scene.add(wrt.quad((-0.8, -0.2, 0.3), (1.6, 0, 0), (0, 1.2, -0.8)), material=material)
+    scene.add(wrt.sphere((0.7, 0.3, 0.6), 0.4), material=wrt.Diffuse(0.5))
     scene.add(wrt.quad((-4, -0.3, 4), (8, 0, 0), (0, 0, -8)), material=wrt.Diffuse((0.6, 0.4, 0.2)))
     return scene
 
@@ -269,6 +268,10 @@ MISTAKES = {
     "no dataclass": (lambda: type("Faulty", (Shown,), {"type_name": "x"}), r"Faulty must be a @dataclass\(frozen=True"),
     "name taken": (lambda: own(Shown.make_trace, type_name="path"), "type_name 'path' is empty or taken"),
     "no Warp": (lambda: own(lambda tools: print), "must return a function with @wp.func, not builtin"),
+    "annotations": (
+        lambda: own(lambda tools: eval("tools", {})),
+        "name 'tools' is not defined.* must not have `from __future__ import annotations`",
+    ),
     "arguments": (
         lambda: own(lambda tools: with_few_arguments),
         r"must be \(scene: SceneData, .* -> PathResult, not \(scene: SceneData, ray: Ray\) -> vec3",

@@ -187,7 +187,7 @@ class RenderSettings(Description):
         denoise: whether saved pictures are denoised.
         crop: part of the picture to render: first column and row, and the column and row after the last.
         max_scatterings: maximum number of scattering events along a path.
-        integrator: one of INTEGRATORS, or one of your own; None for "volpath" if media scatter, else "path".
+        integrator: a name, or one of your own; None for "volpath" if media scatter, else "path".
         min_attenuation: integrator "whitted" ends rays whose throughput is below this.
         jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a "glossy" material; with
             0 that has direct light alone.
