@@ -195,23 +195,24 @@ def test_plain_paths_have_the_mean_of_path() -> None:
 
 
 @pytest.mark.slow
-def test_numbers_arrive_and_films_know_them(tmp_path: Path) -> None:
+def test_numbers_arrive_and_films_know_them(tmp_path: Path, device: str) -> None:
     """By objects, scene files and the shell; a checkpoint refuses other numbers, and parts are merged without them."""
     wrt.register_integrator(Shown)
     scene = wrt.Scene(camera=wrt.PerspectiveCamera())
     scene.add(wrt.box(), material=wrt.Diffuse(0.5))
-    renderers = [wrt.Renderer(scene, integrator=Shown(which=which), **SMALL) for which in range(5)]
+    how = {**SMALL, "device": device}
+    renderers = [wrt.Renderer(scene, integrator=Shown(which=which), **how) for which in range(5)]
     for renderer, expected in zip(renderers, (-70000.0, 0.25, 2.0, (0.1, 0.2, 0.3)), strict=False):
         finish(renderer, 1)
         np.testing.assert_array_equal(renderer.film.mean()[0, 0], np.float32(expected))
     finish(renderers[4], 1)
     assert renderers[4].film.rejected == SMALL["width"] * SMALL["height"]  # NaN is left out, as of built-in ones
     renderers[1].save_checkpoint(tmp_path / "a.ckpt")
-    again = wrt.Renderer.resume(tmp_path / "a.ckpt", scene, integrator=Shown(which=1), **SMALL)
+    again = wrt.Renderer.resume(tmp_path / "a.ckpt", scene, integrator=Shown(which=1), **how)
     assert again.spp == 1
     for other, what in ((Shown(which=1, share=0.5), "share 0.25.* there, .*share 0.5.* here"), ("ao", "integrator")):
         with pytest.raises(wrt.InputError, match=f"cannot resume, these differ: .*{what}"):
-            wrt.Renderer.resume(tmp_path / "a.ckpt", scene, integrator=other, **SMALL)
+            wrt.Renderer.resume(tmp_path / "a.ckpt", scene, integrator=other, **how)
     parts = [again.part(number, 2, spp=2) for number in (1, 2)]
     for part in parts:
         part.save(tmp_path / f"{part.number}.wrt")
@@ -223,7 +224,7 @@ def test_numbers_arrive_and_films_know_them(tmp_path: Path) -> None:
     scene.settings.integrator = Shown(which=3, tint=(1.0, 0.5, 0.25))
     wrt.save_scene(tmp_path / "shown.toml", scene)
     assert wrt.load(tmp_path / "shown.toml").settings.integrator == scene.settings.integrator
-    crop = wrt.render(scene, crop=(3, 4, 9, 8), spp=2, denoise=False, **SMALL)
+    crop = wrt.render(scene, crop=(3, 4, 9, 8), spp=2, **how)
     np.testing.assert_array_equal(crop, np.broadcast_to(np.float32((1.0, 0.5, 0.25)), crop.shape))
 
 
