@@ -308,6 +308,19 @@ def test_settings_refuse_what_is_unknown_or_cannot_be(tmp_path: Path) -> None:
         wrt.load(file)
 
 
+def test_what_it_cannot_do_is_refused_or_said(render_kernels_when_launched: Any) -> None:
+    wrt.register_integrator(Shown)
+    fog = wrt.Medium(absorption=(0.1, 0.1, 0.1))
+    with pytest.warns(UserWarning, match="integrator 'shown' ignores media; use 'volpath'"):
+        wrt.Renderer(block_scene(medium=fog), integrator="shown", **SMALL)
+    for options, message in (
+        ({"layers": ("light_groups",)}, "integrator 'shown' has no layers of light groups"),
+        ({"caustics": True}, "integrator 'shown' cannot render caustics by photons"),
+    ):
+        with pytest.raises(wrt.InputError, match=message):
+            wrt.Renderer(block_scene(), integrator="shown", **options, **SMALL)
+
+
 def test_gradients_refuse_it_at_the_first_call(render_kernels_when_launched: Any) -> None:
     torch = pytest.importorskip("torch")
     from wrt.torch import render

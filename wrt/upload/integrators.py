@@ -157,7 +157,9 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str, devic
     if isinstance(settings.integrator, Integrator):
         from wrt.kernels.integrators.own import packed
 
-        path.own = backend.array(packed(settings.integrator.model, vars(settings.integrator)), float, device)
+        path.own = backend.array(
+            packed(settings.integrator.model, dataclasses.asdict(settings.integrator)), float, device
+        )
     path.widening = 0.5 * settings.regularization**2  # α² of a slope's variance σ² is 2σ²
     return path
 

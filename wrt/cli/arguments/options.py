@@ -123,7 +123,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--checkpoint": _value("FILE", str, "save the state of the render here, for --resume", action=Once),
     "--define": _value("NAME=VALUE", types.definition, "value of the parameter $NAME in a Mitsuba scene",
         dest="parameters", action="append"),
-    "--with": _value("FILE", str, "first run a Python file that registers materials, lights or cameras",
+    "--with": _value("FILE", str, "first run a Python file that registers models of your own",
         dest="models", action="append"),
     "--crease": _value("DEGREES", whole(0),
         "smooth edges that are folded by up to this angle in meshes without normals; 0 is flat (default: what the "
