@@ -11,7 +11,7 @@ from wrt.develop.denoise import require_denoiser
 from wrt.errors import InputError
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.developing import TONES, Exposure, check_exposure
-from wrt.scene.integrators import INTEGRATORS, Integrator, integrator_of
+from wrt.scene.integrators import INTEGRATORS
 from wrt.scene.layers import LAYERS
 from wrt.scene.scene import RenderSettings
 from wrt.values import integer, one_of
@@ -63,9 +63,9 @@ class Look:
         return cls(settings.exposure, settings.tone, settings.denoise)
 
 
-def _integrator(value: object) -> str | Integrator | None:
-    choices = {name: cls for name, cls in INTEGRATORS.items() if name != "aov"}
-    return None if value in (None, "") else integrator_of(value, "integrator", words=choices)
+def _integrator(value: object) -> str | None:
+    choices = [name for name in INTEGRATORS if name != "aov"]
+    return None if value in (None, "") else one_of(value, choices, "integrator")
 
 
 def _denoise(value: object) -> bool:
