@@ -74,8 +74,8 @@ class HeatMap(wrt.Integrator):
 class DepthCue(wrt.Integrator):
     """Ambient occlusion by what is within `reach` that fades `into` a colour with the distance, both in metres."""
 
-    reach: Positive = 0.5
-    fade: Positive = 4.0
+    reach: Positive = 1.0
+    fade: Positive = 10.0
     into: Color = (0.6, 0.7, 0.8)
 
     type_name = "depth-cue"
@@ -148,7 +148,10 @@ class Toon(wrt.Integrator):
             is_there = v.hit.triangle >= 0
             if is_there:
                 light = wp.ceil(v.wo[2] * float(numbers.bands)) / float(numbers.bands)
-                result.radiance = tools.evaluate(v.bsdf, v.wo, v.wo) * (wp.pi * light / v.wo[2])
+                paint = tools.evaluate(v.bsdf, v.wo, v.wo) * (wp.pi / v.wo[2])
+                if wp.max(paint) == 0.0:
+                    paint = wp.vec3(0.9)  # glass and mirrors send nothing back
+                result.radiance = paint * light
             frame = make_frame(ray.direction)
             beside = ray
             for k in range(4):

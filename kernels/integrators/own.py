@@ -1,11 +1,9 @@
 """Integrators from outside the package: their registry, their numbers, and the function that calls them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.rays import Ray
@@ -65,15 +63,6 @@ def _name_of(kind: Any) -> str:
 
 
 OWN_INTEGRATORS: Registry[OwnIntegrator] = Registry({}, lambda name, model: None)
-
-
-def packed(name: str, values: Mapping[str, Any]) -> NDArray[np.float32]:
-    """Return the numbers of the integrator that is registered as `name`, in the memory of its struct."""
-    record = OWN_INTEGRATORS.model_of(OWN_INTEGRATORS.current_name(name)).Numbers.ctype()
-    for field, value in values.items():
-        setattr(record, field, wp.vec3(*value) if isinstance(value, tuple) else value)
-    memory = bytes(record)
-    return np.frombuffer(memory.ljust(-(-len(memory) // 4) * 4, bytes(1)), np.float32)
 
 
 @specialised()

@@ -63,13 +63,18 @@ def shown_by(integrator: str, spp: int, **options: Any) -> Picture:
     return Picture(make_scene, 480, 288, spp, {"integrator": integrator, **options})
 
 
+def make_sketched() -> wrt.Scene:
+    """Return the scene, for one of the integrators of scripts/sketches.py."""
+    wrt.load_models(Path(__file__).parents[1] / "sketches.py")
+    return make_scene()
+
+
 def own() -> Tiles:
     """Return the scene as the integrators of scripts/sketches.py show it."""
-    wrt.load_models(Path(__file__).parents[1] / "sketches.py")
     options: dict[str, Any] = {"tone": "none", "exposure": 0.0}
     names = {"heat-map": "HeatMap", "depth-cue": "DepthCue", "toon": "Toon"}
     return {
-        name: (Picture(make_scene, 320, 192, 256, {"integrator": name, **options}), (label,))
+        name: (Picture(make_sketched, 320, 192, 256, {"integrator": name, **options}), (label,))
         for name, label in names.items()
     }
 

@@ -45,7 +45,7 @@ def test_steps_of_the_tutorial_replace_tables_of_its_file():
 @pytest.mark.slow
 def test_scenes_of_pictures_are_built():
     moving = {"motion-toys": "deforming", "layers": "moving", "motion-forest": "still"}
-    for name in PICTURES.keys() - {"materials", *pictures.inverse.PICTURES}:
+    for name in PICTURES.keys() - {"materials", "own-integrators", *pictures.inverse.PICTURES}:
         drawing = PICTURES[name]
         tiles = getattr(drawing, "tiles", dict)()
         scene = next((picture for picture, _ in tiles.values()), getattr(drawing, "picture", drawing)).make()

@@ -19,7 +19,7 @@ from wrt.errors import InputError
 from wrt.io.npy import read_archive
 from wrt.io.safe_read import PathLike, first_line, forget_input, read_file
 from wrt.io.safe_write import Kind, write_atomically
-from wrt.scene.integrators import Integrator
+from wrt.scene.integrators import INTEGRATORS, Integrator
 from wrt.scene.layers import LIGHT_GROUPS
 from wrt.scene.scene import RenderSettings, Scene
 
@@ -170,8 +170,23 @@ def _numbers_of(integrator: str | Integrator | None) -> dict[str, str]:
     """Return the numbers of an integrator of one's own, under the key by which others have none."""
     if not isinstance(integrator, Integrator):
         return {}
-    values = dataclasses.asdict(integrator).items()
-    return {NUMBERS: ", ".join(f"{name} {value}" for name, value in values) or "none"}
+    return {NUMBERS: json.dumps(dataclasses.asdict(integrator))}
+
+
+def integrator_in(header: dict[str, Any]) -> Any:
+    """Return the integrator of a header: a name, or one of one's own with its numbers.
+
+    Raises:
+        InputError: if it has no such numbers.
+    """
+    name = header.get("integrator")
+    cls = INTEGRATORS.get(name) if isinstance(name, str) else None
+    if cls is None or NUMBERS not in header:
+        return name
+    try:
+        return cls(**json.loads(header[NUMBERS]))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"integrator {name!r} does not have the {NUMBERS}: {error}") from None
 
 
 def scene_fingerprint(scene: Scene) -> dict[str, str]:

@@ -458,6 +458,7 @@ class Renderer(EditablePicture):
         names = ("seed", "strategy", "light_choice", *checkpoint.SETTINGS_OF_PICTURE)
         options: dict[str, Any] = {name: header.get(name) for name in names}
         try:
+            options["integrator"] = checkpoint.integrator_in(header)
             renderer = cls(scene, device=device, threads=threads, **options)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None

@@ -6,14 +6,11 @@ import dataclasses
 import typing
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from wrt.errors import InputError
 from wrt.scene.description import Check, Kind
 from wrt.values import FLOAT32_MAX, boolean, color, integer, number, one_of
-
-if TYPE_CHECKING:
-    from wrt.kernels.integrators.toolbox import Tools
 
 _MOST = 2**31 - 1
 _CHECKS: dict[str, Check] = {
@@ -35,7 +32,7 @@ class Integrator(Kind):
             self._set(**{name: _CHECKS[kind](getattr(self, name), name)})
 
     @staticmethod
-    def make_trace(tools: Tools) -> Any:
+    def make_trace(tools: Any) -> Any:
         """Return the function (scene, ray, footprint, sampler, settings, Numbers) -> PathResult of a camera ray."""
         raise NotImplementedError
 

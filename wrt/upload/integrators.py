@@ -149,13 +149,20 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str, devic
     path.clamp_indirect = 0.0 if settings.clamp_indirect is None else settings.clamp_indirect
     path.hides_lights = int(settings.transparent)
     if isinstance(settings.integrator, Integrator):
-        from wrt.kernels.integrators.own import packed
-
-        path.own = backend.array(
-            packed(settings.integrator.model, dataclasses.asdict(settings.integrator)), float, device
-        )
+        path.own = backend.array(_packed(settings.integrator), float, device)
     path.widening = 0.5 * settings.regularization**2  # α² of a slope's variance σ² is 2σ²
     return path
+
+
+def _packed(integrator: Integrator) -> NDArray[np.float32]:
+    """Return the numbers of an integrator in the memory of its kernels' struct."""
+    from wrt.kernels.integrators.own import OWN_INTEGRATORS
+
+    record = OWN_INTEGRATORS.model_of(OWN_INTEGRATORS.current_name(integrator.model)).Numbers.ctype()
+    for name, value in dataclasses.asdict(integrator).items():
+        setattr(record, name, value)
+    memory = bytes(record)
+    return np.frombuffer(memory.ljust(-(-len(memory) // 4) * 4, bytes(1)), np.float32)
 
 
 def mean_radiance(scene: Scene) -> NDArray[np.float64]:
