@@ -15,6 +15,7 @@ from support.small_scenes import block_scene, finish, rendered
 from support.statistics import image_z_test
 
 import wrt
+from wrt.gradients.renderers import Differentiable
 from wrt.kernels.integrators.own import OWN_INTEGRATORS
 from wrt.kernels.integrators.toolbox import (
     BLOCK_BSDF,
@@ -323,19 +324,15 @@ def test_what_it_cannot_do_is_refused_or_said(render_kernels_when_launched: Any)
 
 
 def test_gradients_refuse_it_at_the_first_call(render_kernels_when_launched: Any) -> None:
-    torch = pytest.importorskip("torch")
-    from wrt.torch import render
-
+    """Also `wrt.torch` and `wrt.jax`, whose pictures are `Differentiable`."""
     wrt.register_integrator(Shown)
     for integrator in ("shown", "ao"):
         renderer = wrt.Renderer(block_scene(), integrator=integrator, **SMALL)
-        for call in (
-            lambda renderer=renderer: renderer.gradients(np.ones((30, 40, 3))),
-            lambda renderer=renderer: render(renderer, {}, spp=1),
-        ):
-            with pytest.raises(wrt.InputError, match=f"integrator '{integrator}' has no gradients; use 'path'"):
-                call()
-    assert torch is not None
+        message = f"integrator '{integrator}' has no gradients; use 'path' or 'volpath'"
+        with pytest.raises(wrt.InputError, match=message):
+            renderer.gradients(np.ones((30, 40, 3)))
+        with pytest.raises(wrt.InputError, match=message):
+            Differentiable(renderer, {}, 1, None, None)
 
 
 def test_versions_of_the_code_have_names_of_their_own() -> None:
