@@ -10,7 +10,7 @@ wall.
 Normals are central differences. `wp.grad` would be wrong for functions with loops that carry values, as of fractals.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, get_type_hints
 
 import warp as wp
 
@@ -76,7 +76,7 @@ def distance_model(name: str, function: object) -> DistanceModel:
     for argument, kind in of_numbers:
         if kind not in (float, wp.float32):
             raise ValueError(f"{rule}; {argument} is not a float")
-    if function.func.__annotations__.get("return", float) not in (float, wp.float32):
+    if get_type_hints(function.func).get("return", float) not in (float, wp.float32):
         raise ValueError(f"{rule}; it returns something else")
     return DistanceModel(function, len(of_numbers))
 

@@ -144,8 +144,9 @@ class Distances(Analytic):
 def _box(shape: DistanceShape) -> tuple[FloatArray, FloatArray]:
     """Return the box of a shape, or raise InputError where none can be used."""
     called = type(shape).__name__
+    corners = shape.bounds()
     try:
-        low, high = shape.bounds()
+        low, high = corners
     except (TypeError, ValueError):
         raise InputError(f"{called}: bounds must return two corners, the lowest and the highest") from None
     a, b = (np.array(vector(corner, f"{called}: a corner of bounds")) for corner in (low, high))
