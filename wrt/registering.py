@@ -92,7 +92,9 @@ def register_shape(cls: type[DistanceShape], distance: Function) -> None:
         DISTANCES.register(name, distance_model(name, distance), owner)
 
     if taken := scene_keys.SHAPE.keys() & {each.name for each in dataclasses.fields(cls)}:  # type: ignore[arg-type]
-        raise InputError(f"{cls.__name__}: {', '.join(sorted(taken))} is a key of all shapes in scene files; rename the field")
+        raise InputError(
+            f"{cls.__name__}: {', '.join(sorted(taken))} is a key of all shapes in scene files; rename the field"
+        )
     if cls.type_name in shape_makers() and cls.type_name not in SHAPES:
         raise InputError(f"{cls.__name__}: type_name {cls.type_name!r} is empty or taken")
     _register(SHAPES, cls, register)

@@ -52,7 +52,7 @@ class RoundedBox(wrt.DistanceShape):
 
 @wp.func
 def mandelbulb(point: wp.vec3, power: float, thickness: float) -> float:
-    """Estimate of Hart, Sandin and Kauffman (1989) for z → z^p + c in the spherical coordinates of White and Nylander."""
+    """Estimate of Hart, Sandin and Kauffman (1989) for z → z^p + c in spherical coordinates (White and Nylander)."""
     z = point
     slope = float(1.0)
     r = wp.length(z)

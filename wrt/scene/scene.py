@@ -54,9 +54,7 @@ def _matrix_or_motion(value: object, name: str) -> NDArray[np.float64] | Motion:
 
 _mesh = instance_of(Mesh, "; wrt.load_mesh makes one of a file or a trimesh object")
 
-_Mesh = Annotated[
-    Mesh, lambda value, name: _mesh(value.mesh if isinstance(value, DistanceShape) else value, name)
-]
+_Mesh = Annotated[Mesh, lambda value, name: _mesh(value.mesh if isinstance(value, DistanceShape) else value, name)]
 _Placement = Annotated[NDArray[np.float64] | Motion | None, optional(_matrix_or_motion)]
 _Deformation = Annotated[Deformation | None, optional(instance_of(Deformation))]
 
@@ -347,9 +345,9 @@ class Scene:
         """Add a mesh and return the new shape.
 
         Args:
-            mesh: a Mesh or DistanceShape, the path of a mesh file, or an object of trimesh, PyVista, Open3D, or with `vertices` and
-                `faces`. Files and objects bring their materials and may have several parts, whose shapes are returned
-                in a list. A light is added as by `add_light`, and takes no options.
+            mesh: a Mesh or DistanceShape, the path of a mesh file, or an object of trimesh, PyVista, Open3D, or with
+                `vertices` and `faces`. Files and objects bring their materials and may have several parts, whose shapes
+                are returned in a list. A light is added as by `add_light`, and takes no options.
             material: a material, the name of one such as "gold", a colour, or an image file for the texture.
             options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
                 double_sided, edges, shadow_catcher.

@@ -78,7 +78,7 @@ def upload_casters(scene: Scene, layout: Layout, first_triangles: NDArray[np.int
         if share == 0.0:
             continue
         if isinstance(mesh, Distances):
-            raise InputError(f"{scene.shapes[shape].name}: photons cannot be aimed at shapes by distance functions; render without caustics")
+            raise InputError(f"{scene.shapes[shape].name}: photons cannot be aimed at shapes by distance functions")
         rows = np.zeros(len(mesh.faces), k.Caster.numpy_dtype())
         rows["triangle"] = first_triangles[shape] + np.arange(len(rows))
         rows["instance"], rows["shape"] = instance, shape

@@ -292,7 +292,9 @@ def _with_own_matrix(shape: Shape, mesh: Distances) -> Shape:
     if np.array_equal(mesh.matrix, np.eye(4)) and not mesh.turned:
         return shape
     if mesh.turned or isinstance(shape.transform, Motion):
-        raise InputError(f"{shape.name}: a scene file cannot hold a shape of one's own that is turned inside out, or moves after a transform")
+        raise InputError(
+            f"{shape.name}: a scene file cannot hold an own shape that is inside out, or moves after a transform"
+        )
     return dataclasses.replace(shape, transform=product(shape.transform_at(0.0), mesh.matrix))
 
 

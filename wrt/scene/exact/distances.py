@@ -78,7 +78,9 @@ class Distances(Analytic):
     def __post_init__(self) -> None:
         Mesh.__post_init__(self)
         if self.description.type_name not in SHAPES:
-            raise InputError(f"{type(self.description).__name__}: give it to wrt.register_shape, then make a shape of it")
+            raise InputError(
+                f"{type(self.description).__name__}: give it to wrt.register_shape, then make a shape of it"
+            )
 
     @classmethod
     def of(cls, shape: DistanceShape, matrix: FloatArray, *, turned: bool = False, name: str = "") -> Distances:
