@@ -32,6 +32,7 @@ from wrt.kernels.integrators.path_surface import (
     make_surface_vertex,
     pass_through,
 )
+from wrt.kernels.lights.choice import make_light_choice
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import place_on_disk
 from wrt.kernels.lights.shapes import make_closest_hit
@@ -89,7 +90,7 @@ class Aim:
 
 @wp.struct
 class Departure:
-    """A photon that leaves a light: its ray and its power.
+    """A photon that leaves a light, known by its number as in `Photon`: its ray and its power.
 
     It is to meet `shape` first, within `tolerance` of `position`. It has come a distance of `gap` through the medium
     around the scene.
@@ -101,6 +102,7 @@ class Departure:
     position: wp.vec3
     tolerance: float
     gap: float
+    light: int
 
 
 @specialised()
@@ -167,19 +169,21 @@ def way_out(low: wp.vec3, high: wp.vec3, position: wp.vec3, direction: wp.vec3) 
     return wp.max(distance, 0.0)
 
 
-@specialised("environment", "instances", "exact", *make_lights.fields)
+@specialised("environment", "instances", "exact", "light_groups", *make_lights.fields)
 def make_depart(features: Features) -> wp.Function:
     """Return the device function (scene, casters, sampler, time) -> Departure of one photon of a set of one.
 
     Half of the photons come from a constant environment where there are other lights, too.
     """
     aim_at, sample_light = make_aim(features.geometry), make_lights(features).sample_light
+    choose_light = make_light_choice(features.light_tree).choose_light
     sample_4d = make_sample_4d("sobol")
     surrounded = features.environment == "constant"
 
     @wp.func
     def depart(scene: SceneData, casters: Casters, sampler: Sampler, time: float) -> Departure:
         departure = Departure()
+        departure.light = scene.lights.shape[0]
         u = sample_4d(sampler, vertex_block(0, BLOCK_BSDF))
         u_light = sample_4d(sampler, vertex_block(0, BLOCK_LIGHT))
         caster = casters.records[sample_alias(casters.thresholds, casters.aliases, u[2], u[3]).index]
@@ -208,6 +212,8 @@ def make_depart(features: Features) -> wp.Function:
             wi = light.wi
             distance = light.distance
             irradiance = light.radiance * (wp.abs(wp.dot(wi, aim.normal)) / share)
+            if wp.static(features.light_groups):
+                departure.light = choose_light(scene, receiver, u_light).light
         if distance >= _INFINITELY_FAR:
             distance = way_out(casters.low, casters.high, aim.position, wi)
             departure.gap = _INFINITELY_FAR
@@ -291,6 +297,7 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
             photon.power = wp.cw_mul(path.throughput, departure.power) * (path.eta_scale / float(traced))
             photon.turns = turns
             photon.was_scattered = was_scattered
+            photon.light = departure.light
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
             before = wp.max(path.throughput)
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)

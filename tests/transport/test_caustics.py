@@ -252,6 +252,32 @@ def test_an_integrating_sphere_has_the_radiance_of_its_closed_form(report: Repor
     assert deviation(found, expected, BIAS) < 3.5
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("clamp", [None, 0.5])
+def test_photons_are_in_the_group_of_their_light(clamp: float | None) -> None:
+    """Of lights in red, green and blue each group has one colour, and their sum is the picture to rounding."""
+    names = ("red", "green", "blue")
+
+    def make(*, grouped: bool = True) -> wrt.Scene:
+        groups = names if grouped else (None, None, None)
+        lit = dataclasses.replace(lamp(), emission=(2.5, 0.0, 0.0), group=groups[0])
+        point = wrt.PointLight((1.0, 3.0, 0.0), (0.0, 5.0, 0.0), group=groups[1])
+        sky = wrt.ConstantEnvironment((0.0, 0.0, 0.3), group=groups[2])
+        return scene_of(floor(), block(wrt.Dielectric()), lit, point, environment=sky)
+
+    def render(scene: wrt.Scene, *layers: str) -> wrt.Renderer:
+        options = {"width": 24, "height": 16, "caustics": True, "clamp_indirect": clamp, "layers": layers}
+        return finish(wrt.Renderer(scene, max_depth=10, **options), 5, 8)
+
+    grouped = render(make(), "light_groups")
+    image, layers = grouped.image(), grouped.layers()
+    np.testing.assert_array_equal(image, render(make(grouped=False)).image())
+    for channel, name in enumerate(names):
+        layer = layers[f"light_{name}"]
+        np.testing.assert_allclose(layer[..., channel], image[..., channel], rtol=3e-6)
+        assert not np.delete(layer, channel, axis=2).any()
+
+
 def test_models_say_what_turns_light() -> None:
     found = {
         name: smooth_lobes(name) for name in ("diffuse", "null", "mirror", "dielectric", "thin_dielectric", "plastic")
@@ -364,7 +390,7 @@ def test_caustics_that_no_path_finds_are_told(capfd: pytest.CaptureFixture[str],
     for silent in ((glass,), (point,), (ball(wrt.ThinDielectric()), point), (ball(wrt.RoughDielectric()), point)):
         assert hints(*silent) == 0
     assert hints(glass, wrt.DirectionalLight((0.0, -1.0, 0.0), 1.0, angle_degrees=5.0)) == 0
-    for option in ({"caustics": True}, {"integrator": "direct"}, {"layers": ("light_groups",)}):
+    for option in ({"caustics": True}, {"integrator": "direct"}):
         assert hints(glass, point, **option) == 0
     wrt.save_scene(tmp_path / "a.toml", scene_of(floor(), glass, point))
     command = f"render {tmp_path}/a.toml --size 8x6 --spp 1 -o {tmp_path}"
@@ -389,8 +415,6 @@ def test_what_cannot_be_rendered_is_said_before() -> None:
     scene.shapes.append(wrt.Shape(wrt.box(), transform=moves))
     with pytest.raises(wrt.InputError, match="must stand still while the shutter is open"):
         wrt.Renderer(scene, caustics=True)
-    with pytest.raises(wrt.InputError, match="no layers of light groups"):
-        renderer(layers=("light_groups",))
     with pytest.raises(wrt.InputError, match="have no derivatives"):
         renderer().gradients(np.ones((16, 24, 3)))
     caught = SCENES["block"]()

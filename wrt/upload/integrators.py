@@ -84,8 +84,6 @@ def _obstacle_to_photons(scene: Scene, settings: RenderSettings, integrator: str
     """Return the message about what keeps photons from bringing caustics, or ""."""
     if integrator not in WITH_PHOTONS:
         return f"integrator {integrator!r} cannot render caustics by photons; use 'path' or 'volpath'"
-    if LIGHT_GROUPS in settings.layers:
-        return "caustics by photons have no layers of light groups; leave one of the two out"
     if any(shape.shadow_catcher for shape in scene.shapes):
         return "caustics by photons do not fall on shadow catchers; leave one of the two out"
     camera = scene.camera
