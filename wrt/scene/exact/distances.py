@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.linalg import determinant, product
+from wrt.linalg import determinant, norm, product
 from wrt.scene.description import Kind
 from wrt.scene.exact.analytic import WEIGHTS, Analytic, FloatArray
 from wrt.scene.mesh import LARGEST, Mesh
@@ -21,6 +21,9 @@ from wrt.values import number, vector
 
 _PADDING = 2.0**-21
 """Boxes are larger than what they hold by this share of its size and distance: a few roundings."""
+
+_MARGIN = 2.0**-10
+"""The share of its diagonal by which the shape's own box is enlarged, so that surfaces may lie on its walls."""
 
 _CORNERS = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
 
@@ -156,7 +159,8 @@ def _box(shape: DistanceShape) -> tuple[FloatArray, FloatArray]:
         raise InputError(f"{called}: bounds {a.tolist()} must be below {b.tolist()} along every axis")
     if not max(np.abs(a).max(), np.abs(b).max()) <= LARGEST:
         raise InputError(f"{called}: bounds reach farther than {LARGEST:g}")
-    return a, b
+    margin = _MARGIN * norm(b - a)
+    return a - margin, b + margin
 
 
 def _flat(values: Iterable[Any]) -> Iterator[Any]:
