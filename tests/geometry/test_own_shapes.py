@@ -60,15 +60,44 @@ class Mandelbulb(wrt.DistanceShape):
         return (-1.25,) * 3, (1.25,) * 3
 
 
+@wp.func
+def odd(point: wp.vec3, kind: float) -> float:
+    """A ball by thrice its distance, and functions that are no distances: NaN, 0, infinite, and with 10^6 signs."""
+    value = 3.0 * (wp.length(point) - 1.0)
+    if kind == 1.0:
+        value = 0.0 / (kind - 1.0)
+    elif kind == 2.0:
+        value = 0.0
+    elif kind == 3.0:
+        value = 1.0 / (kind - 3.0)
+    elif kind == 4.0:
+        value = 1.0e-9 * wp.sin(1.0e6 * point[0])
+    return value
+
+
+@dataclass(frozen=True)
+class Odd(wrt.DistanceShape):
+    kind: float = 0.0
+
+    type_name: ClassVar[str] = "odd"
+    lipschitz: ClassVar[float] = 3.0
+
+    def bounds(self) -> tuple[Any, Any]:
+        return (-1.0,) * 3, (1.0,) * 3
+
+
+SHAPES_OF_TESTS = ((OwnBall, ball), (Mandelbulb, mandelbulb), (Odd, odd))
+
+
 @pytest.fixture(scope="module", autouse=True)
 def pebble(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Register the shapes, return the documentation's rounded box, and leave the register as it was."""
     code = program_of("own", "pebble.py")
     made = definitions(code, tmp_path_factory.mktemp("own") / "pebble.py")["Pebble"]
-    wrt.register_shape(OwnBall, ball)
-    wrt.register_shape(Mandelbulb, mandelbulb)
+    for cls, function in SHAPES_OF_TESTS:
+        wrt.register_shape(cls, function)
     yield made
-    for cls in (made, OwnBall, Mandelbulb):
+    for cls in (made, *(cls for cls, _ in SHAPES_OF_TESTS)):
         del SHAPES[cls.type_name]
         DISTANCES.forget(cls.type_name.replace("-", "_"))
 
@@ -174,6 +203,20 @@ def test_hits_of_a_rounded_box(pebble: Any, device: str, report: Report) -> None
     off = np.abs(ts[sure, 0] - expected[sure])
     report("distance is off by at most, metres", float(off.max()), "< 1e-4")
     assert off.max() < 1e-4
+
+
+@pytest.mark.slow
+def test_functions_that_are_no_distances(device: str) -> None:
+    """The Lipschitz constant divides the steps; every ray ends, and what is nowhere positive or NaN is not met."""
+    origins, directions = rays(np.eye(4), 2000, 3.0)
+    number, ts, *_ = cast_rays([Odd(0.0).mesh], origins, directions, device)
+    expected = of_ball(origins.astype(np.float64), directions.astype(np.float64), 1.0)[:, 0]
+    both = (number >= 0) & np.isfinite(expected)
+    assert ((number >= 0) != np.isfinite(expected)).mean() < 2e-3
+    assert np.abs(ts[both, 0] - expected[both]).max() < 1e-4
+    for kind in (1.0, 2.0, 3.0):
+        assert (cast_rays([Odd(kind).mesh], origins, directions, device)[0] == -1).all(), kind
+    assert (cast_rays([Odd(4.0).mesh], origins, directions, device)[0] >= 0).any()
 
 
 @pytest.mark.slow

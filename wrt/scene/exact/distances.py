@@ -42,7 +42,7 @@ class DistanceShape(Kind):
         raise NotImplementedError
 
     def numbers(self) -> Sequence[float]:
-        """Return the numbers that the function takes: by default all fields in order, vectors one by one."""
+        """Return the numbers that the function takes: by default all fields in order."""
         return [*_flat(getattr(self, each.name) for each in dataclasses.fields(self))]  # type: ignore[arg-type]
 
     @cached_property
