@@ -38,6 +38,9 @@ _DIFFERENCE = wp.constant(2.0**-11)
 """Half the distance of points for a central difference, in diagonals: rounding and curvature both turn normals of a
 sphere by 1e-4 at most."""
 
+_LEAST_COSINE = wp.constant(1.0e-4)
+"""The least cosine between a ray and a normal."""
+
 _FINE_STEPS = wp.constant(256)
 _STEPS_TO_DOUBLE = wp.constant(32)
 """After so many steps, and then each time after so many more, the least step doubles: a ray ends after 750 steps."""
@@ -305,7 +308,7 @@ def make_meet_volume(geometry: str) -> wp.Function:
 
 @wp.struct
 class VolumePoint:
-    """A point of a surface.
+    """A point of a surface, and whether a ray comes to it from `outside`, where distances are above 0.
 
     `position` and the unit `normal`, towards greater distances, are in the world. `clearance` is the offset along the
     normal from which rays leave. `uv` is the place in the box, 0 to 1, seen along the axis nearest to the normal; `e1`
@@ -313,6 +316,7 @@ class VolumePoint:
     """
 
     position: wp.vec3
+    outside: bool
     normal: wp.vec3
     clearance: float
     uv: wp.vec2
@@ -339,7 +343,9 @@ def to_world_normal(volume: Volume, gradient: wp.vec3) -> wp.vec4:
 def make_point_on_volume(geometry: str) -> wp.Function:
     """Return the device function (scene, volume, ray, t) -> VolumePoint at which a ray meets a surface.
 
-    The point on the ray is moved to the surface along the gradient, so its error does not depend on t.
+    The point on the ray is moved to the surface along the gradient, so its error does not depend on t. The side from
+    which the ray comes is read just before it. Where details are finer than the difference, the normal may face away
+    from the ray, and is turned to it.
     """
     distance = make_distance(distances_of(geometry))
 
@@ -348,6 +354,7 @@ def make_point_on_volume(geometry: str) -> wp.Function:
         passage = passage_of(volume, ray)
         local = passage.start + passage.direction * (t - passage.begin)
         diagonal = diagonal_of(volume)
+        before = local - wp.normalize(passage.direction) * (0.5 * diagonal * _LEAST_STEP)
         h = diagonal * _DIFFERENCE
         gradient = wp.vec3()
         axes = int(3)  # a variable, or the loop would be unrolled
@@ -366,6 +373,11 @@ def make_point_on_volume(geometry: str) -> wp.Function:
         point.position = point_of(volume.axes, local)
         normal = to_world_normal(volume, unit)
         point.normal = wp.vec3(normal[0], normal[1], normal[2])
+        point.outside = distance(scene, volume, before) > 0.0
+        side = wp.where(point.outside, 1.0, -1.0)
+        cosine = wp.dot(point.normal, ray.direction)
+        if cosine * side > -_LEAST_COSINE:
+            point.normal = wp.normalize(point.normal - ray.direction * (cosine + side * _LEAST_COSINE))
         far = wp.max(wp.abs(volume.low), wp.abs(volume.high))
         sizes = wp.abs(volume.axes.x) * far[0] + wp.abs(volume.axes.y) * far[1] + wp.abs(volume.axes.z) * far[2]
         sizes += wp.abs(volume.axes.center)
