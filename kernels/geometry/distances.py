@@ -34,9 +34,11 @@ _LEAST_STEP = wp.constant(2.0**-15)
 _CLEARANCE = wp.constant(2.0**-15)
 """The distance from the surface at which rays leave it, in diagonals of the box."""
 
-_DIFFERENCE = wp.constant(2.0**-11)
-"""Half the distance of points for a central difference, in diagonals: rounding and curvature both turn normals of a
-sphere by 1e-4 at most."""
+_DIFFERENCE = wp.constant(2.0**-13)
+"""Half the distance of points for a central difference, in diagonals: rounding turns normals by 1e-4 or so."""
+
+_ROUNDINGS = wp.constant(2.0**-22)
+"""How wrong the distance of a hit may be, as a share of itself."""
 
 _LEAST_COSINE = wp.constant(1.0e-4)
 """The least cosine between a ray and a normal."""
@@ -354,7 +356,8 @@ def make_point_on_volume(geometry: str) -> wp.Function:
         passage = passage_of(volume, ray)
         local = passage.start + passage.direction * (t - passage.begin)
         diagonal = diagonal_of(volume)
-        before = local - wp.normalize(passage.direction) * (0.5 * diagonal * _LEAST_STEP)
+        error = t * wp.length(passage.direction) * _ROUNDINGS
+        before = local - wp.normalize(passage.direction) * (0.5 * diagonal * _LEAST_STEP + error)
         h = diagonal * _DIFFERENCE
         gradient = wp.vec3()
         axes = int(3)  # a variable, or the loop would be unrolled
@@ -368,7 +371,8 @@ def make_point_on_volume(geometry: str) -> wp.Function:
             gradient = -wp.normalize(passage.direction)
             slope = 1.0
         unit = gradient / slope
-        local -= unit * wp.clamp(distance(scene, volume, local) / slope, -h, h)
+        most = 0.25 * diagonal * _CLEARANCE + error
+        local -= unit * wp.clamp(distance(scene, volume, local) / slope, -most, most)
         point = VolumePoint()
         point.position = point_of(volume.axes, local)
         normal = to_world_normal(volume, unit)

@@ -324,12 +324,11 @@ def test_no_light_leaks_out_of_a_closed_shape(device: str, report: Report) -> No
 
 @pytest.mark.slow
 def test_a_fractal_has_neither_holes_nor_grain(device: str) -> None:
-    """In a constant environment without light bounced on, a white matt body is nowhere darker than its crevices are."""
+    """White in white light, it is nowhere darker than that; its inside, which no path may reach, is black."""
     scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 3.2)), environment=wrt.ConstantEnvironment(1.0))
-    scene.add(Mandelbulb(), material=wrt.Diffuse(1.0))
-    image = rendered(scene, 16, width=64, height=64, max_depth=200, seed=2, device=device).image()
-    # White in white light: radiance 1 everywhere, but for rays that rounding leaves inside for good.
-    assert np.abs(image.mean() - 1.0) < 2e-3
+    scene.add(Mandelbulb(), material=wrt.TwoSided(wrt.Diffuse(1.0)))
+    image = rendered(scene, 16, width=64, height=64, max_depth=2000, seed=2, device=device).image()
+    assert 1.0 - image.mean() < 1e-3  # paths that are still in its caves in the end
     assert image.min() > 0.8
 
 
