@@ -12,6 +12,8 @@ The path tracer finds the same paths by itself, from the other end, and leaves t
 import warp as wp
 
 from wrt.kernels.bsdf import make_is_matt, make_receives_light
+from wrt.kernels.camera.camera import Camera
+from wrt.kernels.camera.models import make_camera_time
 from wrt.kernels.core.elementary import sine_cosine
 from wrt.kernels.core.features import Features, has_exact, has_quadrics, instances_of
 from wrt.kernels.core.photon_map import Photon
@@ -231,12 +233,12 @@ def make_depart(features: Features) -> wp.Function:
 
 @specialised()
 def make_photon_kernel(features: Features) -> wp.Kernel:
-    """Return the kernel that follows the photons of a set."""
+    """Return the kernel that follows the photons of a set, at the time of the samples that gather them."""
     depart, closest_hit, begin_path = make_depart(features), make_closest_hit(features), make_begin_path(features)
     surface_vertex, prepare_bsdf = make_surface_vertex(features), make_prepare_bsdf(features)
     sample_bsdf, traverse_medium = make_sample_bsdf(features, of_photons=True), make_traverse_medium(features)
     receives_light = make_receives_light(features.models)
-    is_matt = make_is_matt(features.models)
+    is_matt, camera_time = make_is_matt(features.models), make_camera_time(features)
     sample_4d = make_sample_4d("sobol")
 
     @wp.kernel(module=wp.get_module(make_photon_kernel.module_name(features)), enable_backward=False)
@@ -244,7 +246,7 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
         first: int,
         set_number: int,
         seed: wp.uint32,
-        time: float,
+        camera: Camera,
         scene: SceneData,
         settings: PathSettings,
         casters: Casters,
@@ -259,6 +261,10 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
         was_scattered = bool(False)
         sampler = Sampler()
         sampler.seed = seed
+        time = camera.shutter_open
+        if wp.static(features.shares_times):  # and then each sample has a set of its own
+            sampler.index = wp.uint32(set_number)
+            time = camera_time(camera, sampler)
         sampler.pixel = FIRST_PIXEL + wp.uint32(set_number)
         sampler.index = wp.uint32(i)
         departure = depart(scene, casters, sampler, time)
