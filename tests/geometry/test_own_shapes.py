@@ -421,3 +421,15 @@ def test_numbers_are_counted() -> None:
     scene.add(Wrong())
     with pytest.raises(wrt.InputError, match="its distance function takes 1 numbers, but the shape has 4"):
         wrt.Renderer(scene)
+
+
+def test_what_needs_triangles_is_refused(tmp_path: Path) -> None:
+    scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
+    scene.add(OwnBall(), material=wrt.Dielectric(), name="drop")
+    scene.add_light(wrt.SphereLight((0.0, 3.0, 0.0), 0.1, radiance=1.0))
+    with pytest.raises(wrt.InputError, match="has no triangles"):
+        wrt.save_scene(tmp_path / "scene.glb", scene)
+    with pytest.raises(wrt.InputError, match="an intersector has triangles only"):
+        wrt.Intersector(scene)
+    with pytest.raises(wrt.InputError, match="drop: photons cannot be aimed at shapes by distance functions"):
+        wrt.Renderer(scene, width=8, height=8, caustics=True).render(spp=1)
