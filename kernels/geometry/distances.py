@@ -47,11 +47,7 @@ _FINE_STEPS = wp.constant(256)
 _STEPS_TO_DOUBLE = wp.constant(32)
 """After so many steps, and then each time after so many more, the least step doubles: a ray ends after 750 steps."""
 
-_FINE = wp.constant(2.0**-6)
-"""The share of the least step up to which a hit may be away from the surface."""
-
-_REFINEMENTS = wp.constant(24)
-"""Half of them are bisections, which halve what a step too long has crossed."""
+_REFINEMENTS = wp.constant(6)
 
 
 class DistanceModel(NamedTuple):
@@ -262,7 +258,6 @@ def make_meet_volume(geometry: str) -> wp.Function:
         passage = passage_of(volume, ray)
         length = wp.length(passage.direction)
         least = diagonal_of(volume) * _LEAST_STEP / length
-        fine = least * _FINE
         per_distance = 1.0 / (volume.lipschitz * length)
         end = wp.min(passage.end, before) - passage.begin
         s = float(0.0)
@@ -280,22 +275,26 @@ def make_meet_volume(geometry: str) -> wp.Function:
             next_value = distance(scene, volume, passage.start + passage.direction * following)
             if (next_value > 0.0) != outside:
                 if next_value == next_value:
-                    # Regula falsi and bisection in turn. The hit is on the ray's own side of the surface.
-                    turns = int(0)
-                    while turns < _REFINEMENTS and following - s > fine and wp.abs(value) * per_distance > fine:
-                        share = float(0.5)
-                        if turns % 2 == 0:
-                            share = wp.clamp(value / (value - next_value), 0.01, 0.99)
-                        middle = s + (following - s) * share
+                    # Regula falsi; an end that stays halves its value (the Illinois method).
+                    last_side = int(0)
+                    turns = int(_REFINEMENTS)
+                    middle = float(following)
+                    for _turn in range(turns):
+                        middle = s + (following - s) * wp.clamp(value / (value - next_value), 0.01, 0.99)
                         at_middle = distance(scene, volume, passage.start + passage.direction * middle)
                         if (at_middle > 0.0) == outside:
                             s = middle
                             value = at_middle
+                            if last_side == 1:
+                                next_value = 0.5 * next_value
+                            last_side = 1
                         else:
                             following = middle
                             next_value = at_middle
-                        turns += 1
-                    met = wp.max(passage.begin + s, 1.0e-30)
+                            if last_side == 2:
+                                value = 0.5 * value
+                            last_side = 2
+                    met = wp.max(passage.begin + middle, 1.0e-30)
                 goes_on = False
             else:
                 s = following
@@ -358,8 +357,7 @@ def make_point_on_volume(geometry: str) -> wp.Function:
         local = passage.start + passage.direction * (t - passage.begin)
         diagonal = diagonal_of(volume)
         error = t * wp.length(passage.direction) * _ROUNDINGS
-        back = wp.min(0.5 * diagonal * _LEAST_STEP, 0.5 * t * wp.length(passage.direction)) + error
-        before = local - wp.normalize(passage.direction) * back
+        before = local - wp.normalize(passage.direction) * (0.5 * diagonal * _LEAST_STEP + error)
         h = diagonal * _DIFFERENCE
         gradient = wp.vec3()
         axes = int(3)  # a variable, or the loop would be unrolled

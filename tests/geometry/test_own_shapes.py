@@ -22,42 +22,7 @@ from support.wide_scenes import differences, needs_lanes
 
 import wrt
 from wrt.kernels.geometry.distances import DISTANCES
-from wrt.scene.description import Positive
 from wrt.scene.exact.distances import SHAPES
-
-
-@wp.func
-def mandelbulb(point: wp.vec3, power: float, thickness: float) -> float:
-    """Estimate of Hart, Sandin and Kauffman (1989) for z → z^p + c in spherical coordinates (White and Nylander)."""
-    z = point
-    slope = float(1.0)
-    r = wp.length(z)
-    steps = int(0)
-    while r < 4.0 and steps < 12:
-        theta = wp.acos(wp.clamp(z[2] / wp.max(r, 1.0e-12), -1.0, 1.0)) * power
-        phi = wp.atan2(z[1], z[0]) * power
-        slope = wp.pow(r, power - 1.0) * power * slope + 1.0
-        grown = wp.pow(r, power)
-        z = wp.vec3(wp.sin(theta) * wp.cos(phi), wp.sin(theta) * wp.sin(phi), wp.cos(theta)) * grown + point
-        r = wp.length(z)
-        steps += 1
-    distance = float(0.0)
-    if r > 1.0:
-        distance = 0.5 * wp.log(r) * r / slope
-    return distance - thickness
-
-
-@dataclass(frozen=True)
-class Mandelbulb(wrt.DistanceShape):
-    """A fractal, and all within `thickness` of it, metres."""
-
-    power: Positive = 8.0
-    thickness: Positive = 0.002
-
-    type_name: ClassVar[str] = "mandelbulb"
-
-    def bounds(self) -> tuple[Any, Any]:
-        return (-1.25,) * 3, (1.25,) * 3
 
 
 @wp.func
@@ -86,7 +51,7 @@ class Odd(wrt.DistanceShape):
         return (-1.0,) * 3, (1.0,) * 3
 
 
-SHAPES_OF_TESTS = ((OwnBall, ball), (Mandelbulb, mandelbulb), (Odd, odd))
+SHAPES_OF_TESTS = ((OwnBall, ball), (Odd, odd))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -320,16 +285,6 @@ def test_no_light_leaks_out_of_a_closed_shape(device: str, report: Report) -> No
     error = float(np.sqrt(renderer.variance()[..., 0].sum())) / (32 * 32)
     report("radiance within", mean, 5.0, p=t_test_mean(mean, error**2, 32 * 32 * 256, 5.0))
     assert abs(mean - 5.0) < 3.0 * error
-
-
-@pytest.mark.slow
-def test_a_fractal_has_neither_holes_nor_grain(device: str) -> None:
-    """White in white light, it is nowhere darker than that; its inside, which no path may reach, is black."""
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 0.0, 3.2)), environment=wrt.ConstantEnvironment(1.0))
-    scene.add(Mandelbulb(), material=wrt.TwoSided(wrt.Diffuse(1.0)))
-    image = rendered(scene, 16, width=64, height=64, max_depth=2000, seed=2, device=device).image()
-    assert 1.0 - image.mean() < 1e-3  # paths that are still in its caves in the end
-    assert image.min() > 0.8
 
 
 @needs_lanes
