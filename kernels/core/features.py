@@ -13,6 +13,9 @@ _COVERING = ("sampler", "models", "light_shapes", "environment", "composite", *_
 EITHER, OF_EITHER = "either", ("sobol", "independent")
 """The sampler of kernels that take one of two at run time, and these."""
 
+PASSED_BY_LIGHT = frozenset(("null", "thin_dielectric"))
+"""Built-in reflection models that let a part of the light straight through."""
+
 _COVER_NOTHING = ("whitted", "ao")
 """Integrators whose kernels do not decide at run time: the ray tree takes an image around for there, for one."""
 
@@ -129,6 +132,16 @@ class Features:
     def has_holes(self) -> bool:
         """Whether rays may pass surfaces that are not opaque."""
         return self.composite == "holes"
+
+    @property
+    def lets_light_pass(self) -> bool:
+        """Whether a surface may let a part of the light straight through, as far as built-in models go."""
+        return self.has_holes or self.nested or not PASSED_BY_LIGHT.isdisjoint(self.models)
+
+    @property
+    def is_general(self) -> bool:
+        """Whether the kernel is one of those for many scenes (`wrt/compiling/general.py`)."""
+        return self.sampler == EITHER
 
     @property
     def mixed(self) -> bool:

@@ -6,7 +6,7 @@ from wrt.kernels.core.features import distances_of, has_exact, has_quadrics, ide
 from wrt.kernels.core.motion import key_at
 from wrt.kernels.core.ray_tree import Hit, make_instance_placement
 from wrt.kernels.core.rays import Frame, Ray, make_frame
-from wrt.kernels.core.scene_data import READS_MORE, SceneData
+from wrt.kernels.core.scene_data import NEEDS_MORE_COORDINATES, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import shading_point
 from wrt.kernels.geometry.distances import make_point_on_volume, make_volume_of
@@ -300,7 +300,7 @@ def make_add_texture_coordinates(uv2_alpha: bool, exact: bool) -> wp.Function:
     @wp.func
     def add(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
         surface = add_texture_coordinates(scene, hit, surface)
-        if scene.reads & READS_MORE != 0:
+        if scene.needs & NEEDS_MORE_COORDINATES != 0:
             i = scene.corners[hit.triangle]
             second = scene.uv2_alpha[i[0]] * (1.0 - hit.u - hit.v)
             second = second + scene.uv2_alpha[i[1]] * hit.u + scene.uv2_alpha[i[2]] * hit.v

@@ -28,6 +28,7 @@ import wrt
 from wrt.cli import main
 from wrt.errors import Hint
 from wrt.kernels.bsdf import caster_name, smooth_lobes
+from wrt.kernels.integrators.path_surface import reflect_a_quarter
 from wrt.rendering.part import Part
 from wrt.upload.casters import share_of_photons
 from wrt.upload.materials import MaterialTable
@@ -321,8 +322,9 @@ def test_pictures_in_motion_keep_their_bits(tmp_path: Path) -> None:
 
 @needs_lanes
 @pytest.mark.machinery
-def test_wide_kernels_share_the_times() -> None:
-    assert differences(moving(), caustics=True) == []
+@pytest.mark.parametrize("name", ["moving", "nearly smooth"])
+def test_wide_kernels_leave_the_same_bits(name: str) -> None:
+    assert differences(SCENES[name](), caustics=True) == []
 
 
 def test_light_stays_on_the_side_where_it_arrives() -> None:
@@ -427,6 +429,16 @@ def test_models_say_what_turns_light() -> None:
     }
     assert list(found.values()) == ["none", "none", "all", "all", "all", "some"]
     assert smooth_lobes("rough_dielectric:ggx:smith") == "none"
+
+
+def test_a_quarter_of_the_paths_is_reflected_and_the_light_is_as_before() -> None:
+    u = (np.arange(1000) + 0.5) / 1000.0
+    for reflectance in (0.02, 0.24, 0.3, 1.0):
+        lobe, weight = np.array([tuple(reflect_a_quarter(float(each), reflectance)) for each in u]).T
+        is_reflected = lobe < reflectance
+        assert is_reflected.mean() == pytest.approx(max(reflectance, 0.25), abs=1e-3)
+        assert weight[is_reflected].sum() / 1000.0 == pytest.approx(reflectance, abs=1e-5)
+        assert weight[~is_reflected].sum() / 1000.0 == pytest.approx(1.0 - reflectance, abs=1e-5)
 
 
 # --- Bits ------------------------------------------------------------------------------------------
