@@ -10,12 +10,13 @@ from types import ModuleType
 from wrt.errors import InputError
 from wrt.io.safe_read import PathLike, read_file
 from wrt.scene.camera import CAMERAS
+from wrt.scene.exact.distances import SHAPES
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS
 
 
 def load_models(path: PathLike) -> list[str]:
-    """Run a Python file that registers materials, lights or cameras, and return their types in scene files.
+    """Run a Python file that registers materials, lights, cameras or shapes, and return their types in scene files.
 
     It runs as any program does, with all that it may read and write: load only files that you trust. While it runs, it
     can import what lies beside it.
@@ -49,12 +50,12 @@ def load_models(path: PathLike) -> list[str]:
     if added := [type_name for key, type_name in after.items() if key not in before]:
         return added
     del sys.modules[name]
-    raise InputError(f"{file}: registers nothing; it should call wrt.register_material, _light or _camera")
+    raise InputError(f"{file}: registers nothing; it should call wrt.register_material, _light, _camera or _shape")
 
 
 def _registered() -> dict[int, str]:
     """Return the types of all registered classes, by the identity of the class."""
-    return {id(cls): name for register in (MATERIALS, LIGHTS, CAMERAS) for name, cls in register.items()}
+    return {id(cls): name for register in (MATERIALS, LIGHTS, CAMERAS, SHAPES) for name, cls in register.items()}
 
 
 def _where(error: BaseException, file: Path) -> str:

@@ -1,13 +1,16 @@
-"""`own`: copies of built-in models, registered from outside, beside the built-in ones."""
+"""`own`: copies of built-in models and a ball by its distance, registered from outside, beside the built-in ones."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import resource
 import statistics
 import time
 from typing import Any, ClassVar
+
+import warp as wp
 
 import wrt
 from benchmarks.measure import Row, table
@@ -16,6 +19,7 @@ from wrt.kernels.bsdf.diffuse import DIFFUSE
 from wrt.kernels.camera.projections import PERSPECTIVE
 from wrt.kernels.lights.area_lights import DISK
 from wrt.rendering.wide_kernel import threads_of
+from wrt.scene.description import Positive
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,13 +44,34 @@ class OwnPerspective(wrt.PerspectiveCamera):
     model: ClassVar[str] = "own_perspective"
 
 
-KINDS: dict[str, tuple[Any, Any, Any]] = {
-    "built-in": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera),
-    "BSDF": (OwnDiffuse, wrt.DiskLight, wrt.PerspectiveCamera),
-    "light": (wrt.Diffuse, OwnDisk, wrt.PerspectiveCamera),
-    "camera": (wrt.Diffuse, wrt.DiskLight, OwnPerspective),
+@wp.func
+def ball(point: wp.vec3, radius: float) -> float:
+    """Return the distance to a sphere around the origin."""
+    return wp.length(point) - radius
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnBall(wrt.DistanceShape):
+    """A sphere around the origin by its distance function."""
+
+    radius: Positive = 1.0
+
+    type_name: ClassVar[str] = "own-ball"
+
+    def bounds(self) -> tuple[Any, Any]:
+        """Return the cube around it."""
+        return (-self.radius,) * 3, (self.radius,) * 3
+
+
+KINDS: dict[str, tuple[Any, Any, Any, Any]] = {
+    "built-in": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, wrt.sphere),
+    "BSDF": (OwnDiffuse, wrt.DiskLight, wrt.PerspectiveCamera, wrt.sphere),
+    "light": (wrt.Diffuse, OwnDisk, wrt.PerspectiveCamera, wrt.sphere),
+    "camera": (wrt.Diffuse, wrt.DiskLight, OwnPerspective, wrt.sphere),
+    "exact sphere": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, functools.partial(wrt.sphere, exact=True)),
+    "shape": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, OwnBall),
 }
-"""Material, light and camera of each scene: one of them is a copy."""
+"""Material, light, camera and sphere of each scene: one of them is a copy, or exact to compare the shape with."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,10 +85,11 @@ def benchmark(options: argparse.Namespace) -> Row:
     wrt.register_material(OwnDiffuse, DIFFUSE)
     wrt.register_light(OwnDisk, DISK)
     wrt.register_camera(OwnPerspective, PERSPECTIVE)
+    wrt.register_shape(OwnBall, ball)
     renderers, rows = {}, {}
-    for name, (material, light, camera) in KINDS.items():
+    for name, (material, light, camera, ball_of) in KINDS.items():
         scene = wrt.Scene(camera=camera((0.0, 1.0, 4.0)))
-        scene.add(wrt.sphere(), material=material(0.6))
+        scene.add(ball_of(), material=material(0.6))
         scene.add(wrt.quad((-4, -1, 4), (8, 0, 0), (0, 0, -8)), material=material(0.6))
         scene.add_light(light((0.0, 4.0, 2.0), (0.0, -1.0, 0.0), 1.0, 9.0))
         start = time.perf_counter()

@@ -325,8 +325,9 @@ def test_pictures_in_motion_keep_their_bits(tmp_path: Path) -> None:
 
 @needs_lanes
 @pytest.mark.machinery
-def test_wide_kernels_share_the_times() -> None:
-    assert differences(moving(), caustics=True) == []
+@pytest.mark.parametrize("name", ["moving", "nearly smooth"])
+def test_wide_kernels_leave_the_same_bits(name: str) -> None:
+    assert differences(SCENES[name](), caustics=True) == []
 
 
 def test_light_stays_on_the_side_where_it_arrives() -> None:

@@ -50,6 +50,8 @@ class Backward:
             raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
         if renderer.settings.caustics:
             raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
+        if renderer._kernel.features.distances:
+            raise InputError("pictures of shapes by distance functions have no derivatives")
         self._renderer, self._device = renderer, renderer.device
         features = dataclasses.replace(
             renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False
