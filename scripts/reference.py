@@ -47,7 +47,7 @@ GROUPS: dict[str, str] = {
     "device_memory DeviceMemory",
     "Several machines": "Part merge Merged",
     "Scenes": "Scene Shape RenderSettings",
-    "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon",
+    "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon DistanceShape register_shape",
     "Motion": "Motion Deformation",
     "Cameras": f"Camera {_names(CAMERAS)} load_cameras save_cameras FileCamera register_camera",
     "Lights": f"{_names(LIGHTS)} {_names(ENVIRONMENTS)} Light register_light",

@@ -6,10 +6,12 @@ import sys
 import traceback
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from wrt.errors import InputError
 from wrt.io.safe_read import PathLike, read_file
 from wrt.scene.camera import CAMERAS
+from wrt.scene.exact.distances import SHAPES
 from wrt.scene.integrators import INTEGRATORS
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS
@@ -51,12 +53,14 @@ def load_models(path: PathLike) -> list[str]:
     if added := [type_name for key, type_name in after.items() if key not in before]:
         return added
     del sys.modules[name]
-    raise InputError(f"{file}: registers nothing; it should call wrt.register_material, _light, _camera or _integrator")
+    calls = "wrt.register_material, _light, _camera, _shape or _integrator"
+    raise InputError(f"{file}: registers nothing; it should call {calls}")
 
 
 def _registered() -> dict[int, str]:
     """Return the types of all registered classes, by the identity of the class."""
-    return {id(cls): name for register in (MATERIALS, LIGHTS, CAMERAS, INTEGRATORS) for name, cls in register.items()}
+    registers: tuple[dict[str, Any], ...] = (MATERIALS, LIGHTS, CAMERAS, SHAPES, INTEGRATORS)
+    return {id(cls): name for register in registers for name, cls in register.items()}
 
 
 def _where(error: BaseException, file: Path) -> str:

@@ -1,17 +1,21 @@
-"""Registration of custom cameras, integrators, lights and materials, by their names in scene files."""
+"""Registration of custom cameras, integrators, lights, materials and shapes, by their names in scene files."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from wrt.errors import InputError
 from wrt.scene.camera import CAMERAS, Camera
+from wrt.scene.exact.distances import SHAPES, DistanceShape
 from wrt.scene.integrators import INTEGRATORS, Integrator, kinds_of
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import MATERIALS, Material
 
 if TYPE_CHECKING:
+    from warp import Function
+
     from wrt.kernels.camera.camera import CameraModel
     from wrt.kernels.core.bsdf import Model
     from wrt.kernels.lights.record import LightModel
@@ -92,6 +96,32 @@ def register_material(cls: type[Material], model: Model | None = None) -> None:
     from wrt.kernels.bsdf import register_model
 
     _register(MATERIALS, cls, lambda name, owner: register_model(name, model, owner))
+
+
+def register_shape(cls: type[DistanceShape], distance: Function) -> None:
+    """Make a custom shape known to scenes and scene files; registering it again is as for `register_camera`.
+
+    Args:
+        cls: the description, with a `type_name` and `bounds`.
+        distance: its signed distance function (point: wp.vec3, number: float, ...) -> float, a Warp function.
+
+    Raises:
+        InputError: if `type_name` is empty or taken by another shape, or the function has other arguments.
+    """
+    from wrt.io.toml import scene_keys
+    from wrt.io.toml.reader import shape_makers
+    from wrt.kernels.geometry.distances import DISTANCES, distance_model
+
+    def register(name: str, owner: str) -> None:
+        DISTANCES.register(name, distance_model(name, distance), owner)
+
+    if taken := scene_keys.SHAPE.keys() & {each.name for each in dataclasses.fields(cls)}:  # type: ignore[arg-type]
+        raise InputError(
+            f"{cls.__name__}: {', '.join(sorted(taken))} is a key of all shapes in scene files; rename the field"
+        )
+    if cls.type_name in shape_makers() and cls.type_name not in SHAPES:
+        raise InputError(f"{cls.__name__}: type_name {cls.type_name!r} is empty or taken")
+    _register(SHAPES, cls, register)
 
 
 def _register(registered: dict[str, Any], cls: Any, register_model: Callable[[str, str], None]) -> None:

@@ -53,7 +53,8 @@ class Features:
             choose parts of mixtures at random, or "holes" where some material has an opacity below 1, so that rays may
             pass its surface, and any may have parts.
         exact: which exact shapes lie among the triangles of the ray tree: "none", "spheres" alone, or "quadrics", which
-            are disks and cylinders, with spheres or without.
+            are disks and cylinders, with spheres or without. "quadrics" may be followed by names of distance functions,
+            each after a hyphen (`kernels/geometry/distances.py`).
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
         single_sided: whether any shape is single-sided or unlit (see `kernels/integrators/sides.py`).
         caustics: whether photons bring the light that smooth surfaces throw (`kernels/integrators/photons.py`).
@@ -123,6 +124,11 @@ class Features:
         return self.exact != "none"
 
     @property
+    def distances(self) -> tuple[str, ...]:
+        """Names of the distance functions whose shapes rays meet."""
+        return distances_of(self.geometry)
+
+    @property
     def has_holes(self) -> bool:
         """Whether rays may pass surfaces that are not opaque."""
         return self.composite == "holes"
@@ -179,7 +185,12 @@ def has_exact(geometry: str) -> bool:
 
 def has_quadrics(geometry: str) -> bool:
     """Return whether there are disks or cylinders in a `Features.geometry`."""
-    return geometry.endswith("_quadrics")
+    return geometry.split("-")[0].endswith("_quadrics")
+
+
+def distances_of(geometry: str) -> tuple[str, ...]:
+    """Return the names of the distance functions in a `Features.geometry`."""
+    return tuple(geometry.split("-")[1:])
 
 
 def instances_of(geometry: str) -> str:

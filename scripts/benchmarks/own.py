@@ -1,9 +1,10 @@
-"""`own`: copies of built-in models, registered from outside, beside the built-in ones."""
+"""`own`: copies of built-in models and a ball by its distance, registered from outside, beside the built-in ones."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import resource
 import statistics
 import time
@@ -32,6 +33,7 @@ from wrt.kernels.integrators.toolbox import (
 )
 from wrt.kernels.lights.area_lights import DISK
 from wrt.rendering.wide_kernel import threads_of
+from wrt.scene.description import Positive
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +56,25 @@ class OwnPerspective(wrt.PerspectiveCamera):
 
     type_name: ClassVar[str] = "own-perspective"
     model: ClassVar[str] = "own_perspective"
+
+
+@wp.func
+def ball(point: wp.vec3, radius: float) -> float:
+    """Return the distance to a sphere around the origin."""
+    return wp.length(point) - radius
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnBall(wrt.DistanceShape):
+    """A sphere around the origin by its distance function."""
+
+    radius: Positive = 1.0
+
+    type_name: ClassVar[str] = "own-ball"
+
+    def bounds(self) -> tuple[Any, Any]:
+        """Return the cube around it."""
+        return (-self.radius,) * 3, (self.radius,) * 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,15 +121,21 @@ class OwnOcclusion(wrt.Integrator):
         return trace
 
 
-KINDS: dict[str, tuple[Any, Any, Any, str]] = {
-    "built-in": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, "path"),
-    "BSDF": (OwnDiffuse, wrt.DiskLight, wrt.PerspectiveCamera, "path"),
-    "light": (wrt.Diffuse, OwnDisk, wrt.PerspectiveCamera, "path"),
-    "camera": (wrt.Diffuse, wrt.DiskLight, OwnPerspective, "path"),
-    "built-in ao": (wrt.Diffuse, wrt.PointLight, wrt.PerspectiveCamera, "ao"),
-    "ao": (wrt.Diffuse, wrt.PointLight, wrt.PerspectiveCamera, "own-ao"),
+KINDS: dict[str, tuple[Any, Any, Any, Any, str]] = {
+    "built-in": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, wrt.sphere, "path"),
+    "BSDF": (OwnDiffuse, wrt.DiskLight, wrt.PerspectiveCamera, wrt.sphere, "path"),
+    "light": (wrt.Diffuse, OwnDisk, wrt.PerspectiveCamera, wrt.sphere, "path"),
+    "camera": (wrt.Diffuse, wrt.DiskLight, OwnPerspective, wrt.sphere, "path"),
+    "exact sphere": (
+        *(wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera),
+        functools.partial(wrt.sphere, exact=True),
+        "path",
+    ),
+    "shape": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, OwnBall, "path"),
+    "built-in ao": (wrt.Diffuse, wrt.PointLight, wrt.PerspectiveCamera, wrt.sphere, "ao"),
+    "ao": (wrt.Diffuse, wrt.PointLight, wrt.PerspectiveCamera, wrt.sphere, "own-ao"),
 }
-"""Material, light, camera and integrator of each scene: one of them is a copy, unless all are built in."""
+"""Material, light, camera, sphere and integrator of each scene: one is a copy, or what to compare it with."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -122,11 +149,12 @@ def benchmark(options: argparse.Namespace) -> Row:
     wrt.register_material(OwnDiffuse, DIFFUSE)
     wrt.register_light(OwnDisk, DISK)
     wrt.register_camera(OwnPerspective, PERSPECTIVE)
+    wrt.register_shape(OwnBall, ball)
     wrt.register_integrator(OwnOcclusion)
     renderers, rows = {}, {}
-    for name, (material, light, camera, integrator) in KINDS.items():
+    for name, (material, light, camera, ball_of, integrator) in KINDS.items():
         scene = wrt.Scene(camera=camera((0.0, 1.0, 4.0)))
-        scene.add(wrt.sphere(), material=material(0.6))
+        scene.add(ball_of(), material=material(0.6))
         scene.add(wrt.quad((-4, -1, 4), (8, 0, 0), (0, 0, -8)), material=material(0.6))
         size = () if light is wrt.PointLight else ((0.0, -1.0, 0.0), 1.0)
         scene.add_light(light((0.0, 4.0, 2.0), *size, 9.0))

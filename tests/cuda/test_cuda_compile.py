@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import warp as wp
+from benchmarks.own import OwnBall, ball
 from conftest import ROOT
 from support.feature_sets import FEATURES, MODELS, SHADING, declared_kernels, kernel_modules
 from support.films_of_devices import FILMS, OPTIONS, film_cases
@@ -20,6 +21,7 @@ from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.core.features import Features, identifier
+from wrt.kernels.geometry.distances import DISTANCES, current_name
 from wrt.kernels.gradients.gradient_pass import make_gradient_kernel
 from wrt.kernels.integrators.own import OWN_INTEGRATORS
 from wrt.kernels.integrators.photons import make_photon_kernel
@@ -28,6 +30,7 @@ from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.regeneration import can_regenerate, make_gpu_render_kernel, make_regenerating_kernel
 from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
+from wrt.scene.exact.distances import SHAPES
 from wrt.scene.integrators import INTEGRATORS as INTEGRATORS_OF_SCENES
 from wrt.scene.scene import SAMPLERS
 
@@ -160,6 +163,17 @@ def test_integrators_from_outside_compile(tmp_path):
         for name in names:
             del INTEGRATORS_OF_SCENES[name]
             OWN_INTEGRATORS.forget(name.replace("-", "_"))
+
+
+@pytest.mark.machinery
+def test_render_kernels_with_a_distance_function_compile(tmp_path):
+    wrt.register_shape(OwnBall, ball)
+    try:
+        exact = f"quadrics-{current_name('own_ball')}"
+        test_render_kernels_compile(replace(FEATURES[0], instances="moving", exact=exact, aovs=True), tmp_path)
+    finally:
+        del SHAPES[OwnBall.type_name]
+        DISTANCES.forget("own_ball")
 
 
 @pytest.mark.machinery

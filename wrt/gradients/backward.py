@@ -38,6 +38,8 @@ def require_gradients(renderer: Any) -> None:
         raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
     if renderer.settings.caustics:
         raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
+    if renderer._kernel.features.distances:
+        raise InputError("pictures of shapes by distance functions have no derivatives")
 
 
 class Backward:

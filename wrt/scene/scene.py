@@ -20,6 +20,7 @@ from wrt.scene.description import Check, Description, Flag, GroupName, instance_
 from wrt.scene.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.distances import DistanceShape
 from wrt.scene.integrators import INTEGRATORS, Integrator, integrator_of
 from wrt.scene.layers import REST, SHADOW, layer_names
 from wrt.scene.lights import LIGHTS, Light
@@ -49,7 +50,9 @@ def _matrix_or_motion(value: object, name: str) -> NDArray[np.float64] | Motion:
     return value if isinstance(value, Motion) else affine_matrix(value, name, " or a wrt.Motion")
 
 
-_Mesh = Annotated[Mesh, instance_of(Mesh, "; wrt.load_mesh makes one of a file or a trimesh object")]
+_mesh = instance_of(Mesh, "; wrt.load_mesh makes one of a file or a trimesh object")
+
+_Mesh = Annotated[Mesh, lambda value, name: _mesh(value.mesh if isinstance(value, DistanceShape) else value, name)]
 _Placement = Annotated[NDArray[np.float64] | Motion | None, optional(_matrix_or_motion)]
 _Deformation = Annotated[Deformation | None, optional(instance_of(Deformation))]
 
@@ -340,9 +343,9 @@ class Scene:
         """Add a mesh and return the new shape.
 
         Args:
-            mesh: a Mesh, the path of a mesh file, or an object of trimesh, PyVista, Open3D, or with `vertices` and
-                `faces`. Files and objects bring their materials and may have several parts, whose shapes are returned
-                in a list. A light is added as by `add_light`, and takes no options.
+            mesh: a Mesh or DistanceShape, the path of a mesh file, or an object of trimesh, PyVista, Open3D, or with
+                `vertices` and `faces`. Files and objects bring their materials and may have several parts, whose shapes
+                are returned in a list. A light is added as by `add_light`, and takes no options.
             material: a material, the name of one such as "gold", a colour, or an image file for the texture.
             options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
                 double_sided, edges, shadow_catcher.
@@ -357,6 +360,8 @@ class Scene:
             return self.add_light(mesh)
         if material is not None:
             options["material"] = _above.objects().material_of(material)
+        if isinstance(mesh, DistanceShape):
+            mesh = mesh.mesh
         if isinstance(mesh, Mesh):
             made = [Shape(mesh, **{"name": mesh.name, **options})]
         else:

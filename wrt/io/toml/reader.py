@@ -29,6 +29,7 @@ from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.exact import quadrics
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.distances import SHAPES, DistanceShape
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
 from wrt.scene.integrators import INTEGRATORS, Integrator, integrator_of
@@ -283,7 +284,7 @@ class _SceneReader(TableReader):
             result += [Shape(mesh, *looks, after(place, first), deformation, double_sided, *others) for place in places]
         return result
 
-    def makers(self) -> dict[str, Callable[..., Mesh | list[Shape]]]:
+    def makers(self) -> dict[str, Callable[..., Any]]:
         """Return what makes shapes from keys of their own, by type."""
         return {
             "quad": shapes.quad,
@@ -297,11 +298,14 @@ class _SceneReader(TableReader):
             "polygons": self.polygons,
             "mesh": self.mesh_file,
             "many-triangles": self.many_triangles,
+            **SHAPES,
         }
 
     def meshes(self, table: Table) -> list[Shape]:
         """Return the meshes of a shape before its transform; those from files bring materials."""
         made = self.call(choice(table, self.makers()), table, extra=scene_keys.SHAPE)
+        if isinstance(made, DistanceShape):
+            made = made.mesh
         if isinstance(made, Mesh):
             memory_limits.take(memory_limits.MADE, memory_limits.size_of(made))
             return [Shape(made, name=f"{table['type']} {self.place[-1]}")]
