@@ -233,7 +233,7 @@ def make_slot_color(mipmapped: bool = False) -> wp.Function:
 def make_slot_value(uv2_alpha: bool = False, mipmapped: bool = False, procedures: tuple[str, ...] = ()) -> wp.Function:
     """Return the device function (scene, slot, surface) -> vec3: the value of a material's slot at a point."""
     if procedures:
-        otherwise, procedure = make_slot_value(uv2_alpha, mipmapped), make_procedure(procedures)
+        otherwise, procedure = make_slot_value(uv2_alpha, mipmapped, ()), make_procedure(procedures)
 
         @wp.func
         def slot_or_procedure(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
