@@ -29,11 +29,8 @@ from wrt.registering import register_camera as register_camera
 from wrt.registering import register_integrator as register_integrator
 from wrt.registering import register_light as register_light
 from wrt.registering import register_material as register_material
-<<<<<<< HEAD
-from wrt.registering import register_texture as register_texture
-=======
 from wrt.registering import register_shape as register_shape
->>>>>>> main
+from wrt.registering import register_texture as register_texture
 from wrt.rendering.intersector import Hits as Hits
 from wrt.rendering.intersector import Intersector as Intersector
 from wrt.rendering.merge import Merged as Merged

@@ -19,11 +19,7 @@ from wrt.scene.procedural import TEXTURES
 
 
 def load_models(path: PathLike) -> list[str]:
-<<<<<<< HEAD
-    """Run a Python file that registers materials, textures, lights or cameras, and return their types in scene files.
-=======
     """Run a Python file that registers models, and return their types in scene files.
->>>>>>> main
 
     It runs as any program does, with all that it may read and write: load only files that you trust. While it runs, it
     can import what lies beside it.
@@ -58,22 +54,14 @@ def load_models(path: PathLike) -> list[str]:
     if added := [type_name for key, type_name in after.items() if key not in before]:
         return added
     del sys.modules[name]
-<<<<<<< HEAD
-    raise InputError(f"{file}: registers nothing; it should call wrt.register_material, _texture, _light or _camera")
-=======
-    calls = "wrt.register_material, _light, _camera, _shape or _integrator"
+    calls = "wrt.register_material, _texture, _light, _camera, _shape or _integrator"
     raise InputError(f"{file}: registers nothing; it should call {calls}")
->>>>>>> main
 
 
 def _registered() -> dict[int, str]:
     """Return the types of all registered classes, by the identity of the class."""
-<<<<<<< HEAD
-    return {id(cls): name for register in (MATERIALS, TEXTURES, LIGHTS, CAMERAS) for name, cls in register.items()}
-=======
-    registers: tuple[dict[str, Any], ...] = (MATERIALS, LIGHTS, CAMERAS, SHAPES, INTEGRATORS)
+    registers: tuple[dict[str, Any], ...] = (MATERIALS, TEXTURES, LIGHTS, CAMERAS, SHAPES, INTEGRATORS)
     return {id(cls): name for register in registers for name, cls in register.items()}
->>>>>>> main
 
 
 def _where(error: BaseException, file: Path) -> str:

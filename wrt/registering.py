@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Registration of custom cameras, lights, materials and textures, by their names in scene files."""
-=======
-"""Registration of custom cameras, integrators, lights, materials and shapes, by their names in scene files."""
->>>>>>> main
+"""Registration of custom cameras, integrators, lights, materials, shapes and textures, by their names in scene files."""
 
 from __future__ import annotations
 
@@ -104,22 +100,6 @@ def register_material(cls: type[Material], model: Model | None = None) -> None:
     _register(MATERIALS, cls, lambda name, owner: register_model(name, model, owner))
 
 
-<<<<<<< HEAD
-def register_texture(cls: type[Texture], evaluate: Function) -> None:
-    """Make a procedural texture known to scenes and scene files; registering it again is as for `register_camera`.
-
-    Args:
-        cls: the description, with a `type_name` and `slot_names`.
-        evaluate: the device function (values, surface) -> vec3; row k of `values` is that of name k.
-
-    Raises:
-        InputError: if `type_name` is empty or taken by another texture, or there are more than 16 values.
-    """
-    from wrt.kernels.textures.procedures import Procedure, register_procedure
-
-    procedure = Procedure(evaluate, len(cls.slot_names))
-    _register(TEXTURES, cls, lambda name, owner: register_procedure(name, procedure, owner))
-=======
 def register_shape(cls: type[DistanceShape], distance: Function) -> None:
     """Make a custom shape known to scenes and scene files; registering it again is as for `register_camera`.
 
@@ -144,7 +124,22 @@ def register_shape(cls: type[DistanceShape], distance: Function) -> None:
     if cls.type_name in shape_makers() and cls.type_name not in SHAPES:
         raise InputError(f"{cls.__name__}: type_name {cls.type_name!r} is empty or taken")
     _register(SHAPES, cls, register)
->>>>>>> main
+
+
+def register_texture(cls: type[Texture], evaluate: Function) -> None:
+    """Make a procedural texture known to scenes and scene files; registering it again is as for `register_camera`.
+
+    Args:
+        cls: the description, with a `type_name` and `slot_names`.
+        evaluate: the device function (values, surface) -> vec3; row k of `values` is that of name k.
+
+    Raises:
+        InputError: if `type_name` is empty or taken by another texture, or there are more than 16 values.
+    """
+    from wrt.kernels.textures.procedures import Procedure, register_procedure
+
+    procedure = Procedure(evaluate, len(cls.slot_names))
+    _register(TEXTURES, cls, lambda name, owner: register_procedure(name, procedure, owner))
 
 
 def _register(registered: dict[str, Any], cls: Any, register_model: Callable[[str, str], None]) -> None:

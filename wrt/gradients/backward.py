@@ -41,6 +41,8 @@ def require_gradients(renderer: Any) -> None:
         raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
     if renderer._kernel.features.distances:
         raise InputError("pictures of shapes by distance functions have no derivatives")
+    if own := vary_by_place(renderer._kernel.features.models):
+        raise InputError(f"model {own[0].split(':')[0]!r} has no derivatives: it makes its values from places")
 
 
 class Backward:
@@ -57,18 +59,7 @@ class Backward:
             InputError: for an integrator other than "path", "volpath" and "direct", with clamped indirect light, or
                 with caustics by photons.
         """
-<<<<<<< HEAD
-        if renderer.integrator not in ("path", "volpath", "direct"):
-            raise InputError(f"integrator {renderer.integrator!r} has no gradients; use 'path' or 'volpath'")
-        if renderer.settings.clamp_indirect is not None:
-            raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
-        if renderer.settings.caustics:
-            raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
-        if own := vary_by_place(renderer._kernel.features.models):
-            raise InputError(f"model {own[0].split(':')[0]!r} has no derivatives: it makes its values from places")
-=======
         require_gradients(renderer)
->>>>>>> main
         self._renderer, self._device = renderer, renderer.device
         features = dataclasses.replace(
             renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False
