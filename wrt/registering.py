@@ -1,4 +1,4 @@
-"""Registration of custom cameras, integrators, lights, materials, shapes and textures, by their names in scene files."""
+"""Registration of custom cameras, integrators, lights, materials, shapes and textures by name, for scene files."""
 
 from __future__ import annotations
 
