@@ -135,8 +135,8 @@ def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec2:
-    """Return how the red of `image_color` changes along u and along v."""
+def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2, weight: wp.vec3) -> wp.vec2:
+    """Return how the sum of the channels of `image_color`, by weights, changes along u and along v."""
     place = place_in_image(image, uv)
     x = place[0]
     y = place[1]
@@ -157,7 +157,7 @@ def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec2
             along_x = bilinear(scene.texels, image.first, image.width, columns, rows, share)
             along_y = bilinear(scene.texels, image.first, image.width, columns, rows, across)
         sign = 2.0 * end - 1.0
-        change += wp.vec2(along_x[0], -along_y[0]) * sign  # rows run down, v runs up
+        change += wp.vec2(wp.dot(along_x, weight), -wp.dot(along_y, weight)) * sign  # rows run down, v runs up
     change = wp.cw_mul(change, wp.vec2(float(image.width), float(image.height)))
     return wp.vec2(
         image.to_u[0] * change[0] + image.to_v[0] * change[1], image.to_u[1] * change[0] + image.to_v[1] * change[1]

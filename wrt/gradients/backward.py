@@ -19,7 +19,7 @@ from wrt.values import array, integer
 
 KEYS = (
     *("slots", "texels", "emission", "lights", "environment", "environment_texels"),
-    *("media_absorption", "media_scattering", "media_emission"),
+    *("media_absorption", "media_scattering", "media_emission", "vertices", "normals"),
 )
 """What has derivatives: arrays of colours parallel to those of SceneData; see `kernels/gradients/sums.py`."""
 
@@ -37,12 +37,12 @@ class Backward:
         rejected: summands of the last run that were not finite and were left out.
     """
 
-    def __init__(self, renderer: Any) -> None:
-        """Take a renderer, and declare the kernels for its scene.
+    def __init__(self, renderer: Any, *, vertices: bool = False) -> None:
+        """Take a renderer, and declare the kernels for its scene; with `vertices` there are derivatives by these, too.
 
         Raises:
             InputError: for an integrator other than "path", "volpath" and "direct", with clamped indirect light, or
-                with caustics by photons.
+                with caustics by photons; and of `vertices`, for scenes with what has no such derivatives.
         """
         if renderer.integrator not in ("path", "volpath", "direct"):
             raise InputError(f"integrator {renderer.integrator!r} has no gradients; use 'path' or 'volpath'")
@@ -54,10 +54,14 @@ class Backward:
         features = dataclasses.replace(
             renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False
         )
-        kernel = renderer._kernel
-        if kernel.gradients is None:
-            kernel.gradients = GradientKernels(self._device, features, kernel.records)
-        self._kernels: GradientKernels = kernel.gradients
+        if vertices:
+            call = "wrt.kernels.gradients.vertices", "reason_against", features
+            if reason := self._device.backend.call(*call):
+                raise InputError(f"there are no derivatives by vertices and normals in scenes with {reason}")
+        kernel, self._vertices = renderer._kernel, vertices
+        if vertices not in kernel.gradients:
+            kernel.gradients[vertices] = GradientKernels(self._device, features, kernel.records, vertices=vertices)
+        self._kernels: GradientKernels = kernel.gradients[vertices]
         self.rejected = 0
 
     def compile(self) -> None:
@@ -124,6 +128,8 @@ class Backward:
             "media_absorption": data.media,
             "media_scattering": data.media,
             "media_emission": data.media,
+            "vertices": data.points if self._vertices else None,
+            "normals": data.normals if self._vertices else None,
         }
         counts = {key: 0 if array is None else len(array) for key, array in arrays.items()}
         return {key: 1 if key == "environment" else counts[key] for key in KEYS}
