@@ -237,10 +237,11 @@ def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Functi
                         by_sample, _6, _7, _8 = wp.grad(weighted_value)(vertex.bsdf, vertex.wo, wi, weight)
                         gradients = gradients + by_sample.slots
                         if wp.static(by_corners):
-                            total = later[0] + later[1] + later[2]
-                            by = by_vertices.towards_next(
-                                sums, scene, by, point, vertex.surface.frame, path.ray, _6, _7, total
-                            )
+                            if wp.max(wp.abs(later)) > 0.0:
+                                total = later[0] + later[1] + later[2]
+                                by = by_vertices.towards_next(
+                                    sums, scene, by, point, vertex.surface.frame, path.ray, _6, _7, total
+                                )
             if wp.static(by_corners):
                 by_vertices.leave(sums, scene, previous, point, vertex, came, gradients, by)
                 previous = point

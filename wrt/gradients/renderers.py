@@ -96,6 +96,7 @@ class Differentiable:
             self._renderer.set_parameters(values)  # another picture has been rendered since
         seed = (self._seed + BETWEEN_SEEDS) % 2**32
         # Normals that are given do not follow vertices.
-        given = [name for name in values if name.endswith(".normals")]
+        names = list(names)
+        given = [name for name in values if name.endswith(".normals") and name[:-7] + "vertices" in names]
         found = self._renderer.gradients(d_image, {*names, *given}, spp=self._gradient_spp, seed=seed)
         return {name: found[name] for name in names}
