@@ -13,7 +13,7 @@ from wrt.kernels.core.features import Features
 from wrt.kernels.core.motion import transform_at
 from wrt.kernels.core.registry import Registry, model_number
 from wrt.kernels.core.specialise import specialised
-from wrt.kernels.sampling.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, Sampler, make_sample_camera
+from wrt.kernels.sampling.sampler import BLOCK_FILM_AND_LENS, BLOCK_TIME, NO_PIXEL, Sampler, make_sample_camera
 
 BUILT_IN = ("perspective", "orthographic", "panorama", "fisheye")
 """Models in all kernels: the dispatch takes no time, and more variants would mean more kernels to compile."""
@@ -147,11 +147,31 @@ class CameraSample:
     position: wp.vec2
 
 
-@specialised("cameras", "sampler")
+@specialised("sampler", "caustics", "instances")
+def make_camera_time(features: Features) -> wp.Function:
+    """Return the device function (camera, sampler) -> time of a sample, seconds, while the shutter is open."""
+    sample_camera = make_sample_camera(features.sampler)
+
+    @wp.func
+    def camera_time(camera: Camera, sampler: Sampler) -> float:
+        if not camera.shutter_close > camera.shutter_open:
+            return camera.shutter_open
+        clock = Sampler()
+        clock.seed = sampler.seed
+        clock.index = sampler.index
+        clock.pixel = sampler.pixel
+        if wp.static(features.shares_times):
+            clock.pixel = NO_PIXEL
+        return shutter_time(camera, sample_camera(clock, BLOCK_TIME)[0])
+
+    return camera_time
+
+
+@specialised("cameras", *make_camera_time.fields)
 def make_camera_sample(features: Features) -> wp.Function:
     """Return (camera, filter_table, sampler, x, y) -> CameraSample through the pixel in column x and row y."""
     camera_ray = make_camera(features.cameras).ray
-    sample_camera = make_sample_camera(features.sampler)
+    sample_camera, camera_time = make_sample_camera(features.sampler), make_camera_time(features)
 
     @wp.func
     def camera_sample(
@@ -163,10 +183,7 @@ def make_camera_sample(features: Features) -> wp.Function:
             float(x) + 0.5 + filter_offset(filter_table, u[0]),
             float(y) + 0.5 + filter_offset(filter_table, u[1]),
         )
-        time = camera.shutter_open
-        if camera.shutter_close > camera.shutter_open:
-            time = shutter_time(camera, sample_camera(sampler, BLOCK_TIME)[0])
-        sample.seen = camera_ray(camera, sample.position, wp.vec2(u[2], u[3]), time)
+        sample.seen = camera_ray(camera, sample.position, wp.vec2(u[2], u[3]), camera_time(camera, sampler))
         return sample
 
     return camera_sample

@@ -131,6 +131,11 @@ class Features:
         return self.regularized or self.single_sided
 
     @property
+    def shares_times(self) -> bool:
+        """Whether a sample has one time in all pixels: that of its photons, where shapes move."""
+        return self.caustics and self.instances in ("moving", "deforming")
+
+    @property
     def bodies(self) -> bool:
         """Whether a path must track the bodies that it is in."""
         return self.nested or self.media != "none"

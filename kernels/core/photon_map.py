@@ -8,7 +8,8 @@ class Photon:
     """Light that smooth surfaces have thrown onto one that scatters.
 
     `towards` is the unit vector to where it came from, `normal` the geometric normal on that side. `power` is in watts;
-    `turns` counts the surfaces that have turned it. It `was_scattered` if one of them is not smooth.
+    `turns` counts the surfaces that have turned it. It `was_scattered` if one of them is not smooth. `light` is the
+    number of its light, that of lights for a constant environment; kept for light groups only.
     """
 
     position: wp.vec3
@@ -17,6 +18,7 @@ class Photon:
     power: wp.vec3
     turns: int
     was_scattered: bool
+    light: int
 
 
 @wp.struct

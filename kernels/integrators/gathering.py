@@ -5,6 +5,8 @@ surface cuts from a sphere: photon mapping after Jensen (1996). Each photon has 
 of the density that a few of its neighbours show (Abramson 1982): a focus stays sharp, and dim light is smooth.
 """
 
+from typing import Any
+
 import warp as wp
 
 from wrt.kernels.bsdf import make_bsdf, make_is_matt, models_with
@@ -12,8 +14,10 @@ from wrt.kernels.core.bsdf import Bsdf
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.photon_map import Photon, PhotonMap
 from wrt.kernels.core.rays import to_local
+from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface
+from wrt.kernels.integrators.light_groups import GroupSums, add_to_group
 from wrt.kernels.sampling.sampler import hash_4d
 from wrt.kernels.sampling.warps import PI
 from wrt.kernels.textures.normal_maps import bump_shadow
@@ -34,6 +38,26 @@ _COUNTED = wp.constant(24)
 
 _LEAST_SPREAD = wp.constant(1.0 / 16.0)
 """Least r² of a photon over the map's: half a pixel at first. Most samples of a pixel would miss smaller dots."""
+
+
+@wp.struct
+class Caustic:
+    """The radiance of photons that a surface scatters to a path."""
+
+    radiance: wp.vec3
+
+
+@wp.struct
+class GroupedCaustic:
+    """A Caustic, with the radiance by groups of lights."""
+
+    radiance: wp.vec3
+    groups: GroupSums
+
+
+def caustic_type(light_groups: bool) -> Any:
+    """Return the type of what photons bring for Features.light_groups."""
+    return GroupedCaustic if light_groups else Caustic
 
 
 @wp.func
@@ -136,9 +160,9 @@ def spread_photons(first: int, photon_map: PhotonMap, places_out: wp.array(dtype
     places_out[i] = place
 
 
-@specialised("models", "tangents")
+@specialised("models", "tangents", "light_groups")
 def make_gather(features: Features) -> wp.Function:
-    """Return the device function (map, bsdf, wo, surface, most_turns) -> radiance of photons that is scattered to wo.
+    """Return the device function (scene, map, bsdf, wo, surface, most_turns) -> Caustic or GroupedCaustic towards wo.
 
     Photons that surfaces have turned more often than `most_turns` are left out, and those that rough surfaces have
     scattered before are for matt surfaces alone.
@@ -146,10 +170,13 @@ def make_gather(features: Features) -> wp.Function:
     is_matt = make_is_matt(features.models)
     evaluate = make_bsdf(features.models).evaluate
     transmits = bool(models_with(features.models, "transmits"))
+    Result = caustic_type(features.light_groups)
 
     @wp.func
-    def gather(photon_map: PhotonMap, bsdf: Bsdf, wo: wp.vec3, surface: Surface, most_turns: int) -> wp.vec3:
-        total = wp.vec3()
+    def gather(
+        scene: SceneData, photon_map: PhotonMap, bsdf: Bsdf, wo: wp.vec3, surface: Surface, most_turns: int
+    ) -> Result:
+        result = Result()
         radius = photon_map.radius
         buckets = photon_map.starts.shape[0] - 1
         matt = is_matt(bsdf)
@@ -183,9 +210,15 @@ def make_gather(features: Features) -> wp.Function:
                             if wp.static(features.tangents):
                                 value = value * bump_shadow(surface, photon.towards, wi[2])
                             density = share / (place[3] * wp.max(wp.abs(cosine), _LEAST_COSINE))
-                            total += wp.cw_mul(value, photon.power) * density
+                            radiance = wp.cw_mul(value, photon.power) * density
+                            result.radiance += radiance
+                            if wp.static(features.light_groups):
+                                result.groups = add_to_group(scene, result.groups, photon.light, radiance)
                 i += 1
             corner += 1
-        return total * (2.0 / PI)
+        result.radiance = result.radiance * (2.0 / PI)
+        if wp.static(features.light_groups):
+            result.groups = result.groups * (2.0 / PI)
+        return result
 
     return gather

@@ -30,6 +30,15 @@ def add_to_group(scene: SceneData, sums: GroupSums, light: int, radiance: wp.vec
     return result
 
 
+@wp.func
+def colored(sums: GroupSums, factor: wp.vec3) -> GroupSums:
+    """Return the sums with the channels of each group multiplied by a factor."""
+    result = sums
+    for k in range(3 * GROUPS):
+        result[k] = sums[k] * factor[k % 3]
+    return result
+
+
 @specialised()
 def make_add_to_chosen_group(light_tree: bool) -> wp.Function:
     """Return (scene, sums, receiver, u_light, radiance) -> the sums with the radiance of the light that was sampled.

@@ -16,7 +16,7 @@ from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage, path_function
 from wrt.kernels.integrators.gathering import make_gather
-from wrt.kernels.integrators.light_groups import NO_LIGHT_OF_TABLE, add_to_group, make_add_to_chosen_group
+from wrt.kernels.integrators.light_groups import NO_LIGHT_OF_TABLE, add_to_group, colored, make_add_to_chosen_group
 from wrt.kernels.integrators.next_event import make_light_at_surface
 from wrt.kernels.integrators.path_escape import make_escape
 from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_traverse_medium
@@ -149,8 +149,11 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             if wp.static(features.caustics):
                 if receives_light(vertex.bsdf) and not path.has_settled:
                     most_turns = settings.max_depth - path.depth - 2
-                    caustic = gather(settings.photon_map, vertex.bsdf, vertex.wo, vertex.surface, most_turns)
-                    path.radiance += wp.cw_mul(path.throughput, caustic)
+                    photons = settings.photon_map
+                    caustic = gather(scene, photons, vertex.bsdf, vertex.wo, vertex.surface, most_turns)
+                    path.radiance += wp.cw_mul(path.throughput, caustic.radiance)
+                    if wp.static(features.light_groups):
+                        path.groups += colored(caustic.groups, path.throughput)
 
             # ---- BSDF sampling and roulette
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)

@@ -12,6 +12,8 @@ The path tracer finds the same paths by itself, from the other end, and leaves t
 import warp as wp
 
 from wrt.kernels.bsdf import make_is_matt, make_receives_light
+from wrt.kernels.camera.camera import Camera
+from wrt.kernels.camera.models import make_camera_time
 from wrt.kernels.core.elementary import sine_cosine
 from wrt.kernels.core.features import Features, has_exact, has_quadrics, instances_of
 from wrt.kernels.core.photon_map import Photon
@@ -32,6 +34,7 @@ from wrt.kernels.integrators.path_surface import (
     make_surface_vertex,
     pass_through,
 )
+from wrt.kernels.lights.choice import make_light_choice
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import place_on_disk
 from wrt.kernels.lights.shapes import make_closest_hit
@@ -89,7 +92,7 @@ class Aim:
 
 @wp.struct
 class Departure:
-    """A photon that leaves a light: its ray and its power.
+    """A photon that leaves a light, known by its number as in `Photon`: its ray and its power.
 
     It is to meet `shape` first, within `tolerance` of `position`. It has come a distance of `gap` through the medium
     around the scene.
@@ -101,6 +104,7 @@ class Departure:
     position: wp.vec3
     tolerance: float
     gap: float
+    light: int
 
 
 @specialised()
@@ -167,19 +171,21 @@ def way_out(low: wp.vec3, high: wp.vec3, position: wp.vec3, direction: wp.vec3) 
     return wp.max(distance, 0.0)
 
 
-@specialised("environment", "instances", "exact", *make_lights.fields)
+@specialised("environment", "instances", "exact", "light_groups", *make_lights.fields)
 def make_depart(features: Features) -> wp.Function:
     """Return the device function (scene, casters, sampler, time) -> Departure of one photon of a set of one.
 
     Half of the photons come from a constant environment where there are other lights, too.
     """
     aim_at, sample_light = make_aim(features.geometry), make_lights(features).sample_light
+    choose_light = make_light_choice(features.light_tree).choose_light
     sample_4d = make_sample_4d("sobol")
     surrounded = features.environment == "constant"
 
     @wp.func
     def depart(scene: SceneData, casters: Casters, sampler: Sampler, time: float) -> Departure:
         departure = Departure()
+        departure.light = scene.lights.shape[0]
         u = sample_4d(sampler, vertex_block(0, BLOCK_BSDF))
         u_light = sample_4d(sampler, vertex_block(0, BLOCK_LIGHT))
         caster = casters.records[sample_alias(casters.thresholds, casters.aliases, u[2], u[3]).index]
@@ -208,6 +214,8 @@ def make_depart(features: Features) -> wp.Function:
             wi = light.wi
             distance = light.distance
             irradiance = light.radiance * (wp.abs(wp.dot(wi, aim.normal)) / share)
+            if wp.static(features.light_groups):
+                departure.light = choose_light(scene, receiver, u_light).light
         if distance >= _INFINITELY_FAR:
             distance = way_out(casters.low, casters.high, aim.position, wi)
             departure.gap = _INFINITELY_FAR
@@ -225,12 +233,12 @@ def make_depart(features: Features) -> wp.Function:
 
 @specialised()
 def make_photon_kernel(features: Features) -> wp.Kernel:
-    """Return the kernel that follows the photons of a set."""
+    """Return the kernel that follows the photons of a set, at the time of the samples that gather them."""
     depart, closest_hit, begin_path = make_depart(features), make_closest_hit(features), make_begin_path(features)
     surface_vertex, prepare_bsdf = make_surface_vertex(features), make_prepare_bsdf(features)
     sample_bsdf, traverse_medium = make_sample_bsdf(features, of_photons=True), make_traverse_medium(features)
     receives_light = make_receives_light(features.models)
-    is_matt = make_is_matt(features.models)
+    is_matt, camera_time = make_is_matt(features.models), make_camera_time(features)
     sample_4d = make_sample_4d("sobol")
 
     @wp.kernel(module=wp.get_module(make_photon_kernel.module_name(features)), enable_backward=False)
@@ -238,7 +246,7 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
         first: int,
         set_number: int,
         seed: wp.uint32,
-        time: float,
+        camera: Camera,
         scene: SceneData,
         settings: PathSettings,
         casters: Casters,
@@ -253,6 +261,10 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
         was_scattered = bool(False)
         sampler = Sampler()
         sampler.seed = seed
+        time = camera.shutter_open
+        if wp.static(features.shares_times):  # and then each sample has a set of its own
+            sampler.index = wp.uint32(set_number)
+            time = camera_time(camera, sampler)
         sampler.pixel = FIRST_PIXEL + wp.uint32(set_number)
         sampler.index = wp.uint32(i)
         departure = depart(scene, casters, sampler, time)
@@ -291,6 +303,7 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
             photon.power = wp.cw_mul(path.throughput, departure.power) * (path.eta_scale / float(traced))
             photon.turns = turns
             photon.was_scattered = was_scattered
+            photon.light = departure.light
             u_bsdf = sample_4d(sampler, vertex_block(vertex_number, BLOCK_BSDF))
             before = wp.max(path.throughput)
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)

@@ -28,6 +28,9 @@ BLOCK_LIGHT = wp.constant(wp.uint32(0))
 BLOCK_BSDF = wp.constant(wp.uint32(2))
 BLOCK_MATERIAL = wp.constant(wp.uint32(3))
 
+NO_PIXEL = wp.constant(wp.uint32(2**32 - 1))
+"""The pixel of random numbers that all pixels share."""
+
 # The sample index of hashes that do not depend on the sample: no pixel has this many.
 _NO_INDEX = wp.constant(wp.uint32(2**32 - 1))
 

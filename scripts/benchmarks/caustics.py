@@ -1,8 +1,9 @@
 """`caustics`: errors after equal seconds of CPU with and without `--caustics`, beside Mitsuba's `path` and `ptracer`.
 
 References: of what is not smooth, as first seen, Mitsuba's `ptracer`, which follows light from the lamps and finds all
-caustics there; of glass and metal a long render of wrt's with caustics. Both have other random numbers. Under large
-lamps a long render by path tracing is the reference of all.
+caustics there; of glass and metal long renders of wrt's with caustics. Under large lamps long renders by path tracing
+are the reference of all. There are two of each, with random numbers of their own: a squared error is the product of the
+differences from both, whose mean is free of the references' noise.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ TITLES = {
 CHUNK = 256
 """Samples of a render of Mitsuba's, whose memory grows with them; their mean is taken."""
 
-SEED_OF_REFERENCE = 2000
+SEEDS_OF_REFERENCES = 2000, 3000
 
 TRIMMED = 1e-3
 """Share of the pixels, those of the largest errors, that the robust measure leaves out."""
@@ -141,12 +142,12 @@ def benchmark(options: argparse.Namespace) -> Row:
             place = folder / name
             place.mkdir(parents=True, exist_ok=True)
             with Renderers(scene, place, environments) as renderers:
-                reference, is_diffuse = reference_of(renderers, place, options.reference)
+                references, is_diffuse = references_of(renderers, place, options.reference)
                 for renderer in options.renderers:
                     for seconds in options.seconds:
                         picture, spent, spp = renderers.picture(renderer, seconds, 1)
                         row = {"scene": name, "renderer": renderer, "asked": seconds, "seconds": spent, "spp": spp}
-                        rows.append(row | errors_of(picture, reference, is_diffuse))
+                        rows.append(row | errors_of(picture, references, is_diffuse))
                         print(name, renderer, *(f"{key} {rows[-1][key]:.4g}" for key in list(row)[2:]), end=" ")
                         print(*(f"{key} {rows[-1][key]:.2%}" for key in MEASURES), flush=True)
     settings = {key: getattr(options, key) for key in ("size", "depth", "reference")}
@@ -209,16 +210,19 @@ class Renderers:
         return np.mean(pictures, axis=0), spent, CHUNK * len(pictures)
 
 
-def reference_of(renderers: Renderers, folder: Path, seconds: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Return a reference, and which pixels see neither a caster nor the edge of one."""
-    pictures = []
-    for renderer in ("path", "path") if folder.name in LIT_BROADLY else ("ptracer", "caustics"):
-        file = folder / f"reference_{renderer}.npy"
-        if not file.exists():
-            np.save(file, renderers.picture(renderer, seconds, SEED_OF_REFERENCE)[0])
-        pictures.append(np.load(file))
+def references_of(renderers: Renderers, folder: Path, seconds: float) -> tuple[list[Array], NDArray[np.bool_]]:
+    """Return two references, and which pixels see neither a caster nor the edge of one."""
     is_diffuse = sees_no_caster(renderers.scene)
-    return np.where(is_diffuse[..., None], *pictures), is_diffuse
+    references = []
+    for seed in SEEDS_OF_REFERENCES:
+        pictures = []
+        for renderer in ("path",) if folder.name in LIT_BROADLY else ("ptracer", "caustics"):
+            file = folder / f"reference_{renderer}_{seed}.npy"
+            if not file.exists():
+                np.save(file, renderers.picture(renderer, 0.5 * seconds, seed)[0])
+            pictures.append(np.load(file))
+        references.append(np.where(is_diffuse[..., None], pictures[0], pictures[-1]))
+    return references, is_diffuse
 
 
 def sees_no_caster(scene: wrt.Scene, margin: int = 2) -> NDArray[np.bool_]:
@@ -240,16 +244,22 @@ MEASURES = {
 }
 
 
-def errors_of(picture: Array, reference: Array, is_diffuse: NDArray[np.bool_]) -> Row:
-    """Return the errors of a picture by MEASURES."""
-    squares = ((picture - reference) ** 2).mean(axis=2)
+def errors_of(picture: Array, references: list[Array], is_diffuse: NDArray[np.bool_]) -> Row:
+    """Return the errors of a picture by MEASURES; where the references do not resolve one, what they resolve."""
+
+    def root(squares: Array) -> float:
+        return float(np.sqrt(max(squares.mean(), squares.std() / np.sqrt(squares.size))))
+
+    reference = np.mean(references, axis=0)
+    squares = ((picture - references[0]) * (picture - references[1])).mean(axis=2)
     power = (reference**2).mean(axis=2)
-    relative = np.sort((squares / (power + 1e-2 * reference.mean() ** 2)).ravel())
-    kept = relative[: len(relative) - max(round(TRIMMED * len(relative)), 1)]
+    scale = power + 1e-2 * reference.mean() ** 2
+    order = np.argsort((((picture - reference) ** 2).mean(axis=2) / scale).ravel())
+    kept = order[: order.size - max(round(TRIMMED * order.size), 1)]
     return {
-        "whole": float(np.sqrt(squares.mean() / power.mean())),
-        "diffuse": float(np.sqrt(squares[is_diffuse].mean() / power[is_diffuse].mean())),
-        "trimmed": float(np.sqrt(kept.mean())),
+        "whole": root(squares / power.mean()),
+        "diffuse": root(squares[is_diffuse] / power[is_diffuse].mean()),
+        "trimmed": root((squares / scale).ravel()[kept]),
     }
 
 

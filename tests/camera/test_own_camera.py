@@ -1,4 +1,4 @@
-"""docs/own-camera.md: its program runs, and the camera it registers sees by its formula."""
+"""docs/own.md: its program runs, and the camera it registers sees by its formula."""
 
 import runpy
 from types import SimpleNamespace
@@ -13,7 +13,7 @@ from wrt.kernels.camera.models import CAMERA_MODELS
 from wrt.kernels.camera.projections import PERSPECTIVE as PINHOLE
 from wrt.scene.camera import CAMERAS
 
-CODE = program_of("own-camera")
+CODE = program_of("own", "fisheye.py")
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from wrt.cli import main
 from wrt.kernels.bsdf import BSDFS
 from wrt.scene.materials import MATERIALS
 
-CODE = program_of("own-bsdf")
+CODE = program_of("own", "moon.py")
 
 SCENE = """
 [materials.dust]

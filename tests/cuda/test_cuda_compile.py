@@ -90,6 +90,8 @@ CAUSTICS = Features(
     light_shapes=ALL_LIGHTS,
     exact="quadrics",
     caustics=True,
+    instances="moving",
+    light_groups=True,
 )
 """A kernel that gathers photons, and the one that follows them."""
 

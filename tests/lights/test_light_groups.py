@@ -27,7 +27,8 @@ def _three_kernels(monkeypatch):
     kernel = covering("dielectric", "diffuse", "null", media="scattering", instances="still", exact="spheres")
 
     def covers(features):
-        return dataclasses.replace(kernel, light_groups=features.light_groups, clamped=features.clamped)
+        of_picture = {name: getattr(features, name) for name in ("light_groups", "clamped", "caustics")}
+        return dataclasses.replace(kernel, **of_picture)
 
     render_by(covers, monkeypatch)
 
@@ -128,8 +129,9 @@ def test_each_group_is_the_picture_of_its_lights_alone():
 
 @needs_lanes
 @pytest.mark.machinery
-def test_wide_kernels_leave_the_same_bits():
-    assert differences(all_lights(), **{**GROUPED, "threads": 1}) == []
+@pytest.mark.parametrize("caustics", [False, True])
+def test_wide_kernels_leave_the_same_bits(caustics):
+    assert differences(all_lights(), **{**GROUPED, "threads": 1, "caustics": caustics}) == []
 
 
 def test_checkpoints_and_parts_hold_groups(tmp_path):

@@ -1,4 +1,4 @@
-"""docs/own-light.md: its program runs, its model is right, and its light works like a built-in one."""
+"""docs/own.md: its program runs, its model is right, and its light works like a built-in one."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wrt.upload.scene_data import SceneUpload
 
 pytestmark = pytest.mark.slow
 
-CODE = program_of("own-light")
+CODE = program_of("own", "ring.py")
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -1,4 +1,4 @@
-"""docs/own-bsdf.md: its program runs, its model is right, and its material works like a built-in one."""
+"""docs/own.md: its first program runs, its model is right, and its material works like a built-in one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from wrt.kernels.core.bsdf import MAX_SLOTS
 from wrt.scene.materials import MATERIALS
 from wrt.scene.srgb import srgb_from_linear
 
-CODE = program_of("own-bsdf")
+CODE = program_of("own", "moon.py")
 
 
 def lunar_of(name: str, code: str) -> Any:
@@ -159,7 +159,7 @@ def test_what_cannot_be_registered_is_refused() -> None:
 def test_ones_own_may_be_registered_again(device: str) -> None:
     """As a cell of a notebook that is edited and run again: new functions by the same names, and no old kernel."""
     renderers, images = [], []
-    bright = CODE.replace("return bsdf.slots[ALBEDO] * (", "return 2.0 * bsdf.slots[ALBEDO] * (")
+    bright = CODE.replace("return bsdf.slots[0] * (", "return 2.0 * bsdf.slots[0] * (")
     assert bright != CODE
     try:
         for code in (CODE, bright, CODE):

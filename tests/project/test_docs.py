@@ -45,8 +45,8 @@ def write_files(folder: Path) -> None:
     wrt.save_image(folder / "sky.exr", rng.uniform(0.0, 2.0, (4, 8, 3)))
 
 
-# Other tests run these pages: the first three are programs, the next quotes a kernel, the last shows a widget.
-OWN = ("docs/own-bsdf.md", "docs/own-camera.md", "docs/own-light.md", "docs/spmd.md", "docs/view.md")
+# Other tests run these pages: the first has programs, the next quotes a kernel, the last shows a widget.
+OWN = ("docs/own.md", "docs/spmd.md", "docs/view.md")
 WITH_LAYERS = covering("diffuse", "rough_conductor:ggx:smith:conductor", sampler="sobol", aovs=True)
 PROGRAMS = [(page, code) for page, text in PAGES.items() if page not in OWN for code in blocks(text, "python")]
 
@@ -92,7 +92,7 @@ def test_scene_files_and_parts_of_them_are_read(tmp_path, monkeypatch):
     write_files(tmp_path)
     monkeypatch.chdir(tmp_path)
     for page, text in PAGES.items():
-        if not page.startswith("docs/own-"):  # what these name is registered by their programs
+        if page != "docs/own.md":  # what these name is registered by their programs
             for part in blocks(text, "toml"):
                 Path("room.toml").write_text(part)
                 load_scene(Path("room.toml"))

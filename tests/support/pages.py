@@ -50,9 +50,9 @@ def slug(heading: str) -> str:
     return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
 
 
-def program_of(page: str) -> str:
-    """Return the only Python program of a page in docs/."""
-    (code,) = blocks(PAGES[f"docs/{page}.md"], "python")
+def program_of(page: str, name: str) -> str:
+    """Return the Python program of a page in docs/ that begins with its name."""
+    (code,) = (code for code in blocks(PAGES[f"docs/{page}.md"], "python") if code.startswith(f"# {name}\n"))
     return code
 
 

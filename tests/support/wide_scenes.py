@@ -315,7 +315,8 @@ def differences(scene: wrt.Scene, spp: Sequence[int] = (3, 22), lanes: int = 0, 
     """
     renderer = wrt.Renderer(scene, **{"width": 45, "height": 31, "threads": 1, **options})
     if renderer._photons is not None:
-        renderer._photons.provide(0, renderer._built.data, renderer._shared_inputs[3], 0.0)
+        camera, _, scene, path = renderer._shared_inputs
+        renderer._photons.provide(0, camera, scene, path)
     start = renderer.film.state()
     scalar = bits(renderer, renderer._kernel.scalar, renderer.film.pixels, start, spp)
     wide = bits(renderer, *wide_kernel(renderer, lanes or LANES), start, spp)

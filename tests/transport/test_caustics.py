@@ -18,9 +18,11 @@ import numpy as np
 import pytest
 from conftest import Report
 from numpy.typing import NDArray
+from scipy import stats
 from support.fresnel import by_angles
 from support.small_scenes import finish, image_of
-from support.statistics import two_sample_z
+from support.statistics import sidak, two_sample_z
+from support.wide_scenes import differences, needs_lanes
 
 import wrt
 from wrt.cli import main
@@ -141,6 +143,30 @@ def sky() -> wrt.ImageEnvironment:
     return wrt.ImageEnvironment(np.random.default_rng(1).random((8, 16, 3)).astype(np.float32))
 
 
+def moving(turn: wrt.Motion | None = None) -> wrt.Scene:
+    """A ball, a block, a plate, the lamp and the camera, which move while the shutter is open; all alike by `turn`."""
+    right, up = wrt.Motion.translation((0.8, 0.0, 0.2)), wrt.Motion.translation((0.0, 0.6, 0.0))
+    spin = wrt.Motion.rotation((0.0, 1.0, 0.0), 60.0, center=(-0.7, 0.8, 0.3))
+    glass = wrt.box((-1.0, 0.5, 0.0), (-0.4, 1.1, 0.6))
+    plate = wrt.quad((-0.4, 0.1, 0.9), (0.8, 0.0, 0.0), (0.0, 0.0, -0.8))
+    motions = (wrt.Motion(np.zeros(1), np.eye(4)[None]), right, right, spin, up)
+    shapes = (floor(), lamp(), ball(exact=True), wrt.Shape(glass, wrt.Dielectric()), wrt.Shape(plate, wrt.Diffuse(0.8)))
+    scene = scene_of(
+        *(dataclasses.replace(shape, transform=turn or motion) for shape, motion in zip(shapes, motions, strict=True))
+    )
+    sway = turn or wrt.Motion.translation((0.0, 0.0, 0.5))
+    scene.camera = dataclasses.replace(scene.camera, shutter_close=1.0, shutter_ramp=0.5, motion=sway)
+    return scene
+
+
+def deforming() -> wrt.Scene:
+    scene = moving()
+    mesh = wrt.sphere((0.0, 0.9, 0.0), 0.6, subdivisions=2)
+    squeezed = np.stack([mesh.vertices, mesh.vertices * np.float32([1.2, 0.6, 1.0])])
+    scene.shapes[2] = wrt.Shape(mesh, wrt.Dielectric(), deformation=wrt.Deformation((0.0, 1.0), squeezed))
+    return scene
+
+
 TINTED = wrt.Dielectric(interior=wrt.Medium(absorption=(0.5, 1.0, 2.0)))
 
 SCENES: dict[str, Callable[[], wrt.Scene]] = {
@@ -172,6 +198,9 @@ SCENES: dict[str, Callable[[], wrt.Scene]] = {
     ),
     "sun": lambda: scene_of(floor(), flat_ball(), wrt.DirectionalLight((0.3, -1.0, 0.1), 3.0, angle_degrees=20.0)),
     "fog": lambda: fog(),
+    "translucent": lambda: translucent(),
+    "moving": moving,
+    "deforming": deforming,
     "textured": lambda: scene_of(floor(wrt.Diffuse(wrt.ImageTexture(pixels(3)))), lamp(), block(wrt.Dielectric())),
     "bumpy": lambda: bumpy(),
     "nested": lambda: scene_of(
@@ -184,6 +213,17 @@ SCENES: dict[str, Callable[[], wrt.Scene]] = {
         wrt.Shape(wrt.box((-1.5, 0.3, -1.5), (1.5, 0.5, 1.5)), wrt.RoughDielectric(alpha=0.3)),
     ),
 }
+
+
+def translucent() -> wrt.Scene:
+    """A sheet, seen from below, that lets more of the light from above through than it reflects."""
+    sheet = wrt.Burley(0.8, thin_walled=True, diffuse_transmission=0.8, roughness=1.0)
+    return from_below(scene_of(floor(sheet), lamp(), block(wrt.Dielectric())))
+
+
+def from_below(scene: wrt.Scene) -> wrt.Scene:
+    scene.camera = wrt.PerspectiveCamera((0.0, -3.0, 4.0), (0.0, -0.3, 0.0), fov_degrees=40.0)
+    return scene
 
 
 def pixels(seed: int) -> NDArray[np.float32]:
@@ -218,6 +258,69 @@ def test_photons_bring_the_light_that_long_paths_find(name: str, report: Report)
     assert short.mean() < 0.995 * theirs.mean()  # so there is light to find
 
 
+def blocks(renders: list[Array]) -> Array:
+    """Return (renders, 16) mean radiance of parts of pictures."""
+    size = SIZE // 4
+    return np.array([image.reshape(4, size, 4, size, 3).mean(axis=(1, 3, 4)).ravel() for image in renders])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["own ways", "one way"])
+def test_light_in_motion_is_the_mean_of_still_light(what: str, monkeypatch: pytest.MonkeyPatch, report: Report) -> None:
+    """Of pictures at times of the shutter; at any one where everything moves as the camera does."""
+    monkeypatch.setattr("wrt.rendering.photons.FIRST_RADIUS", 0.5)
+    options = {"width": SIZE, "height": SIZE, "max_depth": 10, "filter": "box", "caustics": True}
+    turn = wrt.Motion.rotation((0.2, 1.0, 0.0), 100.0, offset=(1.0, 2.0, 0.0))
+    scene, times = moving(None if what == "own ways" else turn), 16
+    scene.camera = dataclasses.replace(scene.camera, shutter_ramp=0.0)
+    still, rng = moving(), np.random.default_rng(5)
+
+    def at(time: float) -> wrt.Scene:
+        of = scene if what == "own ways" else still
+        camera = dataclasses.replace(of.camera, shutter_open=time, shutter_close=time)
+        return dataclasses.replace(of, camera=camera)
+
+    exposed = blocks([image_of(wrt.Renderer(scene, seed=k, **options), 4 * times) for k in range(SEEDS)])
+    instants = []
+    for seed in range(SEEDS):
+        drawn = (np.arange(times) + rng.random()) / times if what == "own ways" else np.zeros(times)
+        renderers = (wrt.Renderer(at(t), seed=100 + 16 * seed + k, **options) for k, t in enumerate(drawn))
+        instants.append(np.mean([image_of(each, 4) for each in renderers], axis=0))
+    expected = blocks(instants)
+    report("mean radiance", exposed.mean() / expected.mean(), 1.0)
+    variances = exposed.var(axis=0, ddof=1) / SEEDS, expected.var(axis=0, ddof=1) / SEEDS
+    z = two_sample_z(exposed.mean(axis=0), variances[0], expected.mean(axis=0), variances[1], n_a=SEEDS, n_b=SEEDS)
+    assert np.median(exposed.std(axis=0)) < 0.03 * exposed.mean()
+    assert 2.0 * stats.norm.sf(np.abs(z)).min() > sidak(1e-3, z.size)
+
+
+@pytest.mark.slow
+def test_pictures_in_motion_keep_their_bits(tmp_path: Path) -> None:
+    def render(**changes: Any) -> wrt.Renderer:
+        return wrt.Renderer(moving(), **{"width": 24, "height": 16, "seed": 3, "caustics": True, **changes})
+
+    expected = image_of(render(), 6)
+    np.testing.assert_array_equal(image_of(render(threads=3), 1, 2, 5, 6), expected)
+    np.testing.assert_array_equal(image_of(render(crop=(5, 3, 17, 12)), 6), expected[3:12, 5:17])
+    finish(render(), 4).save_checkpoint(tmp_path / "a.ckpt")
+    np.testing.assert_array_equal(image_of(wrt.Renderer.resume(tmp_path / "a.ckpt", moving()), 6), expected)
+    np.testing.assert_array_equal(wrt.merge([render().part(k, 2, spp=6) for k in (1, 2)]).image(), expected)
+
+
+@needs_lanes
+@pytest.mark.machinery
+def test_wide_kernels_share_the_times() -> None:
+    assert differences(moving(), caustics=True) == []
+
+
+def test_light_stays_on_the_side_where_it_arrives() -> None:
+    """Of an opaque sheet the other side is black."""
+    options = {"width": 24, "height": 16, "caustics": True, "max_depth": 10}
+    scene = SCENES["block"]()
+    assert image_of(wrt.Renderer(scene, **options), 4).any()
+    assert not image_of(wrt.Renderer(from_below(scene), **options), 4).any()
+
+
 @pytest.mark.slow
 def test_a_path_is_as_long_with_photons_as_without(report: Report) -> None:
     """Of the light through two sides of a block, which takes four segments, a depth of three shows nothing."""
@@ -250,6 +353,32 @@ def test_an_integrating_sphere_has_the_radiance_of_its_closed_form(report: Repor
     report("radiance", found.mean() / expected, 1.0)
     assert found.std() < 0.02 * expected
     assert deviation(found, expected, BIAS) < 3.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("clamp", [None, 0.5])
+def test_photons_are_in_the_group_of_their_light(clamp: float | None) -> None:
+    """Of lights in red, green and blue each group has one colour, and their sum is the picture to rounding."""
+    names = ("red", "green", "blue")
+
+    def make(*, grouped: bool = True) -> wrt.Scene:
+        groups = names if grouped else (None, None, None)
+        lit = dataclasses.replace(lamp(), emission=(2.5, 0.0, 0.0), group=groups[0])
+        point = wrt.PointLight((1.0, 3.0, 0.0), (0.0, 5.0, 0.0), group=groups[1])
+        sky = wrt.ConstantEnvironment((0.0, 0.0, 0.3), group=groups[2])
+        return scene_of(floor(), block(wrt.Dielectric()), lit, point, environment=sky)
+
+    def render(scene: wrt.Scene, *layers: str) -> wrt.Renderer:
+        options = {"width": 24, "height": 16, "caustics": True, "clamp_indirect": clamp, "layers": layers}
+        return finish(wrt.Renderer(scene, max_depth=10, **options), 5, 8)
+
+    grouped = render(make(), "light_groups")
+    image, layers = grouped.image(), grouped.layers()
+    np.testing.assert_array_equal(image, render(make(grouped=False)).image())
+    for channel, name in enumerate(names):
+        layer = layers[f"light_{name}"]
+        np.testing.assert_allclose(layer[..., channel], image[..., channel], rtol=3e-6)
+        assert not np.delete(layer, channel, axis=2).any()
 
 
 def test_models_say_what_turns_light() -> None:
@@ -364,7 +493,7 @@ def test_caustics_that_no_path_finds_are_told(capfd: pytest.CaptureFixture[str],
     for silent in ((glass,), (point,), (ball(wrt.ThinDielectric()), point), (ball(wrt.RoughDielectric()), point)):
         assert hints(*silent) == 0
     assert hints(glass, wrt.DirectionalLight((0.0, -1.0, 0.0), 1.0, angle_degrees=5.0)) == 0
-    for option in ({"caustics": True}, {"integrator": "direct"}, {"layers": ("light_groups",)}):
+    for option in ({"caustics": True}, {"integrator": "direct"}):
         assert hints(glass, point, **option) == 0
     wrt.save_scene(tmp_path / "a.toml", scene_of(floor(), glass, point))
     command = f"render {tmp_path}/a.toml --size 8x6 --spp 1 -o {tmp_path}"
@@ -383,17 +512,9 @@ def test_what_cannot_be_rendered_is_said_before() -> None:
     for name in ("direct", "whitted", "ao", "aov"):
         with pytest.raises(wrt.InputError, match=f"integrator '{name}' cannot render caustics by photons"):
             renderer(integrator=name)
-    scene = SCENES["block"]()
-    scene.camera = wrt.PerspectiveCamera((0.0, 3.0, 4.0), (0.0, 0.3, 0.0), shutter_open=0.0, shutter_close=1.0)
-    moves = wrt.Motion.translation((1.0, 0.0, 0.0))
-    scene.shapes.append(wrt.Shape(wrt.box(), transform=moves))
-    with pytest.raises(wrt.InputError, match="must stand still while the shutter is open"):
-        wrt.Renderer(scene, caustics=True)
-    with pytest.raises(wrt.InputError, match="no layers of light groups"):
-        renderer(layers=("light_groups",))
     with pytest.raises(wrt.InputError, match="have no derivatives"):
         renderer().gradients(np.ones((16, 24, 3)))
-    caught = SCENES["block"]()
+    caught = moving()
     caught.shapes[0] = dataclasses.replace(caught.shapes[0], shadow_catcher=True)
     with pytest.raises(wrt.InputError, match="do not fall on shadow catchers"):
         wrt.Renderer(caught, caustics=True)

@@ -75,8 +75,8 @@ def test_copies_of_built_in_models_have_their_bits(registers: Any) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("lanes", [8, 16])
 def test_the_examples_of_the_documentation(lanes: int, registers: Any, tmp_path: Path) -> None:
-    pages = ("own-bsdf", "own-light", "own-camera")
-    moon, ring, fisheye = (definitions(program_of(page), tmp_path / f"{page[4:]}_page.py") for page in pages)
+    files = ("moon.py", "ring.py", "fisheye.py")
+    moon, ring, fisheye = (definitions(program_of("own", name), tmp_path / f"page_{name}") for name in files)
     assert not {name for tier in tiers() for name in tier.models} & {"lunar"}, "general kernels are for all processes"
     light = ring["RingLight"]((0.0, 2.5, 1.0), (0.0, -1.0, 0.0), radiance=9.0)
     shown = scene(moon["Lunar"](0.7), light, fisheye["StereographicCamera"](**WHERE))

@@ -1,5 +1,9 @@
 """Sets of photons, each for a few samples of the pixels: sample i of any pixel gathers those of set i / `samples`.
 
+Where shapes move, each sample has a smaller set, whose time is that of the sample in all pixels: so light falls where
+things are. Times are as even as those of a pixel without photons. Four samples of one time would show a fast thing
+four times as coarsely.
+
 A set is a function of the seed and its number, so pictures do not depend on passes, crops or what was resumed. Radii
 shrink from set to set as by Knaus and Zwicker, "Progressive photon mapping: a probabilistic approach" (2011), eq. 20:
 r² falls with the number n of sets as n^(ALPHA − 1), which leaves neither noise nor bias in the limit.
@@ -39,7 +43,7 @@ MOST_SAMPLES = 4
 """Samples of a pixel that gather the same set; there is a photon for every two of the paths, which take as long."""
 
 
-def squared_shrinkage(number: int) -> float:
+def squared_shrinkage(number: float) -> float:
     """Return r² of set `number`, counted from 0, over r² of set 0."""
     # The product of (i + α) / (i + 1) for i from 1 to `number`
     log = math.lgamma(number + 1.0 + ALPHA) - math.lgamma(1.0 + ALPHA) - math.lgamma(number + 2.0)
@@ -52,6 +56,7 @@ class Photons:
     Attributes:
         kernels: the kernels that follow, arrange and spread photons.
         samples: how many samples of a pixel gather the same set.
+        _share: photons of a set over those of a set where nothing moves.
     """
 
     def __init__(self, device: Device, features: Any, casters: CasterTable, seed: int, width: int, height: int) -> None:
@@ -70,6 +75,10 @@ class Photons:
         self._size = width, height
         self._count = min(max(2 * width * height, FEWEST), MOST)
         self.samples = min(max(2 * self._count // (width * height), 1), MOST_SAMPLES)
+        self._share = 1.0
+        if features.shares_times:
+            self._share = 1.0 / self.samples
+            self._count, self.samples = self._count // self.samples, 1
         photon = backend.kernels("wrt.kernels.core.photon_map").Photon
         device.require_memory(4 * self._count * (photon.numpy_dtype().itemsize + 12), "a set of photons")
         stored = 2 * self._count
@@ -97,7 +106,7 @@ class Photons:
         """Follow the photons anew, as the scene has changed."""
         self._number = None
 
-    def provide(self, sample: int, scene: Any, settings: Any, time: float) -> int:
+    def provide(self, sample: int, camera: Any, scene: Any, settings: Any) -> int:
         """Have the photons for a sample in the kernels' PathSettings; return the first sample that needs others."""
         number = sample // self.samples
         end = (number + 1) * self.samples
@@ -106,9 +115,10 @@ class Photons:
         self._number = None
         photon_map, backend, (follow, arrange, spread) = settings.photon_map, self._device.backend, self.kernels
         photon_map.photons, photon_map.places, photon_map.starts = self._arranged, self._places, self._starts
-        photon_map.radius = self._first_radius * math.sqrt(squared_shrinkage(number))
-        photon_map.crowd = FIRST_CROWD * squared_shrinkage(number)
-        inputs = [number, self._seed, time, scene, settings, self._casters.data, self._found, self._keys]
+        shrinkage = squared_shrinkage(number * self._share)
+        photon_map.radius = self._first_radius * math.sqrt(shrinkage)
+        photon_map.crowd = FIRST_CROWD * shrinkage * self._share
+        inputs = [number, self._seed, camera, scene, settings, self._casters.data, self._found, self._keys]
         self._device.launch(follow, self._count, inputs)
         if self._device.is_cpu:
             self._keys.numpy().sort()

@@ -120,7 +120,7 @@ class Renderer(EditablePicture):
             light_choice=self.light_choice,
             caustics=caustics,
         )
-        if caustics and upload.casters is None:
+        if caustics and upload.casters is None and like is None:
             warn("caustics: no surface is a mirror, smooth glass or smooth plastic, so there are none", UserWarning)
         self._choose_kernel(upload.features, upload.casters, like=like)
         with self.device.compiling(self._to_compile()):
@@ -338,10 +338,10 @@ class Renderer(EditablePicture):
         if self._photons is None:
             self._kernel.launch([target, *self._inputs], seconds_left)
             return
-        _, _, scene, path = self._shared_inputs
+        camera, _, scene, path = self._shared_inputs
         sample = self.film.tally().least
         while sample < target:
-            sample = min(self._photons.provide(sample, scene, path, self.camera.shutter_open), target)
+            sample = min(self._photons.provide(sample, camera, scene, path), target)
             self._kernel.launch([sample, *self._inputs], seconds_left)
             if self.device.cancelled.is_set():
                 return

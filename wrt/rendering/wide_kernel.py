@@ -200,7 +200,7 @@ class WideKernel:
         refused = own.models_from_outside(self._features) and self._part == compiler.RENDER
         if refused and (why := own.refusal(self._features, self._lanes)):
             self._possible = False
-            cache_folders.warn_once(f"{why} (until then renders take twice as long: docs/own-bsdf.md)")
+            cache_folders.warn_once(f"{why} (until then renders take twice as long: docs/own.md)")
 
 
 def _end(

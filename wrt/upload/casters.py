@@ -15,7 +15,7 @@ from wrt.scene.exact.analytic import Analytic
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene
-from wrt.upload.accel.instancing import Layout
+from wrt.upload.accel.instancing import Layout, is_moving
 from wrt.upload.lights.choice import make_alias_table
 from wrt.upload.materials import model_name
 
@@ -55,7 +55,9 @@ def share_of_photons(material: Material) -> float:
 
 
 def upload_casters(scene: Scene, layout: Layout, first_triangles: NDArray[np.int64], device: str) -> CasterTable | None:
-    """Return the casters of a scene that stands still, or None if nothing throws caustics.
+    """Return the casters of a scene, or None if nothing throws caustics.
+
+    Of shapes that move, areas are means of those when the shutter opens, half way and when it closes.
 
     Args:
         scene: the scene.
@@ -63,24 +65,26 @@ def upload_casters(scene: Scene, layout: Layout, first_triangles: NDArray[np.int
         first_triangles: (shapes,) number of each shape's first triangle.
         device: the name of the device.
     """
-    meshes: list[tuple[int, int, Mesh]] = [
-        (number, 0, mesh) for number, mesh in zip(layout.world_shapes, layout.world_meshes, strict=True)
+    places: list[tuple[int, int, list[Mesh]]] = [
+        (number, 0, [mesh]) for number, mesh in zip(layout.world_shapes, layout.world_meshes, strict=True)
     ]
     for each in layout.instances:
-        placed = layout.shared[each.mesh].keys[0].transformed(each.transform)  # type: ignore[arg-type]
-        meshes.append((each.shape, layout.instance_numbers[each.shape], placed))
+        moves = is_moving(scene.shapes[each.shape], layout.shutter)
+        times = layout.times if moves else layout.times[:1]
+        meshes = [scene.shapes[each.shape].mesh_at(time) for time in times]
+        places.append((each.shape, layout.instance_numbers[each.shape], meshes))
     k = current_backend().kernels("wrt.kernels.integrators.photons")
     records, weights, corners = [], [], []
-    for shape, instance, mesh in meshes:
+    for shape, instance, meshes in places:
         share = share_of_photons(scene.shapes[shape].material)
         if share == 0.0:
             continue
-        rows = np.zeros(len(mesh.faces), k.Caster.numpy_dtype())
+        rows = np.zeros(len(meshes[0].faces), k.Caster.numpy_dtype())
         rows["triangle"] = first_triangles[shape] + np.arange(len(rows))
         rows["instance"], rows["shape"] = instance, shape
         records.append(rows)
-        weights.append(share * _areas(mesh))
-        corners.append(mesh.bounds)
+        weights.append(share * np.mean([_areas(mesh) for mesh in meshes], axis=0))
+        corners.append(meshes[len(meshes) // 2].bounds)
     if not records or not sum(each.sum() for each in weights) > 0.0:
         return None
     table = make_alias_table(np.concatenate(weights))
@@ -96,15 +100,15 @@ def upload_casters(scene: Scene, layout: Layout, first_triangles: NDArray[np.int
     return CasterTable(data, 0.5 * (low + high), norm(high - low))
 
 
-def light_places(scene: Scene) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """Yield the name and one point, (3,), of each light that is not infinitely far away."""
+def light_places(scene: Scene, time: float) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yield the name and one point, (3,), of each light that is not infinitely far away, at a time in seconds."""
     for number, light in enumerate(scene.lights, 1):
         corners = light.extent().corners
         if corners is not None:
             yield light.name or f"light {number}", np.mean(corners, axis=0, dtype=np.float64)
     for number, shape in enumerate(scene.shapes, 1):
         if shape.emits:
-            mesh = shape.mesh_at(0.0)
+            mesh = shape.mesh_at(time)
             points = mesh.bounds if isinstance(mesh, Analytic) else mesh.vertices[mesh.faces[0]]
             yield shape.name or f"shape {number}", points.mean(axis=0, dtype=np.float64)
 

@@ -16,7 +16,6 @@ from wrt.scene.layers import LIGHT_GROUPS
 from wrt.scene.materials import ThinDielectric
 from wrt.scene.materials.body import bodies_of
 from wrt.scene.scene import RenderSettings, Scene
-from wrt.upload.accel.instancing import is_moving
 from wrt.upload.casters import share_of_photons
 from wrt.upload.lights.environment import resolve_environment
 
@@ -84,15 +83,8 @@ def _obstacle_to_photons(scene: Scene, settings: RenderSettings, integrator: str
     """Return the message about what keeps photons from bringing caustics, or ""."""
     if integrator not in WITH_PHOTONS:
         return f"integrator {integrator!r} cannot render caustics by photons; use 'path' or 'volpath'"
-    if LIGHT_GROUPS in settings.layers:
-        return "caustics by photons have no layers of light groups; leave one of the two out"
     if any(shape.shadow_catcher for shape in scene.shapes):
         return "caustics by photons do not fall on shadow catchers; leave one of the two out"
-    camera = scene.camera
-    if camera is not None and any(
-        is_moving(each, (camera.shutter_open, camera.shutter_close)) for each in scene.shapes
-    ):
-        return "caustics: shapes must stand still while the shutter is open; render without motion blur"
     return ""
 
 

@@ -144,9 +144,10 @@ class SceneUpload:
 
     def _require_photons_outside(self, data: Any) -> None:
         """Raise InputError if any light is in a body, where photons would begin as if in the open."""
-        for name, point in light_places(self._prepared.scene):
-            if bodies_around(data, self._values.bodies, point, 0.0, self.features.geometry, self._device):
-                raise InputError(f"caustics: {name} lies inside another body; render without caustics")
+        for time in sorted(set(self._prepared.layout.times)):
+            for name, point in light_places(self._prepared.scene, time):
+                if bodies_around(data, self._values.bodies, point, time, self.features.geometry, self._device):
+                    raise InputError(f"caustics: {name} lies inside another body; render without caustics")
 
 
 class _Places:

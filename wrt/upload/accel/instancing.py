@@ -64,6 +64,12 @@ class Layout:
     instances: list[Instance] = field(default_factory=list)
 
     @property
+    def times(self) -> tuple[float, float, float]:
+        """When the shutter opens, is half way, and closes, seconds."""
+        opens, closes = self.shutter
+        return opens, 0.5 * (opens + closes), closes
+
+    @property
     def instance_numbers(self) -> dict[int, int]:
         """The number of each placed shape's record on the device; the world's triangles, if any, are instance 0."""
         first = int(bool(self.world_shapes))
