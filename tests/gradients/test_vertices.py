@@ -79,7 +79,7 @@ def floor_under(light, colors, *, by_mirror, emission=0.0):
     """Return a renderer of a floor of changing reflectance, of which one point is seen, straight or by a mirror."""
     value = wrt.ImageTexture(RAMP.astype(np.float32), wrap="clamp") if colors is None else wrt.VertexColor()
     origin, target = ((1, 3, 0.02), (0.03, 3, 0.02)) if by_mirror else ((0.03, 2, 0.02), (0.03, 0, 0.02))
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin, target, up=(0, 0, 1), fov_degrees=0.01))
+    scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin, target, up=(0, 0, 1), fov_degrees=0.001))
     mirror = wrt.quad((0.028, 2.998, 0.018), (0.004, 0.004, 0), (0, 0, 0.004))
     scene.add(mirror, material=wrt.Mirror(1.0), name="mirror")
     mesh = grid((-1, 0, -1), (2, 0, 0), (0, 0, 2), count=2, colors=colors)
@@ -168,11 +168,9 @@ SPP, SEEDS, SIZE = 128, 24, 10
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["mis", "light", "bsdf"])
-def test_means_are_those_of_difference_quotients(strategy, report):
+def test_means_are_those_of_difference_quotients(report):
     """All walls move together, so none covers another; normals of the wall that is seen follow, or turn alone."""
-    options = {"width": SIZE, "height": SIZE, "max_depth": 4, "threads": 2, "strategy": strategy}
-    renderer = wrt.Renderer(room(), **options)
+    renderer = wrt.Renderer(room(), width=SIZE, height=SIZE, max_depth=4, threads=2)
     start = wrt.parameters(renderer)
     motions = {
         f"motion {seed}": {name: field(seed)(start[name].astype(np.float64)) for name in NAMES} for seed in (1, 2)
@@ -197,7 +195,7 @@ def test_means_are_those_of_difference_quotients(strategy, report):
     for name, of_seeds in differences.items():
         error, size = np.std(of_seeds, ddof=1) / np.sqrt(SEEDS), abs(np.mean(sizes[name]))
         z = np.mean(of_seeds) / error
-        report(f"{strategy}: {name}, z", z, f"error {error / size:.1%} of {np.mean(sizes[name]):.4g}")
+        report(f"{name}, z", z, f"error {error / size:.1%} of {np.mean(sizes[name]):.4g}")
         assert abs(z) < Z, name
         assert error < 0.05 * size, name
 
@@ -230,7 +228,7 @@ def test_in_a_furnace_no_vertex_counts(report):
     renderer = wrt.Renderer(scene, width=SIZE, height=SIZE, max_depth=4, threads=2)
     motion = field(1)(mesh.vertices.astype(np.float64))
     d_image = np.full((SIZE, SIZE, 3), 1 / SIZE**2)
-    found = [renderer.gradients(d_image, "walls.vertices", spp=SPP, seed=seed) for seed in range(SEEDS)]
+    found = [renderer.gradients(d_image, "walls.vertices", spp=4 * SPP, seed=seed) for seed in range(SEEDS)]
     slopes = [float((each["walls.vertices"] * motion).sum()) for each in found]
     error = np.std(slopes, ddof=1) / np.sqrt(SEEDS)
     report("furnace: vertices, z", np.mean(slopes) / error, f"error {error:.2g}")
