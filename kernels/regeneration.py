@@ -74,7 +74,7 @@ def make_regenerating_kernel(features: Features) -> wp.Kernel:
         pixel = pixel_of_thread(first_pixel + wp.tid(), camera.crop_width, film.count.shape[0] // camera.crop_width)
         x = camera.crop_x + pixel % camera.crop_width
         y = camera.crop_y + pixel // camera.crop_width
-        sampler = sampler_of_pixel(seed, x, y, camera.width)
+        sampler = sampler_of_pixel(seed, settings.is_sobol, x, y, camera.width)
         index = film.count[pixel]
         path = PathState()
         path.is_done = True

@@ -84,7 +84,7 @@ def make_render_kernel(features: Features) -> wp.Kernel:
         if wp.static(features.light_groups):
             by_group = read_totals(aovs.sums, pixel, aovs.light_groups)
         rays = int(0)
-        sampler = sampler_of_pixel(seed, x, y, camera.width)
+        sampler = sampler_of_pixel(seed, settings.is_sobol, x, y, camera.width)
         for index in range(film.count[pixel], target_count):
             sampler.index = wp.uint32(index)
             sample = camera_sample(camera, filter_table, sampler, x, y)

@@ -50,8 +50,6 @@ def variants(lanes: int) -> list[tuple[Any, int]]:
         (plain, {"aovs": True}, of_meshes),
         (plain, {"instances": "still"}, others),
         (guides, {"instances": "still"}, others),
-        (plain, {"sampler": "independent"}, others),  # of Mitsuba's files
-        (guides, {"sampler": "independent"}, others),
     )
     found: dict[Any, int] = {}
     for features, changes, tiers in chosen:

@@ -39,7 +39,20 @@ _FILES = {
 BSDFS: Registry[Model] = Registry({name: f"{__name__}.{file}" for name, file in _FILES.items()}, _check)
 register_model = BSDFS.register
 current_name = BSDFS.current_name
-model_of = BSDFS.model_of
+
+_CASTER = ":caster"
+
+
+def caster_name(name: str) -> str:
+    """Return the name of a model for surfaces that are nearly smooth, and throw caustics as smooth ones do."""
+    return name + _CASTER
+
+
+def model_of(name: str) -> Model:
+    """Return the model of a name; see `Registry.model_of` and `caster_name`."""
+    plain = name.removesuffix(_CASTER)
+    model = BSDFS.model_of(plain)
+    return model if plain == name else model._replace(is_caster=True)
 
 
 def filtered_name(name: str) -> str:
@@ -149,6 +162,18 @@ def make_receives_light(names: tuple[str, ...]) -> wp.Function:
 
 
 @specialised()
+def make_is_caster(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf) -> bool: whether it is nearly smooth, and throws caustics."""
+    return make_is_any(models_with(names, "is_caster"))
+
+
+@specialised()
+def make_gathers(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf) -> bool: whether it scatters the light of photons, which casters do not."""
+    return make_receives_light(tuple(name for name in names if not model_of(name).is_caster))
+
+
+@specialised()
 def make_is_matt(names: tuple[str, ...]) -> wp.Function:
     """Return the device function (bsdf) -> bool: whether its model has matt lobes, and delta lobes at most beside."""
     models = {name: model_of(name) for name in names}
@@ -161,6 +186,6 @@ def smooth_lobes(name: str) -> str:
     Models of panes, which let light straight through, do not count.
     """
     model = model_of(name)
-    if model.specular is None and model.index_slot < 0 and (not model.delta or model.straight is not None):
+    if model.specular is None and (not model.delta or model.straight is not None):
         return "none"
     return "all" if model.delta else "some"

@@ -75,6 +75,7 @@ class Model(NamedTuple):
         index_slot: the row of the refractive index inside over outside, for nested bodies; −1 for none.
         channels_slot: the row of the probabilities of the channels, if that index is one for each channel
             (`kernels/bsdf/lobes/dispersion.py`); −1 without dispersion.
+        is_caster: whether all its lobes are so narrow that photons leave it as they leave smooth glass (`caster_name`).
         coat_slot: the row of a coat that has normals of its own (`kernels/bsdf/lobes/coats.py`); −1 for none.
     """
 
@@ -92,6 +93,7 @@ class Model(NamedTuple):
     index_slot: int = -1
     channels_slot: int = -1
     coat_slot: int = -1
+    is_caster: bool = False
 
 
 @wp.func

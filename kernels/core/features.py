@@ -7,8 +7,11 @@ _LONGEST_NAME = 100
 
 _COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided", "grid_media")
 _COVERING_KINDS = {"media": ("none", "absorbing", "scattering"), "exact": ("none", "spheres", "quadrics")}
-_COVERING = ("models", "light_shapes", "environment", "composite", *_COVERING_FLAGS, *_COVERING_KINDS)
+_COVERING = ("sampler", "models", "light_shapes", "environment", "composite", *_COVERING_FLAGS, *_COVERING_KINDS)
 """Features of a kernel that a scene need not have, or less of: the kernel decides at run time."""
+
+EITHER, OF_EITHER = "either", ("sobol", "independent")
+"""The sampler of kernels that take one of two at run time, and these."""
 
 _COVER_NOTHING = ("whitted", "ao")
 """Integrators whose kernels do not decide at run time: the ray tree takes an image around for there, for one."""
@@ -26,7 +29,7 @@ class Features:
         mipmapped: whether any image has mip levels.
         environment: "none", "constant" or "image".
         tangents: whether any material depends on the direction of the texture coordinates.
-        sampler: the source of random numbers (see `make_sample_4d` in `kernels/sampling/sampler.py`).
+        sampler: the source of random numbers (see `make_sample_4d` in `kernels/sampling/sampler.py`), or EITHER.
         instances: "none" where all triangles lie in one tree, else the most general kind of instance: "still",
             "moving" rigidly, or "deforming".
         integrator: the integrator's name (see `kernels/integrators/registry.py`).
@@ -92,6 +95,7 @@ class Features:
             return self == scene
         return replace(scene, **{name: getattr(self, name) for name in _COVERING}) == self and (
             set(scene.models) <= set(self.models)
+            and (self.sampler == scene.sampler or (self.sampler == EITHER and scene.sampler in OF_EITHER))
             and set(scene.light_shapes) <= set(self.light_shapes)
             and (self.environment == "image" or self.environment == scene.environment)
             and (self.has_holes or scene.composite in ("none", self.composite))

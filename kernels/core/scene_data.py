@@ -280,6 +280,14 @@ class EnvironmentData:
     light: int  # index in `lights`; -1 if it is not sampled
 
 
+READS_COORDINATES = wp.constant(1)
+"""Texture coordinates and vertex colours."""
+READS_MORE = wp.constant(2)
+"""Second texture coordinates and the alpha of vertex colours."""
+READS_LEVELS = wp.constant(4)
+"""Mip levels of images."""
+
+
 @wp.struct
 class SceneData:
     """All data of a scene that a path needs."""
@@ -293,6 +301,7 @@ class SceneData:
     normals: wp.array(dtype=wp.vec3)
     uvs: wp.array(dtype=wp.vec2)
     colors: wp.array(dtype=wp.vec3)
+    reads: int  # sum of READS_...: the attributes of vertices, and what else of textures, that materials read
     aligns_tangents: int  # 1 if any material depends on the direction of texture coordinates, 2 if meshes have tangents
     tangents: wp.array(dtype=wp.vec4)  # three a triangle (`wrt.scene.tangents.tangents_by_edges`)
     uv2_alpha: wp.array(dtype=wp.vec3)  # second texture coordinates, alpha of colours; if Features.uv2_alpha

@@ -6,7 +6,7 @@ from wrt.kernels.core.features import has_exact, has_quadrics, instances_of
 from wrt.kernels.core.motion import key_at
 from wrt.kernels.core.ray_tree import Hit, make_instance_placement
 from wrt.kernels.core.rays import Frame, Ray, make_frame
-from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.scene_data import READS_MORE, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import shading_point
 from wrt.kernels.geometry.quadrics import (
@@ -287,11 +287,12 @@ def make_add_texture_coordinates(uv2_alpha: bool, exact: bool) -> wp.Function:
     @wp.func
     def add(scene: SceneData, hit: Hit, surface: Surface) -> Surface:
         surface = add_texture_coordinates(scene, hit, surface)
-        i = scene.corners[hit.triangle]
-        second = scene.uv2_alpha[i[0]] * (1.0 - hit.u - hit.v)
-        second = second + scene.uv2_alpha[i[1]] * hit.u + scene.uv2_alpha[i[2]] * hit.v
-        surface.second_uv = wp.vec2(second[0], second[1])
-        surface.alpha = second[2]
+        if scene.reads & READS_MORE != 0:
+            i = scene.corners[hit.triangle]
+            second = scene.uv2_alpha[i[0]] * (1.0 - hit.u - hit.v)
+            second = second + scene.uv2_alpha[i[1]] * hit.u + scene.uv2_alpha[i[2]] * hit.v
+            surface.second_uv = wp.vec2(second[0], second[1])
+            surface.alpha = second[2]
         return surface
 
     return add if uv2_alpha else add_texture_coordinates

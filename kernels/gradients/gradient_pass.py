@@ -54,7 +54,7 @@ def make_gradient_kernel(
         x = camera.crop_x + pixel % camera.crop_width
         y = camera.crop_y + pixel // camera.crop_width
         weight = upstream[pixel]
-        sampler = sampler_of_pixel(seed, x, y, camera.width)
+        sampler = sampler_of_pixel(seed, settings.is_sobol, x, y, camera.width)
         for index in range(first, last):
             sampler.index = wp.uint32(index)
             seen = camera_sample(camera, filter_table, sampler, x, y).seen

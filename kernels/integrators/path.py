@@ -8,7 +8,7 @@ a path that is done when a round begins stays as it is.
 import warp as wp
 
 from wrt.kernels.accel.intersect import make_intersect
-from wrt.kernels.bsdf import make_receives_light, models_with
+from wrt.kernels.bsdf import make_gathers, make_is_caster, models_with
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import NO_HIT
 from wrt.kernels.core.rays import Ray
@@ -53,7 +53,8 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
     prepare_bsdf, sample_bsdf = make_prepare_bsdf(features), make_sample_bsdf(features)
     place_receiver, light_at_surface = make_place_receiver(features), make_light_at_surface(features)
     scattering, panes = features.media == "scattering", bool(models_with(features.models, "straight"))
-    receives_light, gather = make_receives_light(features.models), make_gather(features)
+    gathers, gather, is_caster = make_gathers(features.models), make_gather(features), make_is_caster(features.models)
+    casters = bool(models_with(features.models, "is_caster"))
     begin_indirect, add_to_chosen_group = make_begin_indirect(features), make_add_to_chosen_group(features.light_tree)
     draws_more = features.mixed or panes or scattering or features.grid_media
 
@@ -104,6 +105,8 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             # ---- Environment, and lights that are shapes
             if wp.static(features.caustics):
                 by_photons = path.has_gathered and path.scatter_pdf == 0.0
+                if wp.static(casters):
+                    by_photons = path.has_gathered and path.was_cast
             if hit.triangle <= NO_HIT:
                 if wp.static(features.caustics):
                     if by_photons:
@@ -136,6 +139,10 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             if wp.static(panes):
                 if not vertex.is_pane and path.depth + 1 >= settings.max_depth:
                     break
+            if wp.static(features.caustics and casters):
+                # Of this light, too, photons bring what goes on to where the path gathered them.
+                if path.has_gathered and is_caster(vertex.bsdf):
+                    vertex.samples_lights = False
             if wp.static(features.clamped):
                 path = begin_indirect(path, vertex_number >= 2 and not vertex.is_pane)
 
@@ -147,7 +154,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
 
             # ---- Caustics
             if wp.static(features.caustics):
-                if receives_light(vertex.bsdf) and not path.has_settled:
+                if gathers(vertex.bsdf) and not path.has_settled:
                     most_turns = settings.max_depth - path.depth - 2
                     photons = settings.photon_map
                     caustic = gather(scene, photons, vertex.bsdf, vertex.wo, vertex.surface, most_turns)

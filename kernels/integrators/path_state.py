@@ -34,6 +34,7 @@ class PathSettings:
     ao_distance: float  # length of the rays of ambient occlusion
     clamp_indirect: float  # upper bound on indirect radiance, per channel
     widening: float  # variance that slopes of rough surfaces gain once the path was scattered by what is not smooth
+    is_sobol: int  # which of the two samplers a kernel takes that has both
     hides_lights: int  # whether camera rays do not see the environment and lights without triangles
     photon_map: PhotonMap
 
@@ -70,7 +71,8 @@ class PathState:
     the path then `is_indirect`. If Features.light_groups, `groups` and `direct_groups` have the same light by groups.
     It `was_blurred` if anything that is not smooth scattered it, where `Features` ask for it. It `has_gathered` if
     photons were gathered where it was last scattered by what is not smooth, and `has_settled` once that was a matt
-    surface, which gathers the light of all caustics, however long its way. It `is_done` once it has ended, for
+    surface, which gathers the light of all caustics, however long its way. It `was_cast` if what scattered it last is
+    smooth, or nearly smooth and throws caustics; kept where there is the latter. It `is_done` once it has ended, for
     whatever reason.
     """
 
@@ -89,6 +91,7 @@ class PathState:
     was_blurred: bool
     has_gathered: bool
     has_settled: bool
+    was_cast: bool
     receiver: Receiver
     medium_stack: BodyStack
     origin_gap: float

@@ -2,12 +2,12 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_bsdf, make_is_any, make_is_matt, make_receives_light, models_with
+from wrt.kernels.bsdf import make_bsdf, make_is_any, make_is_caster, make_is_matt, make_receives_light, models_with
 from wrt.kernels.core.bsdf import Bsdf, BsdfSample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import RECEIVES_BOTH, RECEIVES_FRONT, Ray, to_local, to_world
-from wrt.kernels.core.scene_data import BodyStack, SceneData
+from wrt.kernels.core.scene_data import READS_COORDINATES, READS_LEVELS, BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.geometry.surface import (
@@ -84,9 +84,10 @@ def make_vertex_at(features: Features) -> wp.Function:
 
         # Texture coordinates
         if wp.static(has_coordinates):
-            surface = add_texture_coordinates(scene, hit, surface)
+            if scene.reads & READS_COORDINATES != 0:
+                surface = add_texture_coordinates(scene, hit, surface)
         if wp.static(features.mipmapped):
-            if width > 0.0:
+            if scene.reads & READS_LEVELS != 0 and width > 0.0:
                 surface.footprint = sample_footprint(scene, hit, surface, ray.direction, width, index)
         vertex.hit = hit
         vertex.surface = surface
@@ -222,14 +223,16 @@ def make_prepare_bsdf(features: Features) -> wp.Function:
     def prepare_bsdf(scene: SceneData, path: PathState, vertex: SurfaceVertex, widening: float) -> SurfaceVertex:
         surface = vertex.surface
         if wp.static(features.tangents):
-            surface = align_tangents(scene, vertex.hit, surface)
-            width = cone_width(path.footprint, path.passed_distance + vertex.hit.t)
-            if wp.static(has_layers):
-                aligned = surface
-            surface = apply_normal_map(scene, vertex.material, vertex.hit, surface, path.ray.direction, width)
+            aligned = surface
+            if scene.aligns_tangents != 0:
+                surface = align_tangents(scene, vertex.hit, surface)
+                width = cone_width(path.footprint, path.passed_distance + vertex.hit.t)
+                if wp.static(has_layers):
+                    aligned = surface
+                surface = apply_normal_map(scene, vertex.material, vertex.hit, surface, path.ray.direction, width)
         bsdf = bsdf_at(scene, vertex.material, surface)
         if wp.static(has_layers):
-            if scene.materials[vertex.material].coat_normal_map >= 0:
+            if scene.aligns_tangents != 0 and scene.materials[vertex.material].coat_normal_map >= 0:
                 surface = aligned
                 normals = normals_of_layers(scene, vertex.material, vertex.hit, surface, path.ray.direction)
                 bsdf = with_normals(bsdf, normals)
@@ -298,7 +301,8 @@ def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> 
     A path of photons runs the other way: what depends on the direction to the light depends on where it comes from.
     """
     lets_pass = features.has_holes or features.nested or bool(models_with(features.models, "straight"))
-    is_matt = make_is_matt(features.models)
+    is_matt, is_caster = make_is_matt(features.models), make_is_caster(features.models)
+    casters = bool(models_with(features.models, "is_caster"))
 
     @wp.func
     @inline_stage
@@ -313,9 +317,13 @@ def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> 
         # A direction along the surface, wi[2] = 0, leaves to no side.
         path.is_done = not (wp.dot(direction, vertex.surface.normal) * sample.wi[2] > 0.0)
         if wp.static(features.caustics):
-            path.has_gathered = path.has_gathered or sample.pdf > 0.0
+            receives = sample.pdf > 0.0
+            if wp.static(casters):
+                path.was_cast = sample.pdf == 0.0 or is_caster(vertex.bsdf)
+                receives = not path.was_cast
+            path.has_gathered = path.has_gathered or receives
             if wp.static(features.media != "scattering"):
-                path.has_settled = path.has_settled or (sample.pdf > 0.0 and is_matt(vertex.bsdf))
+                path.has_settled = path.has_settled or (receives and is_matt(vertex.bsdf))
         if wp.static(of_photons):
             # With shading normals the adjoint of a BSDF is another one (Veach 1997, section 5.3).
             came = wp.abs(vertex.wo[2]) * wp.abs(wp.dot(direction, vertex.surface.normal))

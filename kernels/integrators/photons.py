@@ -11,7 +11,7 @@ The path tracer finds the same paths by itself, from the other end, and leaves t
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_is_matt, make_receives_light
+from wrt.kernels.bsdf import make_gathers, make_is_matt, models_with
 from wrt.kernels.camera.camera import Camera
 from wrt.kernels.camera.models import make_camera_time
 from wrt.kernels.core.elementary import sine_cosine
@@ -237,7 +237,7 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
     depart, closest_hit, begin_path = make_depart(features), make_closest_hit(features), make_begin_path(features)
     surface_vertex, prepare_bsdf = make_surface_vertex(features), make_prepare_bsdf(features)
     sample_bsdf, traverse_medium = make_sample_bsdf(features, of_photons=True), make_traverse_medium(features)
-    receives_light = make_receives_light(features.models)
+    gathers, nearly_smooth = make_gathers(features.models), bool(models_with(features.models, "is_caster"))
     is_matt, camera_time = make_is_matt(features.models), make_camera_time(features)
     sample_4d = make_sample_4d("sobol")
 
@@ -294,7 +294,7 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
             off = vertex.surface.position - departure.position
             is_met = vertex.surface.shape == departure.shape and wp.length(off) <= departure.tolerance
             turns = path.depth
-            takes = turns > 0 and receives_light(vertex.bsdf) and (not was_scattered or is_matt(vertex.bsdf))
+            takes = turns > 0 and gathers(vertex.bsdf) and (not was_scattered or is_matt(vertex.bsdf))
             photon = Photon()
             photon.position = vertex.surface.position
             photon.towards = -path.ray.direction
@@ -308,12 +308,14 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
             before = wp.max(path.throughput)
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
             was_turned = path.depth > turns
-            # The first turn is by a delta lobe, at the point that the photon was aimed at.
-            if turns == 0 and (was_turned != is_met or (was_turned and path.scatter_pdf > 0.0)):
+            is_scattered = was_turned and path.scatter_pdf > 0.0
+            if wp.static(nearly_smooth):
+                is_scattered = was_turned and not path.was_cast
+            # The first turn is by a delta lobe or a caster, at the point that the photon was aimed at.
+            if turns == 0 and (was_turned != is_met or is_scattered):
                 break
             # It goes on with the share of light that does, so that its power changes little.
             goes_on = float(1.0)
-            is_scattered = was_turned and path.scatter_pdf > 0.0
             if is_scattered:
                 goes_on = wp.min(wp.max(path.throughput) / before, 1.0)
                 if wp.static(features.media == "scattering"):

@@ -6,6 +6,7 @@ split into passes. docs/sampling.md compares the samplers.
 
 import warp as wp
 
+from wrt.kernels.core.features import EITHER
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.sampling.low_discrepancy import (
     further_dimension,
@@ -37,11 +38,12 @@ _NO_INDEX = wp.constant(wp.uint32(2**32 - 1))
 
 @wp.struct
 class Sampler:
-    """Identifies one sample of one pixel."""
+    """Identifies one sample of one pixel; `is_sobol` is the choice of the sampler EITHER."""
 
     seed: wp.uint32
     pixel: wp.uint32
     index: wp.uint32
+    is_sobol: int
 
 
 @wp.func
@@ -157,8 +159,30 @@ def _pixel_in_morton_order(x: int, y: int, width: int) -> wp.uint32:
     return morton_code(wp.uint32(x), wp.uint32(y))
 
 
-_SAMPLERS = {"independent": _independent, "stratified": _stratified, "sobol": _sobol, "blue-noise": _blue_noise}
-_CAMERAS = {"sobol": _sobol_camera, "blue-noise": _blue_noise_camera}
+@wp.func
+def _either(sampler: Sampler, block: wp.uint32) -> wp.vec4:
+    hashed = hash_4d(sampler.pixel, wp.where(sampler.is_sobol != 0, _NO_INDEX, sampler.index), block, sampler.seed)
+    if sampler.is_sobol != 0:
+        hashed = _two_pairs(sampler.index, hashed)
+    return _unit_floats(hashed)
+
+
+@wp.func
+def _either_camera(sampler: Sampler, block: wp.uint32) -> wp.vec4:
+    hashed = hash_4d(sampler.pixel, wp.where(sampler.is_sobol != 0, _NO_INDEX, sampler.index), block, sampler.seed)
+    if sampler.is_sobol != 0:
+        hashed = _camera_point(sampler.index, block, hashed)
+    return _unit_floats(hashed)
+
+
+_SAMPLERS = {
+    "independent": _independent,
+    "stratified": _stratified,
+    "sobol": _sobol,
+    "blue-noise": _blue_noise,
+    EITHER: _either,
+}
+_CAMERAS = {"sobol": _sobol_camera, "blue-noise": _blue_noise_camera, EITHER: _either_camera}
 
 
 @specialised()
@@ -183,13 +207,17 @@ def make_sample_camera(name: str) -> wp.Function:
 
 @specialised()
 def make_sampler_of_pixel(name: str) -> wp.Function:
-    """Return the device function (seed, x, y, picture's width) -> Sampler of a pixel, to be given a sample's index."""
+    """Return the device function (seed, is_sobol, x, y, picture's width) -> Sampler of a pixel.
+
+    It is to be given a sample's index.
+    """
     pixel_name = _pixel_in_morton_order if name == "blue-noise" else _pixel_in_row
 
     @wp.func
-    def sampler_of_pixel(seed: wp.uint32, x: int, y: int, width: int) -> Sampler:
+    def sampler_of_pixel(seed: wp.uint32, is_sobol: int, x: int, y: int, width: int) -> Sampler:
         sampler = Sampler()
         sampler.seed = seed
+        sampler.is_sobol = is_sobol
         sampler.pixel = pixel_name(x, y, width)
         return sampler
 

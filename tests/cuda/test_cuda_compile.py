@@ -13,7 +13,7 @@ from support.films_of_devices import FILMS, OPTIONS, film_cases
 import wrt
 import wrt.kernels
 from wrt.backend.warp_start import initialize_warp
-from wrt.kernels.bsdf import models_with
+from wrt.kernels.bsdf import caster_name, models_with
 from wrt.kernels.bsdf.arrays import kernels_of
 from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
@@ -83,7 +83,7 @@ THREE = [
 """Together all features that are on or off, and the loops of all kinds of integrators."""
 
 CAUSTICS = Features(
-    ("dielectric", "diffuse", "plastic", "thin_dielectric"),
+    ("dielectric", "diffuse", "plastic", caster_name("rough_conductor:ggx:smith:conductor"), "thin_dielectric"),
     False,
     "constant",
     media="absorbing",

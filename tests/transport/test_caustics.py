@@ -27,8 +27,10 @@ from support.wide_scenes import differences, needs_lanes
 import wrt
 from wrt.cli import main
 from wrt.errors import Hint
-from wrt.kernels.bsdf import smooth_lobes
+from wrt.kernels.bsdf import caster_name, smooth_lobes
 from wrt.rendering.part import Part
+from wrt.upload.casters import share_of_photons
+from wrt.upload.materials import MaterialTable
 
 Array = NDArray[np.floating[Any]]
 
@@ -167,6 +169,15 @@ def deforming() -> wrt.Scene:
     return scene
 
 
+def nearly_smooth() -> wrt.Scene:
+    """Casters that are a little rough, before a matt floor, a wall of metal, and paint that is no caster."""
+    metal = wrt.Principled(0.9, metallic=1.0, roughness=0.2)
+    wall = wrt.Shape(wrt.quad((-1.5, 0.0, -0.7), (3.0, 0.0, 0.0), (0.0, 1.5, 0.0)), metal)
+    copper = wrt.Shape(wrt.cylinder((-0.9, 0.0, 0.3), (-0.9, 0.8, 0.3), 0.3), wrt.RoughConductor(0.05))
+    paint = wrt.Shape(wrt.box((0.8, 0.0, 0.2), (1.2, 0.4, 0.6)), wrt.Principled(0.6, roughness=0.2))
+    return scene_of(floor(), lamp(), wall, copper, ball(wrt.RoughDielectric(alpha=0.03)), paint)
+
+
 TINTED = wrt.Dielectric(interior=wrt.Medium(absorption=(0.5, 1.0, 2.0)))
 
 SCENES: dict[str, Callable[[], wrt.Scene]] = {
@@ -199,6 +210,7 @@ SCENES: dict[str, Callable[[], wrt.Scene]] = {
     "sun": lambda: scene_of(floor(), flat_ball(), wrt.DirectionalLight((0.3, -1.0, 0.1), 3.0, angle_degrees=20.0)),
     "fog": lambda: fog(),
     "translucent": lambda: translucent(),
+    "nearly smooth": nearly_smooth,
     "moving": moving,
     "deforming": deforming,
     "textured": lambda: scene_of(floor(wrt.Diffuse(wrt.ImageTexture(pixels(3)))), lamp(), block(wrt.Dielectric())),
@@ -381,11 +393,40 @@ def test_photons_are_in_the_group_of_their_light(clamp: float | None) -> None:
         assert not np.delete(layer, channel, axis=2).any()
 
 
+def test_materials_say_what_is_nearly_smooth() -> None:
+    grey = np.full((2, 2, 3), 0.2, np.float32)
+    casters = (
+        wrt.RoughConductor(0.05),
+        wrt.RoughDielectric(alpha=wrt.ImageTexture(grey, factor=0.2)),
+        wrt.Principled(metallic=1.0, roughness=wrt.ImageTexture(grey)),
+        wrt.Principled(transmission=1.0, roughness=0.0, coat=1.0, coat_roughness=0.2),
+    )
+    others = (
+        wrt.RoughConductor((0.01, 0.06)),
+        wrt.RoughDielectric(alpha=wrt.VertexColor()),
+        wrt.RoughConductor(wrt.ImageTexture(grey)),
+        wrt.RoughConductor((10.0, 0.01), distribution="abc"),
+        wrt.RoughPlastic(alpha=0.01),
+        wrt.Principled(metallic=0.9, roughness=0.1),
+        wrt.Principled(metallic=1.0, roughness=0.25),
+        wrt.Principled(metallic=1.0, roughness=0.1, coat=1.0, coat_roughness=0.3),
+        wrt.Principled(metallic=1.0, roughness=0.1, sheen_color=0.1),
+    )
+    assert all(each.is_nearly_smooth for each in casters)
+    assert not any(each.is_nearly_smooth for each in (*others, wrt.Mirror(), wrt.Diffuse()))
+    assert share_of_photons(wrt.Mix(casters[0], wrt.Diffuse(), 0.5)) == 1.0
+    assert share_of_photons(others[1]) == 0.0
+    name = casters[0].model
+    tables = [MaterialTable([casters[0], others[0]], caustics=caustics).models for caustics in (True, False)]
+    assert tables == [(name, caster_name(name)), (name,)]
+
+
 def test_models_say_what_turns_light() -> None:
     found = {
         name: smooth_lobes(name) for name in ("diffuse", "null", "mirror", "dielectric", "thin_dielectric", "plastic")
     }
     assert list(found.values()) == ["none", "none", "all", "all", "all", "some"]
+    assert smooth_lobes("rough_dielectric:ggx:smith") == "none"
 
 
 # --- Bits ------------------------------------------------------------------------------------------

@@ -97,6 +97,8 @@ def general_features(features: Any) -> list[Any]:
 
     There are none for options that few use.
     """
+    from wrt.kernels.core.features import EITHER, OF_EITHER
+
     if not features.guides and features.integrator in UNLIKE_PATHS:
         return []
     if features.clamped or features.regularized or features.cameras or features.caustics:
@@ -107,7 +109,8 @@ def general_features(features: Any) -> list[Any]:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
         general |= {"environment": "image", "light_shapes": shapes}
         everything |= {"media": "scattering", "grid_media": True}
-    plain = dataclasses.replace(features, media="none", grid_media=False, exact="none")
+    sampler = EITHER if features.sampler in OF_EITHER else features.sampler
+    plain = dataclasses.replace(features, sampler=sampler, media="none", grid_media=False, exact="none")
     kernels = [
         dataclasses.replace(
             plain,

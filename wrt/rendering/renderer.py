@@ -121,7 +121,10 @@ class Renderer(EditablePicture):
             caustics=caustics,
         )
         if caustics and upload.casters is None and like is None:
-            warn("caustics: no surface is a mirror, smooth glass or smooth plastic, so there are none", UserWarning)
+            warn(
+                "caustics: no surface is a mirror, or glass or plastic that is smooth enough, so there are none",
+                UserWarning,
+            )
         self._choose_kernel(upload.features, upload.casters, like=like)
         with self.device.compiling(self._to_compile()):
             self._built = upload.finish(self._kernel.read)

@@ -48,8 +48,13 @@ class CasterTable:
 
 def share_of_photons(material: Material) -> float:
     """Return how many photons a material gets by its area, relative to glass."""
+    return max(share_of_smooth(material), *map(share_of_photons, material.parts), float(material.is_nearly_smooth))
+
+
+def share_of_smooth(material: Material) -> float:
+    """Return the same for a material without what is nearly smooth, whose light lamps without a size find."""
     if material.parts:
-        return max(share_of_photons(part) for part in material.parts)
+        return max(share_of_smooth(part) for part in material.parts)
     lobes: str = current_backend().call("wrt.kernels.bsdf", "smooth_lobes", model_name(material))
     return AIMED_AT[lobes]
 

@@ -16,7 +16,7 @@ from wrt.scene.layers import LIGHT_GROUPS
 from wrt.scene.materials import ThinDielectric
 from wrt.scene.materials.body import bodies_of
 from wrt.scene.scene import RenderSettings, Scene
-from wrt.upload.casters import share_of_photons
+from wrt.upload.casters import share_of_smooth
 from wrt.upload.lights.environment import resolve_environment
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def hint_at_caustics(scene: Scene, settings: RenderSettings, integrator: str) ->
     if settings.caustics or not any(light.shape() is None and light.shines for light in scene.lights):
         return
     throwers = (shape.material for shape in scene.shapes if not isinstance(shape.material, ThinDielectric))
-    if not _obstacle_to_photons(scene, settings, integrator) and 1.0 in map(share_of_photons, throwers):
+    if not _obstacle_to_photons(scene, settings, integrator) and 1.0 in map(share_of_smooth, throwers):
         what = "lights without a size throw no light through glass or off mirrors"
         warn(f"{what}; --caustics (in Python caustics=True) adds it", Hint)
 
@@ -135,6 +135,7 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> An
         path.ambient = mean_radiance(scene)
     path.ao_distance = intersect.INFINITE_DISTANCE if settings.ao_distance is None else settings.ao_distance
     path.clamp_indirect = 0.0 if settings.clamp_indirect is None else settings.clamp_indirect
+    path.is_sobol = int(settings.sampler == "sobol")
     path.hides_lights = int(settings.transparent)
     path.widening = 0.5 * settings.regularization**2  # α² of a slope's variance σ² is 2σ²
     return path

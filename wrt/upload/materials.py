@@ -54,6 +54,7 @@ class MaterialTable:
         *,
         editable: bool = False,
         before: MaterialTable | None = None,
+        caustics: bool = False,
     ) -> None:
         """Flatten the shapes' materials, and emissions: those of the shapes, then the textures of lights.
 
@@ -62,6 +63,7 @@ class MaterialTable:
             emissions: the emissions.
             editable: whether each array of pixels has float32 texels of its own, also where another is equal.
             before: the table of the same scene with other values, if it is uploaded already.
+            caustics: whether nearly smooth materials throw caustics.
 
         Raises:
             InputError: when a material names an unknown reflection model, or does not fit its model.
@@ -71,7 +73,8 @@ class MaterialTable:
         self.of_shapes = [self._add(material) for material in materials]
         self.transmits = np.array([self._transmits(material) for material in materials])
         simple = [material for material in self.materials if not material.parts]
-        self.models = tuple(sorted({model_name(material) for material in simple}))
+        self._caustics = caustics
+        self.models = tuple(sorted({self._model_name(material) for material in simple}))
         values = [value for material in self.materials for value in (*material.slots, material.opacity)]
         varying = [value for value in (*values, *emissions) if _varies(value)]
         self.textured = bool(varying)
@@ -124,6 +127,10 @@ class MaterialTable:
                 self._add(part)
         return self._numbers[id(material)]
 
+    def _model_name(self, material: Material) -> str:
+        name = model_name(material)
+        return _bsdf("caster_name", name) if self._caustics and material.is_nearly_smooth else name
+
     def _transmits(self, material: Material) -> bool:
         """Return whether a material, or a part of it, has a reflection model that transmits light."""
         if material.parts:
@@ -151,7 +158,7 @@ class MaterialTable:
             raise InputError(f"{count}, but {material.model} reads {model.slots}")
         record |= {
             "kind": k.MATERIAL_MODEL,
-            "model": model_number(model_name(material)),
+            "model": model_number(self._model_name(material)),
             "matt": model.matt,
             "normal_map": -1,
             "coat_normal_map": -1,

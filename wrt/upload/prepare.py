@@ -50,15 +50,15 @@ class PreparedScene:
         has_tangents: whether a material may read tangents of meshes.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        """Check a scene and prepare its upload; raise InputError as `SceneUpload` does."""
+    def __init__(self, scene: Scene, *, caustics: bool = False) -> None:
+        """Check a scene and prepare its upload, for photons or not; raise InputError as `SceneUpload` does."""
         if not scene.shapes:
             raise InputError("the scene has no shapes to render")
         _check_sizes(scene)
         check_attributes(scene.shapes)
         self.scene = scene = _with_exact_shapes(scene)
         self.layout = lay_out(scene)
-        self.exact = _mark_exact(self.layout)
+        self.exact, self._caustics = _mark_exact(self.layout), caustics
         self.environment, self._sky_lights = resolve_environment(scene.environment)
         self._list_values()
         meshes = {id(shape.mesh): shape.mesh for shape in scene.shapes}.values()
@@ -71,6 +71,7 @@ class PreparedScene:
         textures = ((i, texture_of(light)) for i, light in enumerate(self.lights))
         self.textures = {i: texture for i, texture in textures if texture is not None}
         emissions = [*(shape.emission for shape in scene.shapes), *self.textures.values()]
+        options["caustics"] = self._caustics
         self.materials = MaterialTable([shape.material for shape in scene.shapes], emissions, **options)
 
     def without_meshes(self) -> PreparedScene:

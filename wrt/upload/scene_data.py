@@ -101,12 +101,12 @@ class SceneUpload:
             texture_coordinates: whether to upload these even if no material needs them.
             edges: whether to upload which sides of triangles are drawn.
             light_choice: one of `wrt.upload.lights.choice.LIGHT_CHOICES`.
-            caustics: whether to list what photons are aimed at.
+            caustics: whether to list what photons are aimed at, and to tell it apart.
 
         Raises:
             InputError: when the scene has no shapes, or more triangles or vertices than 32 bits can count.
         """
-        self._prepared = prepared = PreparedScene(scene)
+        self._prepared = prepared = PreparedScene(scene, caustics=caustics)
         self._device, self._texture_coordinates, self._edges = device, texture_coordinates, edges
         _require_memory(prepared, device, texture_coordinates)
         self._data = current_backend().kernels("wrt.kernels.core.scene_data").SceneData()
@@ -128,6 +128,7 @@ class SceneUpload:
         read = read or self.features
         data, device, layout, places = self._data, self._device, self._prepared.layout, self._places
         textured = read.textured or read.tangents or self._texture_coordinates
+        data.reads = self._reads()
         _upload_geometry(data, layout, places, device, textured=textured, uv2_alpha=read.uv2_alpha)
         if self._prepared.has_tangents:
             data.aligns_tangents = 2
@@ -141,6 +142,13 @@ class SceneUpload:
         if self.casters is not None and self.features.bodies:
             self._require_photons_outside(data)
         return built
+
+    def _reads(self) -> int:
+        """Return SceneData.reads: a kernel of other scenes skips what materials of this one do not read."""
+        k, own = current_backend().kernels("wrt.kernels.core.scene_data"), self.features
+        reads = int(k.READS_COORDINATES) if own.textured or own.tangents or self._texture_coordinates else 0
+        reads |= int(k.READS_MORE) if own.uv2_alpha else 0
+        return reads | (int(k.READS_LEVELS) if own.mipmapped else 0)
 
     def _require_photons_outside(self, data: Any) -> None:
         """Raise InputError if any light is in a body, where photons would begin as if in the open."""

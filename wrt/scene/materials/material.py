@@ -109,6 +109,11 @@ class Material(Kind):
         return False
 
     @property
+    def is_nearly_smooth(self) -> bool:
+        """Whether it is rough, but so little everywhere that photons bring the caustics that it throws."""
+        return False
+
+    @property
     def table_key(self) -> tuple[Hashable, ...] | None:
         """The table that the model reads, if any: its kind, a key of `material_tables.MAKERS`, and its parameters."""
         return None

@@ -16,6 +16,9 @@ from wrt.values import number
 LEAST_ALPHA = 1e-4
 """The least roughness; smoother surfaces look like mirrors (kernels/microfacet)."""
 
+NEARLY_SMOOTH = 0.05
+"""Most roughness α of surfaces that throw caustics by photons, as smooth ones do."""
+
 _SMITH = ("smith", "smith-separable")
 _GENERAL = ("cook-torrance", "kelemen", "implicit")
 
@@ -81,6 +84,13 @@ def roughness(value: ColorSource, distribution: str) -> ColorSource:
     return pair
 
 
+def largest(value: ColorSource) -> float:
+    """Return the largest of a material's numbers, anywhere on a surface; infinity if it depends on the mesh."""
+    if isinstance(value, ImageTexture):
+        return float(value.pixels.max()) * max(value.factor)  # type: ignore[arg-type]
+    return math.inf if isinstance(value, VertexColor) else float(np.max(value))
+
+
 def _pair(value: ColorSource) -> tuple[object, object]:
     try:
         first, second = value  # type: ignore[misc]
@@ -133,6 +143,10 @@ class Microfacets(Material):
         self._set(masking=masking_for(self.distribution, self.masking, self.alpha))
         self._set(alpha=roughness(self.alpha, self.distribution))
         _ = self.table_key  # which may refuse the roughness
+
+    @property
+    def is_nearly_smooth(self) -> bool:
+        return self.distribution in _BY_ALPHA and largest(self.alpha) <= NEARLY_SMOOTH
 
     @property
     def _shape(self) -> ColorSource:

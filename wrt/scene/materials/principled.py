@@ -16,7 +16,7 @@ from wrt.scene.materials.body import Entered
 from wrt.scene.materials.dielectrics import refractive_index
 from wrt.scene.materials.dispersion import SHARES, Dispersion, Dispersive, channel_indices
 from wrt.scene.materials.material import Filmed, Reflectance, Share, UnlimitedColor, share
-from wrt.scene.materials.microfacet import LEAST_ALPHA
+from wrt.scene.materials.microfacet import LEAST_ALPHA, NEARLY_SMOOTH, largest
 from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
 from wrt.values import number
 
@@ -118,6 +118,12 @@ class Principled(Filmed, Dispersive, Entered):
     def normal_maps(self) -> tuple[NormalMap, ...]:
         coat = (self.coat_normal_map,) if self.coat_normal_map is not None and self.coat != 0.0 else ()
         return (*super().normal_maps, *coat)
+
+    @property
+    def is_nearly_smooth(self) -> bool:
+        is_clear = 1.0 in (self.metallic, self.transmission) and self.sheen_color == (0.0, 0.0, 0.0)
+        coat = 0.0 if self.coat == 0.0 else largest(self.coat_roughness)
+        return is_clear and not self.needs_tangents and max(largest(self.roughness), coat) ** 2 <= NEARLY_SMOOTH
 
     @property
     def has_film(self) -> bool:
