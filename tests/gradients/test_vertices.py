@@ -80,7 +80,7 @@ def floor_under(light, colors, *, by_mirror, emission=0.0):
     value = wrt.ImageTexture(RAMP.astype(np.float32), wrap="clamp") if colors is None else wrt.VertexColor()
     origin, target = ((1, 3, 0.02), (0.03, 3, 0.02)) if by_mirror else ((0.03, 2, 0.02), (0.03, 0, 0.02))
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin, target, up=(0, 0, 1), fov_degrees=0.001))
-    mirror = wrt.quad((0.028, 2.998, 0.018), (0.004, 0.004, 0), (0, 0, 0.004))
+    mirror = wrt.quad((-0.001, 2.969, -0.011), (0.062, 0.062, 0), (0, 0, 0.062))
     scene.add(mirror, material=wrt.Mirror(1.0), name="mirror")
     mesh = grid((-1, 0, -1), (2, 0, 0), (0, 0, 2), count=2, colors=colors)
     scene.add(
@@ -216,21 +216,3 @@ def test_setting_has_the_bits_of_a_new_renderer():
         assert not np.array_equal(image, renderer.render(spp=8))
     assert isinstance(start["wall.normals"], np.ndarray)
     assert Points(0, renderer.scene.shapes[0].mesh, "normals").value.tobytes() == start["wall.normals"].tobytes()
-
-
-@pytest.mark.slow
-def test_in_a_furnace_no_vertex_counts(report):
-    """Walls that emit 1 everywhere look alike however they are bent."""
-    scene = wrt.Scene(camera=wrt.PerspectiveCamera((0, 0, 0), (0, 0, 1)))
-    mesh = wrt.sphere(subdivisions=1)
-    mesh = wrt.Mesh(mesh.vertices, mesh.faces[:, ::-1], mesh.normals)
-    scene.add(mesh, material=wrt.Diffuse(0.7), emission=1.0, name="walls")
-    renderer = wrt.Renderer(scene, width=SIZE, height=SIZE, max_depth=4, threads=2)
-    motion = field(1)(mesh.vertices.astype(np.float64))
-    d_image = np.full((SIZE, SIZE, 3), 1 / SIZE**2)
-    found = [renderer.gradients(d_image, "walls.vertices", spp=4 * SPP, seed=seed) for seed in range(SEEDS)]
-    slopes = [float((each["walls.vertices"] * motion).sum()) for each in found]
-    error = np.std(slopes, ddof=1) / np.sqrt(SEEDS)
-    report("furnace: vertices, z", np.mean(slopes) / error, f"error {error:.2g}")
-    assert abs(np.mean(slopes)) < Z * error
-    assert error < 0.1
