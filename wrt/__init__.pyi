@@ -26,8 +26,10 @@ from wrt.pictures import show as show
 from wrt.precompiling import Precompiled as Precompiled
 from wrt.precompiling import precompile as precompile
 from wrt.registering import register_camera as register_camera
+from wrt.registering import register_integrator as register_integrator
 from wrt.registering import register_light as register_light
 from wrt.registering import register_material as register_material
+from wrt.registering import register_shape as register_shape
 from wrt.rendering.intersector import Hits as Hits
 from wrt.rendering.intersector import Intersector as Intersector
 from wrt.rendering.merge import Merged as Merged
@@ -46,9 +48,11 @@ from wrt.scene.environment import ConstantEnvironment as ConstantEnvironment
 from wrt.scene.environment import ImageEnvironment as ImageEnvironment
 from wrt.scene.environment import SphericalHarmonicsEnvironment as SphericalHarmonicsEnvironment
 from wrt.scene.environment import SunSkyEnvironment as SunSkyEnvironment
+from wrt.scene.exact.distances import DistanceShape as DistanceShape
 from wrt.scene.exact.quadrics import cylinder as cylinder
 from wrt.scene.exact.quadrics import disk as disk
 from wrt.scene.exact.spheres import spheres as spheres
+from wrt.scene.integrators import Integrator as Integrator
 from wrt.scene.lights import *
 from wrt.scene.materials import *
 from wrt.scene.medium import DensityGrid as DensityGrid

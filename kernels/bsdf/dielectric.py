@@ -76,6 +76,10 @@ def make_dielectric(*options: str) -> Model:
     reflectance_of = schlick if "schlick" in options else fresnel_dielectric
 
     @wp.func
+    def reflects(bsdf: Bsdf, wo: wp.vec3) -> float:
+        return reflectance_of(wo[2], seen_from(bsdf.slots[IOR][0], bsdf.front))
+
+    @wp.func
     def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
         eta = seen_from(bsdf.slots[IOR][0], bsdf.front)
         s = mirror_sample(wo, bsdf.slots[REFLECTANCE])
@@ -97,7 +101,15 @@ def make_dielectric(*options: str) -> Model:
         return lobes
 
     model = Model(
-        zero_evaluate, zero_pdf, sample, slots=3, delta=True, transmits=True, specular=specular, index_slot=int(IOR)
+        zero_evaluate,
+        zero_pdf,
+        sample,
+        slots=3,
+        delta=True,
+        transmits=True,
+        specular=specular,
+        reflects=reflects,
+        index_slot=int(IOR),
     )
     return _dispersive(model, reflectance_of) if "dispersive" in options else model
 
@@ -110,14 +122,23 @@ def _dispersive(model: Model, reflectance_of: wp.Function) -> Model:
     specular_one = model.specular
 
     @wp.func
-    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
-        shares = bsdf.slots[CHANNELS]
+    def by_channel(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
         index = bsdf.slots[IOR]
-        reflected = wp.vec3(
+        return wp.vec3(
             reflectance_of(wo[2], seen_from(index[0], bsdf.front)),
             reflectance_of(wo[2], seen_from(index[1], bsdf.front)),
             reflectance_of(wo[2], seen_from(index[2], bsdf.front)),
         )
+
+    @wp.func
+    def reflects(bsdf: Bsdf, wo: wp.vec3) -> float:
+        return wp.dot(bsdf.slots[CHANNELS], by_channel(bsdf, wo))
+
+    @wp.func
+    def sample(bsdf: Bsdf, wo: wp.vec3, u: wp.vec2, u_lobe: float) -> BsdfSample:
+        shares = bsdf.slots[CHANNELS]
+        index = bsdf.slots[IOR]
+        reflected = by_channel(bsdf, wo)
         mean = wp.dot(shares, reflected)
         if u_lobe < mean:
             return mirror_sample(wo, wp.cw_mul(bsdf.slots[REFLECTANCE], reflected) / mean)
@@ -139,7 +160,7 @@ def _dispersive(model: Model, reflectance_of: wp.Function) -> Model:
         bsdf.slots[IOR] = wp.vec3(bsdf.slots[IOR][1])
         return specular_one(bsdf, wo)
 
-    return model._replace(sample=sample, specular=specular, slots=4, channels_slot=int(CHANNELS))
+    return model._replace(sample=sample, specular=specular, reflects=reflects, slots=4, channels_slot=int(CHANNELS))
 
 
 # --- Panes -----------------------------------------------------------------------------------------

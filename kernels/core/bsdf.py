@@ -72,6 +72,7 @@ class Model(NamedTuple):
         jitters: whether ray trees send rays of its `sample` on from it.
         straight: (bsdf, wo) -> vec3, the share of light that comes straight through from −wo, for models that transmit
             in no other way and sample this as delta; None for all others. Shadow rays then pass.
+        reflects: (bsdf, wo) -> float, for models that reflect or refract: `sample` reflects if u_lobe is less than it.
         index_slot: the row of the refractive index inside over outside, for nested bodies; −1 for none.
         channels_slot: the row of the probabilities of the channels, if that index is one for each channel
             (`kernels/bsdf/lobes/dispersion.py`); −1 without dispersion.
@@ -90,6 +91,7 @@ class Model(NamedTuple):
     specular: wp.Function | None = None
     jitters: bool = False
     straight: wp.Function | None = None
+    reflects: wp.Function | None = None
     index_slot: int = -1
     channels_slot: int = -1
     coat_slot: int = -1

@@ -280,12 +280,16 @@ class EnvironmentData:
     light: int  # index in `lights`; -1 if it is not sampled
 
 
-READS_COORDINATES = wp.constant(1)
-"""Texture coordinates and vertex colours."""
-READS_MORE = wp.constant(2)
-"""Second texture coordinates and the alpha of vertex colours."""
-READS_LEVELS = wp.constant(4)
-"""Mip levels of images."""
+NEEDS_COORDINATES = wp.constant(1)
+"""Some material reads texture coordinates or vertex colours."""
+NEEDS_MORE_COORDINATES = wp.constant(2)
+"""Some material reads second texture coordinates or the alpha of vertex colours."""
+NEEDS_LEVELS = wp.constant(4)
+"""Some image has mip levels."""
+NEEDS_SIDES = wp.constant(8)
+"""Some shape is single-sided or unlit."""
+NEEDS_ATTENUATION = wp.constant(16)
+"""Some surface lets a part of the light pass."""
 
 
 @wp.struct
@@ -301,7 +305,7 @@ class SceneData:
     normals: wp.array(dtype=wp.vec3)
     uvs: wp.array(dtype=wp.vec2)
     colors: wp.array(dtype=wp.vec3)
-    reads: int  # sum of READS_...: the attributes of vertices, and what else of textures, that materials read
+    needs: int  # sum of NEEDS_...; a kernel of other scenes skips what this one does not need
     aligns_tangents: int  # 1 if any material depends on the direction of texture coordinates, 2 if meshes have tangents
     tangents: wp.array(dtype=wp.vec4)  # three a triangle (`wrt.scene.tangents.tangents_by_edges`)
     uv2_alpha: wp.array(dtype=wp.vec3)  # second texture coordinates, alpha of colours; if Features.uv2_alpha

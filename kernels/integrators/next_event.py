@@ -9,11 +9,11 @@ from wrt.kernels.bsdf import make_bsdf, models_with
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import INFINITE_DISTANCE
 from wrt.kernels.core.rays import Ray, to_local
-from wrt.kernels.core.scene_data import BodyStack, SceneData
+from wrt.kernels.core.scene_data import NEEDS_ATTENUATION, BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.integrators.path_state import PathState, SurfaceVertex
-from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows, make_visibility
+from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows, make_visibility, may_leave_shadows
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import make_light_shapes
@@ -123,7 +123,10 @@ def make_light_in_medium(features: Features, *, factors: bool = False) -> wp.Fun
     return light_in_medium
 
 
-@specialised("models", "media", "grid_media", "light_shapes", "tangents", *make_lights.fields, *make_visibility.fields)
+@specialised(
+    *("models", "media", "grid_media", "light_shapes", "tangents", "sampler"),
+    *(*make_lights.fields, *make_visibility.fields),
+)
 def make_light_at_surface(features: Features, *, factors: bool = False) -> wp.Function:
     """Return the stage (scene, path, vertex, u_light, strategy) -> DirectLight, which either side scatters to the path.
 
@@ -133,7 +136,7 @@ def make_light_at_surface(features: Features, *, factors: bool = False) -> wp.Fu
     Result = LightForGradients if factors else DirectLight  # noqa: N806
     bsdf, sample_light = make_bsdf(features.models), make_lights(features).sample_light
     visibility, shadow_in_media = make_visibility(features), make_shadow_in_media(features)
-    attenuates_shadows = can_attenuate_shadows(features)
+    attenuates_shadows, may_leave = can_attenuate_shadows(features), may_leave_shadows(features) and not factors
     light_shapes = make_light_shapes(features.light_shapes)
     transmits = bool(models_with(features.models, "transmits"))
 
@@ -185,17 +188,24 @@ def make_light_at_surface(features: Features, *, factors: bool = False) -> wp.Fu
                                 t_max = wp.length(to_light)
                                 shadow_ray.direction = to_light / t_max
                     result.rays = 1
+                    is_left = bool(True)  # to the caller, which traces the shadow ray
                     if wp.static(attenuates_shadows):
-                        visible = visibility(scene, shadow_ray, t_max, light.point, shadow_stack, no_skin(), u_light)
-                        result.radiance = wp.cw_mul(arriving, visible)
-                        if wp.static(factors):
-                            result.weight = wp.cw_mul(weight, visible)
-                            result.shadow_ray = shadow_ray
-                            result.t_max = t_max
-                    else:
-                        blocked = bool(False)
+                        is_left = False
+                        if wp.static(may_leave):
+                            is_left = scene.needs & NEEDS_ATTENUATION == 0
+                        if not is_left:
+                            visible = visibility(
+                                scene, shadow_ray, t_max, light.point, shadow_stack, no_skin(), u_light
+                            )
+                            result.radiance = wp.cw_mul(arriving, visible)
+                            if wp.static(factors):
+                                result.weight = wp.cw_mul(weight, visible)
+                                result.shadow_ray = shadow_ray
+                                result.t_max = t_max
+                    if wp.static(may_leave or not attenuates_shadows):
+                        blocked = not is_left
                         if wp.static(bool(features.light_shapes)):
-                            blocked = light_shapes.blocks(scene, shadow_ray, t_max, light.point)
+                            blocked = blocked or light_shapes.blocks(scene, shadow_ray, t_max, light.point)
                         if not blocked:
                             result.radiance = arriving
                             if wp.static(factors):

@@ -35,7 +35,7 @@ from wrt.kernels.integrators.path_surface import (
     make_surface_vertex,
     pass_through,
 )
-from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
+from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows, may_leave_shadows
 from wrt.kernels.integrators.sides import make_hit_shown
 from wrt.kernels.lights.shapes import make_light_shapes
 from wrt.kernels.media.skin import hit_or_skin, no_skin
@@ -166,7 +166,7 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
 
             # ---- Shadow ray, last, when little of the surface's state is still live
-            if wp.static(can_attenuate_shadows(features)):
+            if wp.static(can_attenuate_shadows(features) and not may_leave_shadows(features)):
                 path.radiance += shadow_radiance
                 if wp.static(features.light_groups):
                     path.groups = add_to_chosen_group(scene, path.groups, path.receiver, u_light, shadow_radiance)

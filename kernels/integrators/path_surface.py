@@ -2,12 +2,20 @@
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_bsdf, make_is_any, make_is_caster, make_is_matt, make_receives_light, models_with
+from wrt.kernels.bsdf import (
+    make_bsdf,
+    make_by_viewer,
+    make_is_any,
+    make_is_caster,
+    make_is_matt,
+    make_receives_light,
+    models_with,
+)
 from wrt.kernels.core.bsdf import Bsdf, BsdfSample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import RECEIVES_BOTH, RECEIVES_FRONT, Ray, to_local, to_world
-from wrt.kernels.core.scene_data import READS_COORDINATES, READS_LEVELS, BodyStack, SceneData
+from wrt.kernels.core.scene_data import NEEDS_COORDINATES, NEEDS_LEVELS, BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.geometry.surface import (
@@ -84,10 +92,10 @@ def make_vertex_at(features: Features) -> wp.Function:
 
         # Texture coordinates
         if wp.static(has_coordinates):
-            if scene.reads & READS_COORDINATES != 0:
+            if scene.needs & NEEDS_COORDINATES != 0:
                 surface = add_texture_coordinates(scene, hit, surface)
         if wp.static(features.mipmapped):
-            if scene.reads & READS_LEVELS != 0 and width > 0.0:
+            if scene.needs & NEEDS_LEVELS != 0 and width > 0.0:
                 surface.footprint = sample_footprint(scene, hit, surface, ray.direction, width, index)
         vertex.hit = hit
         vertex.surface = surface
@@ -356,6 +364,27 @@ def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> 
     return scatter_at_surface
 
 
+_REFLECTED = wp.constant(0.25)
+"""Share of the paths that the first clear surface reflects at least: one of four samples, as they are stratified."""
+
+
+@wp.func
+def reflect_a_quarter(u_lobe: float, reflectance: float) -> wp.vec2:
+    """Return the number in place of `u_lobe` by which a quarter of the paths are reflected, and the weight for it."""
+    if reflectance <= 0.0 or reflectance >= _REFLECTED:
+        return wp.vec2(u_lobe, 1.0)
+    if u_lobe < _REFLECTED:
+        share = reflectance / _REFLECTED
+        return wp.vec2(u_lobe * share, share)
+    share = (1.0 - reflectance) / (1.0 - _REFLECTED)
+    return wp.vec2(reflectance + (u_lobe - _REFLECTED) * share, share)
+
+
+@wp.func
+def _no_reflectance(bsdf: Bsdf, wo: wp.vec3) -> float:
+    return 0.0
+
+
 @specialised()
 def make_sample_bsdf(features: Features, *, of_photons: bool = False) -> wp.Function:
     """Return the stage (path, vertex, u, u_pane, max_depth) -> PathState: on from a vertex, unless it is done.
@@ -365,6 +394,8 @@ def make_sample_bsdf(features: Features, *, of_photons: bool = False) -> wp.Func
     panes = bool(models_with(features.models, "straight"))
     bsdf_sample, begin_indirect = make_bsdf(features.models).sample, make_begin_indirect(features)
     scatter_at_surface = make_scatter_at_surface(features, of_photons=of_photons)
+    stratifies = features.caustics and not of_photons and bool(models_with(features.models, "reflects"))
+    reflects = make_by_viewer(features.models, "reflects", _no_reflectance)
 
     @wp.func
     @inline_stage
@@ -372,6 +403,12 @@ def make_sample_bsdf(features: Features, *, of_photons: bool = False) -> wp.Func
         u_lobe = u[2]
         if wp.static(panes):
             u_lobe = wp.where(vertex.is_pane, u_pane, u[2])
+        if wp.static(stratifies):
+            # Images of lamps in glass are dim and bright at once. Samples of a pixel are stratified by fours.
+            if path.depth == 0:
+                choice = reflect_a_quarter(u_lobe, reflects(vertex.bsdf, vertex.wo))
+                u_lobe = choice[0]
+                path.throughput = path.throughput * choice[1]
         sample = bsdf_sample(vertex.bsdf, vertex.wo, wp.vec2(u[0], u[1]), u_lobe)
         path.throughput = wp.cw_mul(path.throughput, sample.weight)
         if wp.static(panes):

@@ -29,6 +29,14 @@ def can_attenuate_shadows(features: Features) -> bool:
     return features.has_holes or features.nested or bool(models_with(features.models, "straight"))
 
 
+def may_leave_shadows(features: Features) -> bool:
+    """Return whether a scene decides if the caller of `light_at_surface` is to trace its shadow ray.
+
+    General kernels let it decide, since a ray that passes surfaces is traced alone.
+    """
+    return can_attenuate_shadows(features) and features.is_general
+
+
 @specialised("tangents", "uv2_alpha", "exact", "textured")
 def make_mapped(features: Features) -> wp.Function:
     """Return (scene, hit, surface, direction) -> Surface with texture coordinates and the normal of its normal map."""

@@ -12,7 +12,7 @@ import warp as wp
 from wrt.kernels.accel.intersect import make_intersect
 from wrt.kernels.core.ray_tree import INFINITE_DISTANCE, Hit
 from wrt.kernels.core.rays import Ray
-from wrt.kernels.core.scene_data import SceneData, ShapeRecord
+from wrt.kernels.core.scene_data import NEEDS_SIDES, SceneData, ShapeRecord
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import traces_alone
 from wrt.kernels.geometry.surface import make_surface_at
@@ -48,7 +48,7 @@ def make_hit_shown(geometry: str, light_shapes: tuple[str, ...] = ()) -> wp.Func
     def hit_shown(scene: SceneData, ray: Ray, nearest: Hit, looks: bool) -> Hit:
         hit = nearest
         passed = int(0)
-        passes = hit.triangle >= 0
+        passes = scene.needs & NEEDS_SIDES != 0 and hit.triangle >= 0
         while passes:
             surface = surface_at(scene, ray, hit)
             passes = is_passed(scene.shapes[surface.shape], surface.front, looks)

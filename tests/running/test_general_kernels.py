@@ -13,59 +13,61 @@ from support.wide_scenes import LANES, needs_lanes
 import wrt
 from wrt.compiling import general
 from wrt.compiling.kernel import SCALAR, name_of_kernel
-from wrt.kernels.core.features import Features
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.core.features import PASSED_BY_LIGHT, Features
 from wrt.rendering.guides import guide_features
 from wrt.upload.materials import model_name
 
 PLAIN = Features(("diffuse",), False, "none", sampler="sobol")
-SMALL, LARGE, WITH_HOLES, ALL = general.general_features(PLAIN)
+SMALL, LARGE, ALL = general.general_features(PLAIN)
 GUIDES = general.general_features(guide_features(PLAIN, wrt.RenderSettings()))
 
 
 def test_what_they_cover():
     for changes, expected in (
-        ({}, [True, True, True, True]),
-        ({"textured": True, "mipmapped": True, "uv2_alpha": True, "tangents": True}, [True, True, True, True]),
-        ({"environment": "image", "light_tree": True, "composite": "sides"}, [True, True, True, True]),
-        ({"models": ("diffuse", "plastic")}, [False, True, True, True]),
-        ({"models": ("null",)}, [False, False, True, True]),
-        ({"composite": "mixed"}, [False, False, True, True]),
-        ({"composite": "holes"}, [False, False, True, True]),
-        ({"models": ("somebodys",)}, [False, False, False, False]),
-        ({"light_shapes": ("spot", "somebodys")}, [False, False, False, False]),
-        ({"sampler": "independent"}, [True, True, True, True]),
-        ({"sampler": "stratified"}, [False, False, False, False]),
-        ({"instances": "still"}, [False, False, False, False]),
-        ({"exact": "spheres"}, [False, False, False, True]),
-        ({"media": "absorbing", "exact": "quadrics"}, [False, False, False, True]),
-        ({"media": "scattering", "grid_media": True}, [False, False, False, True]),
-        ({"media": "absorbing", "grid_media": True}, [False, False, False, False]),
-        ({"media": "unscattered"}, [False, False, False, False]),
-        ({"media": "absorbing", "nested": True}, [False, False, False, False]),
-        ({"integrator": "whitted"}, [False, False, False, False]),
+        ({}, [True, True, True]),
+        ({"textured": True, "mipmapped": True, "uv2_alpha": True, "tangents": True}, [True, True, True]),
+        ({"environment": "image", "light_tree": True, "composite": "sides"}, [True, True, True]),
+        ({"models": ("diffuse", "plastic")}, [False, True, True]),
+        ({"models": ("null",)}, [False, True, True]),
+        ({"composite": "mixed"}, [False, True, True]),
+        ({"composite": "holes"}, [False, True, True]),
+        ({"models": ("somebodys",)}, [False, False, False]),
+        ({"light_shapes": ("spot", "somebodys")}, [False, False, False]),
+        ({"sampler": "independent"}, [True, True, True]),
+        ({"sampler": "stratified"}, [False, False, False]),
+        ({"instances": "still"}, [False, False, False]),
+        ({"exact": "spheres"}, [False, False, True]),
+        ({"media": "absorbing", "exact": "quadrics"}, [False, False, True]),
+        ({"media": "scattering", "grid_media": True}, [False, False, True]),
+        ({"media": "absorbing", "grid_media": True}, [False, False, False]),
+        ({"media": "unscattered"}, [False, False, False]),
+        ({"media": "absorbing", "nested": True}, [False, False, False]),
+        ({"integrator": "whitted"}, [False, False, False]),
     ):
         scene = dataclasses.replace(PLAIN, **changes)
-        assert [kernel.covers(scene) for kernel in (SMALL, LARGE, WITH_HOLES, ALL)] == expected
-        assert not PLAIN.covers(WITH_HOLES)
+        assert [kernel.covers(scene) for kernel in (SMALL, LARGE, ALL)] == expected
+        assert not PLAIN.covers(LARGE)
         for integrator in ("whitted", "ao"):  # which do not decide at run time
             plain, large = (dataclasses.replace(features, integrator=integrator) for features in (PLAIN, LARGE))
             assert [large.covers(plain), large.covers(large)] == [False, True]
     names = {model_name(material) for material in general.materials() if not material.parts}
-    assert names == set(WITH_HOLES.models)
-    assert {light.model for light in general.lights()} >= set(WITH_HOLES.light_shapes)
+    assert names == set(LARGE.models)
+    assert {name for name in names if model_of(name).straight} == PASSED_BY_LIGHT
+    assert {light.model for light in general.lights()} >= set(LARGE.light_shapes)
 
 
 def test_the_best_that_is_compiled_is_chosen(monkeypatch):
     compiled = set()
     monkeypatch.setattr(general, "is_compiled", lambda features, lanes: name_of_kernel(features, lanes) in compiled)
     scalar, wide = name_of_kernel(PLAIN, 1), name_of_kernel(PLAIN, 16)
-    generals = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, WITH_HOLES, ALL)]
+    generals = [name_of_kernel(kernel, 16) for kernel in (SMALL, LARGE, ALL)]
     for lanes, names, best in (
         (16, (scalar, wide, *generals), None),
         (16, (wide, *generals), PLAIN),
         (16, (scalar, *generals), SMALL),
         (16, (scalar,), None),
-        (16, generals[2:], WITH_HOLES),
+        (16, generals[1:], LARGE),
         (8, generals, None),
     ):
         compiled.clear()

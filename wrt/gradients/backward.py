@@ -30,6 +30,18 @@ PILOT = (0, -20, -40, 20)
 """Powers of two by which the unit of the first try is changed until nothing overflows."""
 
 
+def require_gradients(renderer: Any) -> None:
+    """Raise InputError unless the renderer's integrator and settings have derivatives."""
+    if renderer.integrator not in ("path", "volpath", "direct"):
+        raise InputError(f"integrator {renderer.integrator!r} has no gradients; use 'path' or 'volpath'")
+    if renderer.settings.clamp_indirect is not None:
+        raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
+    if renderer.settings.caustics:
+        raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
+    if renderer._kernel.features.distances:
+        raise InputError("pictures of shapes by distance functions have no derivatives")
+
+
 class Backward:
     """The derivatives of a renderer's picture.
 
@@ -44,12 +56,7 @@ class Backward:
             InputError: for an integrator other than "path", "volpath" and "direct", with clamped indirect light, or
                 with caustics by photons; and of `vertices`, for scenes with what has no such derivatives.
         """
-        if renderer.integrator not in ("path", "volpath", "direct"):
-            raise InputError(f"integrator {renderer.integrator!r} has no gradients; use 'path' or 'volpath'")
-        if renderer.settings.clamp_indirect is not None:
-            raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
-        if renderer.settings.caustics:
-            raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
+        require_gradients(renderer)
         self._renderer, self._device = renderer, renderer.device
         features = dataclasses.replace(
             renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False

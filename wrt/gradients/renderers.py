@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.gradients.backward import Backward
+from wrt.gradients.backward import Backward, require_gradients
 from wrt.gradients.parameters import edited as edited
 from wrt.gradients.parameters import known, mapping_of, parameters, places_of, require_shape
 from wrt.gradients.places import Points, Texels
@@ -62,10 +62,12 @@ class Differentiable:
         """Keep the samples per pixel, of gradients by default as many, and the seed, by default the renderer's.
 
         Raises:
-            InputError: also if `values` have unknown names or wrong shapes, which JAX would report as its own error.
+            InputError: also if the integrator has no gradients, or `values` have unknown names or wrong shapes, which
+                JAX would report as its own error.
         """
         if not isinstance(renderer, Renderer):
             raise InputError(f"the first argument must be a wrt.Renderer, not {type(renderer).__name__}")
+        require_gradients(renderer)
         places = places_of(renderer.scene)
         for name, value in mapping_of(values).items():
             require_shape(name, places[known(name, places)], tuple(np.shape(value)))

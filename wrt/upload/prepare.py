@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from wrt.backend import current_backend
 from wrt.errors import InputError, warn
 from wrt.linalg import norm
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.distances import Distances
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
@@ -203,7 +205,24 @@ def _mark_exact(layout: Layout) -> str:
     layout.world_meshes[:] = [_without_needles([mesh])[0] for mesh in layout.world_meshes]
     for each in layout.shared:
         each.keys = _without_needles(each.keys)
+    if names := sorted({_distance_of(mesh) for mesh in exact if isinstance(mesh, Distances)}):
+        return "-".join(["quadrics", *names])
     return "quadrics" if any(isinstance(mesh, Quadrics) for mesh in exact) else "spheres"
+
+
+def _distance_of(mesh: Distances) -> str:
+    """Return the name by which kernels know the distance function of a shape, or raise InputError if it is wrong."""
+    called, model = type(mesh.description).__name__, mesh.description.model
+    given = len(mesh.description.numbers())
+    backend, module = current_backend(), "wrt.kernels.geometry.distances"
+    try:
+        name: str = backend.call(module, "current_name", model)
+        taken = backend.call(module, "numbers_of", name)
+    except KeyError:
+        raise InputError(f"{called}: there is no distance function {model!r}") from None
+    if given != taken:
+        raise InputError(f"{called}: its distance function takes {taken} numbers, but the shape has {given}")
+    return name
 
 
 def _without_needles(keys: list[Mesh]) -> list[Mesh]:

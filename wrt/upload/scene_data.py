@@ -128,7 +128,7 @@ class SceneUpload:
         read = read or self.features
         data, device, layout, places = self._data, self._device, self._prepared.layout, self._places
         textured = read.textured or read.tangents or self._texture_coordinates
-        data.reads = self._reads()
+        data.needs = self._needs()
         _upload_geometry(data, layout, places, device, textured=textured, uv2_alpha=read.uv2_alpha)
         if self._prepared.has_tangents:
             data.aligns_tangents = 2
@@ -143,12 +143,17 @@ class SceneUpload:
             self._require_photons_outside(data)
         return built
 
-    def _reads(self) -> int:
-        """Return SceneData.reads: a kernel of other scenes skips what materials of this one do not read."""
+    def _needs(self) -> int:
+        """Return SceneData.needs."""
         k, own = current_backend().kernels("wrt.kernels.core.scene_data"), self.features
-        reads = int(k.READS_COORDINATES) if own.textured or own.tangents or self._texture_coordinates else 0
-        reads |= int(k.READS_MORE) if own.uv2_alpha else 0
-        return reads | (int(k.READS_LEVELS) if own.mipmapped else 0)
+        needs = {
+            k.NEEDS_COORDINATES: own.textured or own.tangents or self._texture_coordinates,
+            k.NEEDS_MORE_COORDINATES: own.uv2_alpha,
+            k.NEEDS_LEVELS: own.mipmapped,
+            k.NEEDS_SIDES: own.single_sided,
+            k.NEEDS_ATTENUATION: own.lets_light_pass,
+        }
+        return sum(int(bit) for bit, is_needed in needs.items() if is_needed)
 
     def _require_photons_outside(self, data: Any) -> None:
         """Raise InputError if any light is in a body, where photons would begin as if in the open."""

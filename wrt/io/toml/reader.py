@@ -29,8 +29,10 @@ from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.exact import quadrics
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.distances import SHAPES, DistanceShape
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
+from wrt.scene.integrators import INTEGRATORS, Integrator, integrator_of
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.composite import MAX_NESTING
@@ -92,6 +94,7 @@ class _SceneReader(TableReader):
             Material: self.part,
             Medium: self.medium,
             Measurement: self.measurement,
+            Integrator: self.integrator,
             NormalMap: lambda value: self.normal_map(table_of(value)),
             DensityGrid: lambda value: read_density(self, table_of(value)),
         }
@@ -133,6 +136,16 @@ class _SceneReader(TableReader):
                 elif ImageTexture in kinds:
                     arguments[key] = self.color_source(value, kinds)
         return self.call(make, arguments, extra=() if "type" in inspect.signature(make).parameters else ("type",))
+
+    def integrator(self, value: Any) -> str | Integrator:
+        """Return the integrator that a name or a table of its numbers stands for."""
+        table = value if isinstance(value, dict) else {"type": value}
+        found = integrator_of(table.get("type"), "integrator", words=INTEGRATORS)
+        if isinstance(found, Integrator):
+            made: Integrator = self.build(type(found), table)
+            return made
+        self.check_keys(table, ("type",))
+        return found
 
     def camera(self, table: Table) -> Camera:
         cls = choice(table_of(table), CAMERAS, default="perspective")
@@ -271,7 +284,7 @@ class _SceneReader(TableReader):
             result += [Shape(mesh, *looks, after(place, first), deformation, double_sided, *others) for place in places]
         return result
 
-    def makers(self) -> dict[str, Callable[..., Mesh | list[Shape]]]:
+    def makers(self) -> dict[str, Callable[..., Any]]:
         """Return what makes shapes from keys of their own, by type."""
         return {
             "quad": shapes.quad,
@@ -285,11 +298,14 @@ class _SceneReader(TableReader):
             "polygons": self.polygons,
             "mesh": self.mesh_file,
             "many-triangles": self.many_triangles,
+            **SHAPES,
         }
 
     def meshes(self, table: Table) -> list[Shape]:
         """Return the meshes of a shape before its transform; those from files bring materials."""
         made = self.call(choice(table, self.makers()), table, extra=scene_keys.SHAPE)
+        if isinstance(made, DistanceShape):
+            made = made.mesh
         if isinstance(made, Mesh):
             memory_limits.take(memory_limits.MADE, memory_limits.size_of(made))
             return [Shape(made, name=f"{table['type']} {self.place[-1]}")]

@@ -22,6 +22,7 @@ from wrt.io.toml.scene_keys import BOOLEAN, NUMBER, TEXT, VECTOR, Keys, Schema, 
 from wrt.scene.camera import CAMERAS
 from wrt.scene.description import checks_of
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
+from wrt.scene.integrators import Integrator
 from wrt.scene.layers import GROUPS, SELECTABLE
 from wrt.scene.lights import LIGHTS
 from wrt.scene.lights.light import unit_vector
@@ -178,6 +179,8 @@ def _value(name: str, hint: Any) -> Schema:
     options = _of_check(note) or _UNCHECKED.get(name) or _of_type(name, hint, kinds)
     if str in kinds and not any("enum" in each for each in options):
         options = [*options, TEXT]
+    if Integrator in kinds:
+        options = [*options, {"type": "object", "required": ["type"]}]
     if ImageTexture in kinds:
         options = [*options, *_that_vary()]
     return options[0] if len(options) == 1 else {"anyOf": options}

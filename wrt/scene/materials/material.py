@@ -110,7 +110,7 @@ class Material(Kind):
 
     @property
     def is_nearly_smooth(self) -> bool:
-        """Whether it is rough, but so little everywhere that photons bring the caustics that it throws."""
+        """Whether photons bring the caustics that it throws, though it is rough."""
         return False
 
     @property
