@@ -91,12 +91,17 @@ class PreparedScene:
         shapes = list(zip(scene.shapes, self.scene.shapes, strict=True))
         check_attributes([new for new, old in shapes if new is not old])
         changed = copy.copy(self)
-        kept_meshes = [new if new.mesh is old.mesh else dataclasses.replace(new, mesh=old.mesh) for new, old in shapes]
-        changed.scene = dataclasses.replace(scene, shapes=kept_meshes)
+        # An exact shape may have become triangles.
+        kept = [dataclasses.replace(new, mesh=old.mesh) if _is_exact(new, old) else new for new, old in shapes]
+        changed.scene = dataclasses.replace(scene, shapes=kept)
         if scene.environment is not self.scene.environment:
             changed.environment, changed._sky_lights = resolve_environment(scene.environment)
         changed._list_values(editable=True, before=self.materials)
         return changed
+
+
+def _is_exact(new: Shape, old: Shape) -> bool:
+    return new.mesh is not old.mesh and isinstance(new.mesh, Analytic)
 
 
 def _check_sizes(scene: Scene) -> None:
