@@ -47,13 +47,15 @@ GROUPS: dict[str, str] = {
     "device_memory DeviceMemory",
     "Several machines": "Part merge Merged",
     "Scenes": "Scene Shape RenderSettings",
-    "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon",
+    "Meshes": "Mesh load_mesh box sphere spheres disk cylinder quad polygon DistanceShape register_shape",
     "Motion": "Motion Deformation",
     "Cameras": f"Camera {_names(CAMERAS)} load_cameras save_cameras FileCamera register_camera",
     "Lights": f"{_names(LIGHTS)} {_names(ENVIRONMENTS)} Light register_light",
     "Materials": f"Material {_names(MATERIALS)} Measurement register_material check_bsdf load_models",
+    "Integrators": "Integrator register_integrator",
     "Media": "Medium DensityGrid",
-    "Textures": "ImageTexture VertexColor NormalMap",
+    "Textures": "ImageTexture VertexColor NormalMap Texture Checkerboard Bricks PerlinNoise WorleyNoise "
+    "register_texture",
     "Rays": "Intersector Hits",
     "Files and pictures": "load_image save_image cryptomatte_mask develop_image show save_video turntable save_scene "
     "load_density load_measurement",
@@ -365,7 +367,9 @@ def values_in_words(value: dict[str, Any], *, plural: bool = False) -> str:
         if "enum" in value["items"]:
             return "two of them" if count == 2 else f"array of {items}"
         return f"{count} {items}" if count else f"array of {items}"
-    kind = {"number": "number", "integer": "integer", "string": "text", "boolean": "boolean"}[value["type"]]
+    kind = {"number": "number", "integer": "integer", "string": "text", "boolean": "boolean", "object": "table"}[
+        value["type"]
+    ]
     return kind + ("s" if plural else "") + limits_in_words(value)
 
 

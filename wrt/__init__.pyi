@@ -26,8 +26,11 @@ from wrt.pictures import show as show
 from wrt.precompiling import Precompiled as Precompiled
 from wrt.precompiling import precompile as precompile
 from wrt.registering import register_camera as register_camera
+from wrt.registering import register_integrator as register_integrator
 from wrt.registering import register_light as register_light
 from wrt.registering import register_material as register_material
+from wrt.registering import register_shape as register_shape
+from wrt.registering import register_texture as register_texture
 from wrt.rendering.intersector import Hits as Hits
 from wrt.rendering.intersector import Intersector as Intersector
 from wrt.rendering.merge import Merged as Merged
@@ -46,15 +49,21 @@ from wrt.scene.environment import ConstantEnvironment as ConstantEnvironment
 from wrt.scene.environment import ImageEnvironment as ImageEnvironment
 from wrt.scene.environment import SphericalHarmonicsEnvironment as SphericalHarmonicsEnvironment
 from wrt.scene.environment import SunSkyEnvironment as SunSkyEnvironment
+from wrt.scene.exact.distances import DistanceShape as DistanceShape
 from wrt.scene.exact.quadrics import cylinder as cylinder
 from wrt.scene.exact.quadrics import disk as disk
 from wrt.scene.exact.spheres import spheres as spheres
+from wrt.scene.integrators import Integrator as Integrator
 from wrt.scene.lights import *
 from wrt.scene.materials import *
 from wrt.scene.medium import DensityGrid as DensityGrid
 from wrt.scene.medium import Medium as Medium
 from wrt.scene.mesh import Mesh as Mesh
 from wrt.scene.motion import Motion as Motion
+from wrt.scene.procedural import Bricks as Bricks
+from wrt.scene.procedural import Checkerboard as Checkerboard
+from wrt.scene.procedural import PerlinNoise as PerlinNoise
+from wrt.scene.procedural import WorleyNoise as WorleyNoise
 from wrt.scene.scene import RenderSettings as RenderSettings
 from wrt.scene.scene import Scene as Scene
 from wrt.scene.scene import Shape as Shape
@@ -64,6 +73,7 @@ from wrt.scene.shapes import quad as quad
 from wrt.scene.shapes import sphere as sphere
 from wrt.scene.textures import ImageTexture as ImageTexture
 from wrt.scene.textures import NormalMap as NormalMap
+from wrt.scene.textures import Texture as Texture
 from wrt.scene.textures import VertexColor as VertexColor
 from wrt.views import View as View
 from wrt.views import render_views as render_views

@@ -6,16 +6,20 @@ import sys
 import traceback
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from wrt.errors import InputError
 from wrt.io.safe_read import PathLike, read_file
 from wrt.scene.camera import CAMERAS
+from wrt.scene.exact.distances import SHAPES
+from wrt.scene.integrators import INTEGRATORS
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS
+from wrt.scene.procedural import TEXTURES
 
 
 def load_models(path: PathLike) -> list[str]:
-    """Run a Python file that registers materials, lights or cameras, and return their types in scene files.
+    """Run a Python file that registers models, and return their types in scene files.
 
     It runs as any program does, with all that it may read and write: load only files that you trust. While it runs, it
     can import what lies beside it.
@@ -39,7 +43,8 @@ def load_models(path: PathLike) -> list[str]:
     module.__file__ = str(file.resolve())
     sys.path.insert(0, str(file.resolve().parent))
     try:
-        exec(compile(source, str(file.resolve()), "exec"), module.__dict__)  # it is why the file was given
+        code = compile(source, str(file.resolve()), "exec", dont_inherit=True)  # not with this file's annotations
+        exec(code, module.__dict__)  # it is why the file was given
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise InputError(f"{file}{_where(error, file)}") from error
@@ -49,12 +54,14 @@ def load_models(path: PathLike) -> list[str]:
     if added := [type_name for key, type_name in after.items() if key not in before]:
         return added
     del sys.modules[name]
-    raise InputError(f"{file}: registers nothing; it should call wrt.register_material, _light or _camera")
+    calls = "wrt.register_material, _texture, _light, _camera, _shape or _integrator"
+    raise InputError(f"{file}: registers nothing; it should call {calls}")
 
 
 def _registered() -> dict[int, str]:
     """Return the types of all registered classes, by the identity of the class."""
-    return {id(cls): name for register in (MATERIALS, LIGHTS, CAMERAS) for name, cls in register.items()}
+    registers: tuple[dict[str, Any], ...] = (MATERIALS, TEXTURES, LIGHTS, CAMERAS, SHAPES, INTEGRATORS)
+    return {id(cls): name for register in registers for name, cls in register.items()}
 
 
 def _where(error: BaseException, file: Path) -> str:

@@ -5,7 +5,8 @@ Traversal is C++ (`kernels/native/traversal.h`): in Warp's Python, with the two 
 
 Exact shapes, spheres or disks and cylinders, too, lie in leaves as triangles that no ray hits (`kernels/native/exact`).
 The vectors of disks and cylinders are not in the tree: traversal reads them from the scene's normals, and others leave
-these alone. Hits on exact shapes have no u and v: `kernels/geometry` finds the point by the ray.
+these alone. Hits on exact shapes have no u and v: `kernels/geometry` finds the point by the ray. Of shapes by distance
+functions the tree has the boxes (`kernels/accel/distances.py`).
 
 With instances there are two levels: meshes that stand in several places or move have a tree each. A child c < 0 of the
 upper tree is the instance −1 − c. At an instance the ray is transformed to the mesh's space; its direction is not
@@ -20,7 +21,8 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.core.features import has_exact, has_quadrics, instances_of
+from wrt.kernels.accel.distances import through_boxes
+from wrt.kernels.core.features import distances_of, has_exact, has_quadrics, identifier, instances_of
 from wrt.kernels.core.ray_tree import INFINITE_DISTANCE, Bvh, Hit, InstanceTree
 from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import SceneData
@@ -50,16 +52,20 @@ class Intersect(NamedTuple):
 @specialised()
 def make_intersect(geometry: str) -> Intersect:
     """Return the functions for scenes with this `Features.geometry`."""
-    exact = (
-        ["exact/with_quadrics.h" if has_quadrics(geometry) else "exact/with_spheres.h"] if has_exact(geometry) else []
-    )
+    exact = []
+    if has_exact(geometry):
+        kind = "boxes" if distances_of(geometry) else "quadrics" if has_quadrics(geometry) else "spheres"
+        exact = [f"exact/with_{kind}.h"]
     instances = instances_of(geometry)
     if instances == "none":
         suffix = ""
         find, following = _in_one_tree(include(*exact, "traversal.h"))
     else:
-        suffix = f"_{geometry}"
+        suffix = f"_{identifier([geometry])}"
         find, following = _in_instances(include(*exact, "instances.h"), instances, suffix)
+    if distances_of(geometry):
+        suffix = f"_of_surfaces_{identifier([geometry])}"  # the wide kernel knows others by name (wrt/spmd/library.py)
+        find, following = through_boxes(find, following, geometry, suffix)
 
     @wp.func(name=f"closest_hit_before{suffix}")
     def before(scene: SceneData, ray: Ray, distance: float) -> Hit:

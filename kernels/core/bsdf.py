@@ -78,6 +78,7 @@ class Model(NamedTuple):
             (`kernels/bsdf/lobes/dispersion.py`); −1 without dispersion.
         is_caster: whether all its lobes are so narrow that photons leave it as they leave smooth glass (`caster_name`).
         coat_slot: the row of a coat that has normals of its own (`kernels/bsdf/lobes/coats.py`); −1 for none.
+        at: (bsdf, surface) -> Bsdf, with slots made from position, normals and texture coordinates; None if none are.
     """
 
     evaluate: wp.Function
@@ -96,6 +97,7 @@ class Model(NamedTuple):
     channels_slot: int = -1
     coat_slot: int = -1
     is_caster: bool = False
+    at: wp.Function | None = None
 
 
 @wp.func

@@ -10,14 +10,14 @@ _COVERING_KINDS = {"media": ("none", "absorbing", "scattering"), "exact": ("none
 _COVERING = ("sampler", "models", "light_shapes", "environment", "composite", *_COVERING_FLAGS, *_COVERING_KINDS)
 """Features of a kernel that a scene need not have, or less of: the kernel decides at run time."""
 
+_COVERING_INTEGRATORS = ("path", "aov")
+"""Those whose kernels decide at run time. The ray tree does not: it takes an image around for there, for one."""
+
 EITHER, OF_EITHER = "either", ("sobol", "independent")
 """The sampler of kernels that take one of two at run time, and these."""
 
 PASSED_BY_LIGHT = frozenset(("null", "thin_dielectric"))
 """Built-in reflection models that let a part of the light straight through."""
-
-_COVER_NOTHING = ("whitted", "ao")
-"""Integrators whose kernels do not decide at run time: the ray tree takes an image around for there, for one."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class Features:
 
     Attributes:
         models: sorted names of the reflection models in the scene (see `kernels.bsdf`).
-        textured: whether any value comes from an image or from vertex colours.
-        mipmapped: whether any image has mip levels.
+        textured: whether any value varies over a surface.
+        mipmapped: whether any image has mip levels, or a procedural texture is filtered.
         environment: "none", "constant" or "image".
         tangents: whether any material depends on the direction of the texture coordinates.
         sampler: the source of random numbers (see `make_sample_4d` in `kernels/sampling/sampler.py`), or EITHER.
         instances: "none" where all triangles lie in one tree, else the most general kind of instance: "still",
             "moving" rigidly, or "deforming".
-        integrator: the integrator's name (see `kernels/integrators/registry.py`).
+        integrator: the integrator's name (see `kernels/integrators/registry.py`), built-in or registered from outside.
         cameras: names of the camera models that the scene uses and that not all kernels have: models with distortion,
             and models registered from outside the package.
         light_tree: whether lights are chosen by a light tree instead of by power alone.
@@ -53,13 +53,15 @@ class Features:
             choose parts of mixtures at random, or "holes" where some material has an opacity below 1, so that rays may
             pass its surface, and any may have parts.
         exact: which exact shapes lie among the triangles of the ray tree: "none", "spheres" alone, or "quadrics", which
-            are disks and cylinders, with spheres or without.
+            are disks and cylinders, with spheres or without. "quadrics" may be followed by names of distance functions,
+            each after a hyphen (`kernels/geometry/distances.py`).
         uv2_alpha: whether any value uses the second texture coordinates or the alpha of vertex colours.
         single_sided: whether any shape is single-sided or unlit (see `kernels/integrators/sides.py`).
         caustics: whether photons bring the light that smooth surfaces throw (`kernels/integrators/photons.py`).
         edges: which lines along edges of triangles the film has a layer of: "none", those on the first "surfaces", or
             "wires", which surfaces do not hide (see `kernels/integrators/edges.py`).
         light_groups: whether the film has a layer for each group of lights (see `kernels/integrators/light_groups.py`).
+        procedures: names of the models of procedural textures that any material's value comes from.
         gpu: whether the kernel is for GPUs alone. There one loop reads the values of materials for all models, threads
             take the pixels tile by tile, and shadow rays to a hole in a light are traced to nowhere, beside others of
             a warp.
@@ -90,11 +92,12 @@ class Features:
     caustics: bool = False
     edges: str = "none"
     light_groups: bool = False
+    procedures: tuple[str, ...] = ()
     gpu: bool = False
 
     def covers(self, scene: "Features") -> bool:
         """Return whether the kernel of these features renders scenes with the features `scene`, with the same bits."""
-        if self.integrator in _COVER_NOTHING:
+        if self.integrator not in _COVERING_INTEGRATORS:
             return self == scene
         return replace(scene, **{name: getattr(self, name) for name in _COVERING}) == self and (
             set(scene.models) <= set(self.models)
@@ -121,6 +124,11 @@ class Features:
     def has_exact(self) -> bool:
         """Whether rays meet any exact shapes."""
         return self.exact != "none"
+
+    @property
+    def distances(self) -> tuple[str, ...]:
+        """Names of the distance functions whose shapes rays meet."""
+        return distances_of(self.geometry)
 
     @property
     def has_holes(self) -> bool:
@@ -179,7 +187,12 @@ def has_exact(geometry: str) -> bool:
 
 def has_quadrics(geometry: str) -> bool:
     """Return whether there are disks or cylinders in a `Features.geometry`."""
-    return geometry.endswith("_quadrics")
+    return geometry.split("-")[0].endswith("_quadrics")
+
+
+def distances_of(geometry: str) -> tuple[str, ...]:
+    """Return the names of the distance functions in a `Features.geometry`."""
+    return tuple(geometry.split("-")[1:])
 
 
 def instances_of(geometry: str) -> str:

@@ -8,6 +8,7 @@ confused.
 
 import functools
 import importlib
+import inspect
 import re
 import zlib
 from collections.abc import Callable, Iterable, Mapping
@@ -110,10 +111,19 @@ def _digest(model: Any) -> str:
     import hashlib
     import secrets
 
+    from warp._src.codegen import Struct
     from warp._src.context import Function, ModuleHasher
 
     hasher = ModuleHasher([], {})
-    values = [hasher.hash_function(value) if isinstance(value, Function) else value for value in model]
+    values = [
+        hasher.hash_function(value)
+        if isinstance(value, Function)
+        else value.hash
+        if isinstance(value, Struct)
+        else value
+        for value in model
+        if not inspect.isfunction(value)  # which makes device functions, as the model has one
+    ]
     outside = [f for f in hasher.function_hashes if not f.func.__module__.startswith("wrt.")]
     if any(each.adj.has_unresolved_static_expressions for f in outside for each in f.user_overloads.values()):
         values.append(secrets.token_bytes())  # what a `wp.static` in a loop says is known only to Warp's compiler

@@ -14,6 +14,9 @@ VERTEX_COLOR_NONE = wp.constant(0)
 VERTEX_COLOR = wp.constant(1)
 VERTEX_ALPHA = wp.constant(2)
 
+# `ColorSlot.image` of a procedural texture whose values begin in slot 0; of others it is as many lower.
+FIRST_PROCEDURE = wp.constant(-2)
+
 # Kinds of materials: a reflection model, or one of two other materials by weight or by side.
 MATERIAL_MODEL = wp.constant(0)
 MATERIAL_MIX = wp.constant(1)
@@ -59,7 +62,8 @@ class ColorSlot:
     """A colour, optionally multiplied by an image and by the vertex colour.
 
     `channel` is -1, or the image's channel used for all three. With a `cutoff` ≥ 0 the result is 1 if it reaches the
-    cutoff, else 0. Second texture coordinates and VERTEX_ALPHA need Features.uv2_alpha.
+    cutoff, else 0. Second texture coordinates and VERTEX_ALPHA need Features.uv2_alpha. In place of the image may be a
+    procedural texture, with the number of its model in `second`.
     """
 
     value: wp.vec3

@@ -2,13 +2,14 @@
 
 import warp as wp
 
-from wrt.kernels.core.features import has_exact, has_quadrics, instances_of
+from wrt.kernels.core.features import distances_of, has_exact, has_quadrics, identifier, instances_of
 from wrt.kernels.core.motion import key_at
 from wrt.kernels.core.ray_tree import Hit, make_instance_placement
 from wrt.kernels.core.rays import Frame, Ray, make_frame
 from wrt.kernels.core.scene_data import NEEDS_MORE_COORDINATES, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import shading_point
+from wrt.kernels.geometry.distances import make_point_on_volume, make_volume_of
 from wrt.kernels.geometry.quadrics import (
     NO_QUADRIC,
     by_coordinate,
@@ -203,6 +204,7 @@ def _make_surface_or_exact_at(geometry: str) -> wp.Function:
     on_triangle = make_surface_at(instances)
     sphere_of, sphere_axes = make_sphere_of(geometry), make_sphere_axes(geometry)
     quadric_of = make_quadric_of(geometry)
+    volume_of, point_on_volume = make_volume_of(geometry), make_point_on_volume(geometry)
 
     @wp.func
     def seen_of(scene: SceneData, hit: Hit, position: wp.vec3, normal: wp.vec3, outside: bool, front: bool) -> Surface:
@@ -218,9 +220,20 @@ def _make_surface_or_exact_at(geometry: str) -> wp.Function:
                 surface.shape = of_instance
         return surface
 
-    @wp.func(name=f"surface_at_{geometry}")
+    @wp.func(name=f"surface_at_{identifier([geometry])}")
     @shading_point
     def at(scene: SceneData, ray: Ray, hit: Hit) -> Surface:
+        if wp.static(bool(distances_of(geometry))):
+            volume = volume_of(scene, hit.triangle, hit.instance, ray.time)
+            if volume.model >= 0:
+                seen = point_on_volume(scene, volume, ray, hit.t)
+                front_shown = seen.outside == (volume.axes.side > 0.0)
+                on_surface = seen_of(scene, hit, seen.position, seen.normal, seen.outside, front_shown)
+                on_surface.clearance = seen.clearance
+                on_surface.uv = seen.uv
+                on_surface.e1 = seen.e1
+                on_surface.e2 = seen.e2
+                return on_surface
         if wp.static(quadrics):
             quadric = quadric_of(scene, hit.triangle, hit.instance, ray.time)
             if quadric.kind != NO_QUADRIC:

@@ -23,6 +23,7 @@ from wrt.kernels.gradients.materials import make_add_to_material
 from wrt.kernels.gradients.media import make_add_to_medium
 from wrt.kernels.gradients.shadows import dims_shadows, make_add_to_shadow
 from wrt.kernels.gradients.sums import GradientSums
+from wrt.kernels.gradients.vertices import PathPoint, PointAdjoint, make_vertex_gradients, point_of
 from wrt.kernels.integrators.next_event import make_light_at_surface, make_light_in_medium
 from wrt.kernels.integrators.path import make_begin_path
 from wrt.kernels.integrators.path_escape import make_escape
@@ -45,12 +46,13 @@ from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_
 
 
 @specialised()
-def make_replay_path(features: Features) -> wp.Function:
+def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Function:
     """Return the device function that adds the derivatives of the radiance of a path.
 
     Its arguments are (sums, scene, camera_ray, pixel_footprint, sampler, settings, radiance, upstream). It follows the
     path from its begin, as `make_follow_path` does, with the same random numbers. `radiance` is what the path finds in
-    all, and `upstream` the derivative of the loss by that. The result is how many surfaces scattered it.
+    all, and `upstream` the derivative of the loss by that. The result is how many surfaces scattered it. With
+    `vertices` it adds derivatives by these and by normals, too.
     """
     begin_path = make_begin_path(features)
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
@@ -71,6 +73,7 @@ def make_replay_path(features: Features) -> wp.Function:
     add_to_material, add_to_medium = make_add_to_material(features), make_add_to_medium(features)
     place_in_medium, light_in_medium = make_place_in_medium(features), make_light_in_medium(features, factors=True)
     shadows, add_to_shadow = dims_shadows(features), make_add_to_shadow(features)
+    by_vertices, by_corners = make_vertex_gradients(features), vertices and is_smooth
 
     @wp.func
     @path_function
@@ -85,6 +88,9 @@ def make_replay_path(features: Features) -> wp.Function:
         upstream: wp.vec3,
     ) -> int:
         path = begin_path(scene, camera_ray, pixel_footprint)
+        if wp.static(by_corners):
+            previous = PathPoint()
+            previous.triangle = NO_HIT
         while path.depth < settings.max_depth:
             vertex_number = path.depth + path.medium_scatterings + 1
             u_light = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
@@ -166,10 +172,19 @@ def make_replay_path(features: Features) -> wp.Function:
                     if path.is_done:
                         break
                     continue
+            if wp.static(by_corners):
+                came = path.ray.direction
+                point = point_of(vertex.hit, vertex.surface.position)
+                if previous.triangle < 0:
+                    point.direction = came
+                by = PointAdjoint()
             weight_of_emission = emission_weight(scene, path, vertex, settings.strategy)
             if weight_of_emission >= 0.0:
                 by_emission = wp.cw_mul(upstream, path.throughput) * weight_of_emission
                 by_light.emitted(sums, scene, vertex.surface, by_emission)
+                if wp.static(by_corners):
+                    if previous.triangle < 0:
+                        by_vertices.emitted(sums, scene, vertex.surface, point, by_emission)
             path = surface_emission(scene, path, vertex, settings.strategy)
             if wp.static(not panes):
                 if path.depth + 1 >= settings.max_depth:
@@ -199,6 +214,11 @@ def make_replay_path(features: Features) -> wp.Function:
                 if wp.max(wp.abs(arriving)) > 0.0:
                     by_value, _0, _1, _2 = wp.grad(weighted_value)(vertex.bsdf, vertex.wo, light.wi, arriving)
                     gradients = by_value.slots
+                    if wp.static(by_corners):
+                        received = wp.dot(arriving, light.value)
+                        by = by_vertices.towards_light(
+                            sums, scene, by, point, vertex.surface.frame, light.light, _0, _1, received
+                        )
 
             # ---- What comes by way of the BSDF's sample
             path = sample_bsdf(path, vertex, u_bsdf, u_more[1], settings.max_depth)
@@ -216,6 +236,17 @@ def make_replay_path(features: Features) -> wp.Function:
                         weight = over(later, evaluate(vertex.bsdf, vertex.wo, wi))
                         by_sample, _6, _7, _8 = wp.grad(weighted_value)(vertex.bsdf, vertex.wo, wi, weight)
                         gradients = gradients + by_sample.slots
+                        if wp.static(by_corners):
+                            if wp.max(wp.abs(later)) > 0.0:
+                                total = later[0] + later[1] + later[2]
+                                by = by_vertices.towards_next(
+                                    sums, scene, by, point, vertex.surface.frame, path.ray, _6, _7, total
+                                )
+            if wp.static(by_corners):
+                by_vertices.leave(sums, scene, previous, point, vertex, came, gradients, by)
+                previous = point
+                if path.scatter_pdf == 0.0:
+                    previous.triangle = NO_HIT
             add_to_material(sums, scene, vertex.material, vertex.bsdf, vertex.surface, gradients)
             if path.is_done:
                 break

@@ -41,7 +41,7 @@ def make_add_to_shadow(features: Features) -> wp.Function:
     """
     intersect, surface_at = make_intersect(features.geometry), make_surface_at(features.geometry)
     add_to_extinction, add_to_material = make_add_to_extinction(features.media), make_add_to_material(features)
-    mapped, next_leaf = make_mapped(features), make_next_leaf(features.uv2_alpha)
+    mapped, next_leaf = make_mapped(features), make_next_leaf(features.uv2_alpha, False, features.procedures)
     bsdf_at, share_passed = make_bsdf_at(features), make_share_passed(features)
     models = differentiable(features.models)
     panes = models_with(models, "straight")

@@ -31,7 +31,8 @@ class GradientSums:
     """Derivatives of a loss by the values of a scene: arrays parallel to those of SceneData.
 
     `emission` belongs to `shapes`; `lights` to the values of lights that are no triangles; `environment` has one entry,
-    for a constant one, and `environment_texels` is for an image.
+    for a constant one, and `environment_texels` is for an image. `vertices` belongs to `points`; both it and `normals`
+    are read by kernels of derivatives by vertices alone.
     """
 
     slots: ExactSums
@@ -43,6 +44,8 @@ class GradientSums:
     media_absorption: ExactSums
     media_scattering: ExactSums
     media_emission: ExactSums
+    vertices: ExactSums
+    normals: ExactSums
 
 
 @wp.func_native("""

@@ -7,11 +7,12 @@ levels are other texels, which the host derives from those of the image.
 import warp as wp
 
 from wrt.kernels.core.features import Features
-from wrt.kernels.core.scene_data import VERTEX_ALPHA, ImageRecord, SceneData
+from wrt.kernels.core.ray_tree import Hit
+from wrt.kernels.core.scene_data import VERTEX_ALPHA, ColorSlot, ImageRecord, SceneData
 from wrt.kernels.core.specialise import specialised
-from wrt.kernels.geometry.surface import Surface
+from wrt.kernels.geometry.surface import Surface, uv_edges
 from wrt.kernels.gradients.sums import ExactSums, GradientSums, add_color
-from wrt.kernels.textures.textures import filtered_place, make_slot_color, mip_height, neighbors
+from wrt.kernels.textures.textures import filtered_place, image_gradient, make_slot_color, mip_height, neighbors
 
 
 @wp.func
@@ -60,6 +61,19 @@ def add_filtered_color(
         share = 0.0
 
 
+@wp.func
+def by_texel(slot: ColorSlot, color: wp.vec3, gradient: wp.vec3) -> wp.vec3:
+    """Return the derivative by the colour of a slot's image, from that by the slot's value."""
+    inner = wp.cw_mul(gradient, slot.value)
+    if slot.vertex_color != 0:
+        inner = wp.cw_mul(inner, color)
+    if slot.channel >= 0:
+        total = inner[0] + inner[1] + inner[2]
+        inner = wp.vec3(0.0)
+        inner[slot.channel] = total
+    return inner
+
+
 @specialised("textured", "uv2_alpha", "mipmapped")
 def make_add_to_slot(features: Features) -> wp.Function:
     """Return the device function (sums, scene, slot, surface, gradient): from a slot's value at a point to its inputs.
@@ -86,13 +100,7 @@ def make_add_to_slot(features: Features) -> wp.Function:
             factor.value = wp.vec3(1.0)
             add_color(sums.slots, number, wp.cw_mul(gradient, slot_color(scene, factor, uv, footprint, color)))
             if slot.image >= 0:
-                inner = wp.cw_mul(gradient, slot.value)
-                if slot.vertex_color != 0:
-                    inner = wp.cw_mul(inner, color)
-                if slot.channel >= 0:
-                    total = inner[0] + inner[1] + inner[2]
-                    inner = wp.vec3(0.0)
-                    inner[slot.channel] = total
+                inner = by_texel(slot, color, gradient)
                 image = scene.images[slot.image]
                 if wp.static(features.mipmapped):
                     add_filtered_color(sums.texels, scene, image, uv, footprint, inner)
@@ -104,3 +112,53 @@ def make_add_to_slot(features: Features) -> wp.Function:
         add_color(sums.slots, number, gradient)
 
     return add_to_textured if features.textured else add_to_constant
+
+
+@specialised()
+def make_by_place(mipmapped: bool) -> wp.Function:
+    """Return (scene, slot, triangle, surface, gradient) -> vec2, the derivative by the weights of two corners.
+
+    `gradient` is the derivative by the slot's value at the point. Footprints, and so mip levels, have none.
+    """
+    slot_color = make_slot_color(mipmapped)
+
+    @wp.func
+    def by_place(scene: SceneData, number: int, triangle: int, surface: Surface, gradient: wp.vec3) -> wp.vec2:
+        found = wp.vec2(0.0)
+        slot = scene.slots[number]
+        if slot.cutoff < 0.0:
+            if slot.image >= 0:
+                image = scene.images[slot.image]
+                weight = by_texel(slot, surface.color, gradient)
+                by_uv = wp.vec2(0.0)
+                if image.nearest == 0:
+                    height = float(0.0)
+                    if wp.static(mipmapped):
+                        height = mip_height(image, surface.footprint)
+                    level = int(height)
+                    share = height - float(level)
+                    by_uv = image_gradient(scene, _level(scene, image, level), surface.uv, weight * (1.0 - share))
+                    if share > 0.0:
+                        by_uv += image_gradient(scene, _level(scene, image, level + 1), surface.uv, weight * share)
+                hit = Hit()
+                hit.triangle = triangle
+                found += uv_edges(scene, hit) * by_uv
+            if slot.vertex_color != 0:
+                white = slot_color(scene, slot, surface.uv, surface.footprint, wp.vec3(1.0))
+                by_color = wp.cw_mul(gradient, white)
+                i = scene.corners[triangle]
+                color = scene.colors[i[0]]
+                found += wp.vec2(
+                    wp.dot(by_color, scene.colors[i[1]] - color), wp.dot(by_color, scene.colors[i[2]] - color)
+                )
+        return found
+
+    return by_place
+
+
+@wp.func
+def _level(scene: SceneData, image: ImageRecord, level: int) -> ImageRecord:
+    record = image
+    if level > 0:
+        record = scene.images[image.next_level + level - 1]
+    return record

@@ -15,6 +15,7 @@ from wrt.kernels.core.rays import to_local, to_world
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.film.film import is_finite_color
+from wrt.kernels.geometry.distances import make_volume_of
 from wrt.kernels.geometry.quadrics import NO_QUADRIC, in_unit_shape, make_quadric_of, point_of
 from wrt.kernels.geometry.spheres import make_sphere_axes, make_sphere_of
 from wrt.kernels.geometry.surface import Surface, make_add_texture_coordinates
@@ -126,7 +127,7 @@ def make_motion_on_film(features: Features) -> wp.Function:
     """
     triangle_of, quadric_of = make_triangle_of(features.instances), make_quadric_of(features.geometry)
     sphere_of, sphere_axes = make_sphere_of(features.geometry), make_sphere_axes(features.geometry)
-    film_position = make_camera(features.cameras).film_position
+    volume_of, film_position = make_volume_of(features.geometry), make_camera(features.cameras).film_position
 
     @wp.func
     def position_at(scene: SceneData, first: FirstSurface, hit_time: float, time: float) -> wp.vec3:
@@ -147,6 +148,11 @@ def make_motion_on_film(features: Features) -> wp.Function:
             if quadric.kind != NO_QUADRIC:
                 on_unit = in_unit_shape(quadric, first.surface.position - quadric.center)
                 position = point_of(quadric_of(scene, hit.triangle, hit.instance, time), on_unit)
+        if wp.static(bool(features.distances)):
+            volume = volume_of(scene, hit.triangle, hit.instance, hit_time)
+            if volume.model >= 0:
+                in_volume = in_unit_shape(volume.axes, first.surface.position - volume.axes.center)
+                position = point_of(volume_of(scene, hit.triangle, hit.instance, time).axes, in_volume)
         return position
 
     @wp.func

@@ -28,6 +28,7 @@ from wrt.kernels.materials.values import disperses, make_bsdf_at, make_with_thro
 from wrt.kernels.sampling.sampler import BLOCK_BSDF, Sampler, make_sample_4d, passed_block, vertex_block
 from wrt.kernels.textures.footprint import sample_footprint
 from wrt.kernels.textures.normal_maps import apply_normal_map
+from wrt.kernels.textures.textures import VALUES
 
 
 @wp.struct
@@ -44,9 +45,7 @@ class FirstSurface:
     rays: int
 
 
-@specialised(
-    *("sampler", "instances", "exact", "textured", "uv2_alpha", "mipmapped", "composite", "tangents", "single_sided")
-)
+@specialised(*("sampler", "instances", "exact", *VALUES, "composite", "tangents", "single_sided"))
 def make_first_surface(features: Features) -> wp.Function:
     """Return the device function (scene, camera_ray, pixel_footprint, sampler) -> FirstSurface.
 
@@ -56,7 +55,7 @@ def make_first_surface(features: Features) -> wp.Function:
     sample_4d = make_sample_4d(features.sampler)
     closest_hit, surface_at = make_intersect(features.geometry).closest_hit, make_surface_at(features.geometry)
     hit_shown = make_hit_shown(features.geometry)
-    choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
+    choose_material = make_choose_material(features.uv2_alpha, features.mipmapped, features.procedures)
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
 
     @wp.func

@@ -37,6 +37,7 @@ class PathSettings:
     is_sobol: int  # which of the two samplers a kernel takes that has both
     hides_lights: int  # whether camera rays do not see the environment and lights without triangles
     photon_map: PhotonMap
+    own: wp.array(dtype=float)  # the memory of the numbers of an integrator from outside
 
 
 @wp.struct

@@ -108,7 +108,7 @@ def make_vertex_at(features: Features) -> wp.Function:
 def make_surface_vertex(features: Features) -> wp.Function:
     """Return the stage (scene, path, hit, u_material, sampler) -> SurfaceVertex, the vertex at a path's nearest hit."""
     vertex_at = make_vertex_at(features)
-    choose_material = make_choose_material(features.uv2_alpha, features.mipmapped)
+    choose_material = make_choose_material(features.uv2_alpha, features.mipmapped, features.procedures)
 
     @wp.func
     @inline_stage

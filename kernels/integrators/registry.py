@@ -34,6 +34,8 @@ def make_trace(features: Features) -> wp.Function:
         from wrt.kernels.integrators.path import make_trace_path as make
     elif features.integrator == "whitted":
         from wrt.kernels.integrators.whitted import make_trace_tree as make
+    elif features.integrator not in INTEGRATORS:
+        from wrt.kernels.integrators.own import make_trace_own as make
     else:
         from wrt.kernels.integrators.ambient_occlusion import make_trace_occlusion as make
     return make(features)

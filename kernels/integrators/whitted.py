@@ -173,7 +173,7 @@ def make_trace_tree(features: Features) -> wp.Function:
     add_lights_met, hit_seen = make_add_lights_met(features), make_hit_seen(features)
     of_triangles, of_all = make_hit_shown(features.geometry), make_hit_shown(features.geometry, features.light_shapes)
     specular, children = make_by_viewer(features.models, "specular", no_lobes), make_children(features)
-    next_leaf = make_next_leaf(features.uv2_alpha, features.mipmapped)
+    next_leaf = make_next_leaf(features.uv2_alpha, features.mipmapped, features.procedures)
     vertex_at, bsdf_at = make_vertex_at(features), make_bsdf_at(features)
     with_normals, has_layers = make_with_normals(features.models), have_coat_normals(features.models)
     with_body_indices = make_with_body_indices(features)

@@ -59,7 +59,7 @@ def make_lights(features: Features) -> Lights:
     sample_light_shape = make_light_shapes(features.light_shapes).sample
     slot_color, slot_value = (
         make_slot_color(features.mipmapped),
-        make_slot_value(features.uv2_alpha, features.mipmapped),
+        make_slot_value(features.uv2_alpha, features.mipmapped, ()),
     )
     add_texture_coordinates = make_add_texture_coordinates(features.uv2_alpha, features.has_exact)
 

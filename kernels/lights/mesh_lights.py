@@ -9,11 +9,12 @@ light, and no sample is wasted on what the point cannot see.
 import warp as wp
 
 from wrt.kernels.core.elementary import arc_tangent, sine_cosine
-from wrt.kernels.core.features import has_exact, has_quadrics, instances_of
-from wrt.kernels.core.ray_tree import Hit
+from wrt.kernels.core.features import distances_of, has_exact, has_quadrics, instances_of
+from wrt.kernels.core.ray_tree import NO_HIT, Hit
 from wrt.kernels.core.rays import Frame, Receiver
 from wrt.kernels.core.scene_data import LIGHT_TRIANGLE, LightRecord, SceneData
 from wrt.kernels.core.specialise import specialised
+from wrt.kernels.geometry.distances import make_volume_of
 from wrt.kernels.geometry.quadrics import (
     CYLINDER,
     DISK,
@@ -246,9 +247,15 @@ def make_sample_surface(geometry: str) -> wp.Function:
     """Return the device function (scene, light, receiver, u) -> LightSample of a triangle or exact shape of a mesh."""
     triangle_of, quadric_of = make_triangle_of(instances_of(geometry)), make_quadric_of(geometry)
     sphere_of, sphere_axes = make_sphere_of(geometry), make_sphere_axes(geometry)
+    volume_of = make_volume_of(geometry)
 
     @wp.func
     def sample_surface(scene: SceneData, light: LightRecord, receiver: Receiver, u: wp.vec2) -> LightSample:
+        if wp.static(bool(distances_of(geometry))):
+            if volume_of(scene, light.triangle, light.instance, receiver.time).model >= 0:
+                nothing = LightSample()  # rays find its light by chance alone
+                nothing.point.triangle = NO_HIT
+                return nothing
         if wp.static(has_quadrics(geometry)):
             quadric = quadric_of(scene, light.triangle, light.instance, receiver.time)
             if quadric.kind != NO_QUADRIC:
@@ -267,11 +274,15 @@ def make_sample_surface(geometry: str) -> wp.Function:
 def make_hit_pdf(geometry: str) -> wp.Function:
     """Return the device function (scene, receiver, surface, hit, direction, distance) -> density of sampling a hit."""
     sphere_of, quadric_of = make_sphere_of(geometry), make_quadric_of(geometry)
+    volume_of = make_volume_of(geometry)
 
     @wp.func
     def hit_pdf(
         scene: SceneData, receiver: Receiver, surface: Surface, hit: Hit, direction: wp.vec3, distance: float
     ) -> float:
+        if wp.static(bool(distances_of(geometry))):
+            if volume_of(scene, hit.triangle, hit.instance, receiver.time).model >= 0:
+                return 0.0
         if wp.static(has_quadrics(geometry)):
             quadric = quadric_of(scene, hit.triangle, hit.instance, receiver.time)
             if quadric.kind != NO_QUADRIC:

@@ -21,13 +21,15 @@ _shares = wp.types.vector(length=MAX_NESTING + 1, dtype=float)
 
 
 @specialised()
-def make_choose_material(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Function:
+def make_choose_material(
+    uv2_alpha: bool = False, mipmapped: bool = False, procedures: tuple[str, ...] = ()
+) -> wp.Function:
     """Return the device function (scene, material, surface, u) -> the chosen material, or PASSED_THROUGH.
 
     Choosing one part of a mixture with the probability of its weight has the right mean; likewise opacity. The random
     number is rescaled after each choice and reused for the next.
     """
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
+    slot_value = make_slot_value(uv2_alpha, mipmapped, procedures)
 
     @wp.func
     def choose_material(scene: SceneData, material: int, surface: Surface, u: float) -> int:
@@ -95,12 +97,12 @@ def leaves_of(material: int) -> Leaves:
 
 
 @specialised()
-def make_next_leaf(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Function:
+def make_next_leaf(uv2_alpha: bool = False, mipmapped: bool = False, procedures: tuple[str, ...] = ()) -> wp.Function:
     """Return the device function (scene, leaves, surface) -> Leaves, moved on to the next leaf.
 
     The leaf's share may be 0, and is 0 if no leaf was left.
     """
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
+    slot_value = make_slot_value(uv2_alpha, mipmapped, procedures)
 
     @wp.func
     def next_leaf(scene: SceneData, leaves: Leaves, surface: Surface) -> Leaves:

@@ -11,7 +11,7 @@ from wrt.kernels.core.scene_data import MaterialRecord, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.materials.choice import leaves_of, make_next_leaf
-from wrt.kernels.textures.textures import make_slot_value
+from wrt.kernels.textures.textures import VALUES, make_slot_value
 
 MOST_LINKS = 3
 """The most models of which each has a piece of code of its own to load its values."""
@@ -87,6 +87,24 @@ def make_with_normals(names: tuple[str, ...]) -> wp.Function:
     return chain
 
 
+@specialised()
+def make_at(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (bsdf, surface) -> Bsdf: `Model.at` of its model, if that has one."""
+    if not names:
+        return _same_bsdf_at
+    function, number, next_at = model_of(names[0]).at, model_number(names[0]), make_at(names[1:])
+    if function is None:
+        return next_at
+
+    @wp.func
+    def chain(bsdf: Bsdf, surface: Surface) -> Bsdf:
+        if bsdf.model == wp.static(number):
+            return function(bsdf, surface)
+        return next_at(bsdf, surface)
+
+    return chain
+
+
 @wp.func
 def _nothing_straight(bsdf: Bsdf, wo: wp.vec3) -> wp.vec3:
     return wp.vec3(0.0)
@@ -99,6 +117,11 @@ def _same_bsdf_of_channels(bsdf: Bsdf, index: float, indices: wp.vec3) -> Bsdf:
 
 @wp.func
 def _same_bsdf_of_path(bsdf: Bsdf, throughput: wp.vec3) -> Bsdf:
+    return bsdf
+
+
+@wp.func
+def _same_bsdf_at(bsdf: Bsdf, surface: Surface) -> Bsdf:
     return bsdf
 
 
@@ -117,7 +140,7 @@ def disperses(names: tuple[str, ...]) -> bool:
     return any(model_of(name).channels_slot >= 0 for name in names)
 
 
-@specialised("models", "gpu", "textured", "uv2_alpha", "mipmapped")
+@specialised("models", "gpu", *VALUES)
 def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Function:
     """Return the device function (scene, material, surface, wo) -> vec3: the share of light that goes straight through.
 
@@ -126,7 +149,7 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
     """
     panes = bool(models_with(features.models, "straight")) and not holes_only
     bsdf_at, straight = make_bsdf_at(features), make_by_viewer(features.models, "straight", _nothing_straight)
-    next_leaf = make_next_leaf(features.uv2_alpha)  # shadow rays carry no footprint
+    next_leaf = make_next_leaf(features.uv2_alpha, False, features.procedures)  # shadow rays carry no footprint
 
     @wp.func
     def share_passed(scene: SceneData, material: int, surface: Surface, wo: wp.vec3) -> wp.vec3:
@@ -142,24 +165,26 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
     return share_passed
 
 
-@specialised("models", "gpu", "textured", "uv2_alpha", "mipmapped")
+@specialised("models", "gpu", *VALUES)
 def make_bsdf_at(features: Features) -> wp.Function:
     """Return the device function (scene, material, surface) -> Bsdf for the models of `features`."""
+    make_load = _make_load
     if features.gpu:
-        return _make_load_in_loop(features.models, features.textured, features.uv2_alpha, features.mipmapped)
-    if len(features.models) > MOST_LINKS:
-        return _make_load_at_once(features.models, features.textured, features.uv2_alpha, features.mipmapped)
-    return _make_load(features.models, features.textured, features.uv2_alpha, features.mipmapped)
+        make_load = _make_load_in_loop
+    elif len(features.models) > MOST_LINKS:
+        make_load = _make_load_at_once
+    slot_value = make_slot_value(features.uv2_alpha, features.mipmapped, features.procedures)
+    return make_load(features.models, features.textured, slot_value)
 
 
 @specialised()
-def _make_load(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Function:
+def _make_load(names: tuple[str, ...], textured: bool, slot_value: wp.Function) -> wp.Function:
     """Return a chain of one link per model, as in `kernels.bsdf.make_bsdf`: each loads the values of its model."""
     if not names:
         return _no_bsdf
     number, count = model_number(names[0]), model_of(names[0]).slots
-    next_load = _make_load(names[1:], textured, uv2_alpha, mipmapped)
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
+    next_load, at = _make_load(names[1:], textured, slot_value), make_at(names[:1])
+    varies = model_of(names[0]).at is not None
 
     @wp.func
     def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:
@@ -173,6 +198,8 @@ def _make_load(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmappe
                     values[k] = scene.slots[record.first_slot + k].value
             bsdf = _without_values(scene, record, surface)
             bsdf.slots = values
+            if wp.static(varies):
+                bsdf = at(bsdf, surface)
             return bsdf
         return next_load(scene, material, surface)
 
@@ -180,13 +207,13 @@ def _make_load(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmappe
 
 
 @specialised()
-def _make_load_at_once(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Function:
+def _make_load_at_once(names: tuple[str, ...], textured: bool, slot_value: wp.Function) -> wp.Function:
     """Return one piece of code for all models, which loads a value if the model has so many.
 
     In a wide kernel each link of a chain copies 2.7 KB of values for sixteen lanes.
     """
     slot_count, most = make_slot_count(names), max(model_of(name).slots for name in names)
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
+    at, vary = make_at(names), bool(models_with(names, "at"))
 
     @wp.func
     def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:
@@ -199,19 +226,20 @@ def _make_load_at_once(names: tuple[str, ...], textured: bool, uv2_alpha: bool, 
                     bsdf.slots[k] = slot_value(scene, record.first_slot + k, surface)
                 else:
                     bsdf.slots[k] = scene.slots[record.first_slot + k].value
+        if wp.static(vary):
+            return at(bsdf, surface)
         return bsdf
 
     return load
 
 
 @specialised()
-def _make_load_in_loop(names: tuple[str, ...], textured: bool, uv2_alpha: bool, mipmapped: bool) -> wp.Function:
+def _make_load_in_loop(names: tuple[str, ...], textured: bool, slot_value: wp.Function) -> wp.Function:
     """Return one loop for all models: a texture is looked up in one place, and values stay in memory, not in registers.
 
     On CUDA the kernel of eight textured models is a third shorter so, and spills a half (docs/notes/cuda.md).
     """
-    slot_count = make_slot_count(names)
-    slot_value = make_slot_value(uv2_alpha, mipmapped)
+    slot_count, at, vary = make_slot_count(names), make_at(names), bool(models_with(names, "at"))
 
     @wp.func
     def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:
@@ -222,6 +250,8 @@ def _make_load_in_loop(names: tuple[str, ...], textured: bool, uv2_alpha: bool, 
                 bsdf.slots[k] = slot_value(scene, record.first_slot + k, surface)
             else:
                 bsdf.slots[k] = scene.slots[record.first_slot + k].value
+        if wp.static(vary):
+            return at(bsdf, surface)
         return bsdf
 
     return load

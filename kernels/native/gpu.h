@@ -131,6 +131,12 @@ test_leaf(const Leaf& leaf, const Ray& ray, const float t_min, Nearest& nearest,
                 };
                 const auto rises = [&](int axis) { return coordinate(0, axis) < coordinate(1, axis); };
                 const auto axis_of = [&](int which, int axis) { return ray.axes.of(id, which)[axis]; };
+#if defined(WRT_BOXES)
+                if (rises(0) == rises(1) && rises(0) != rises(2))
+                    roots = roots_of_box<float>(
+                        span_in_box<float>(coordinate, ray.inverse, ray.near_shift, ray.far_shift, 0.0f));
+                else
+#endif
                 if (rises(0) != rises(1)) {
                     const Span<float> span =
                         span_in_box<float>(coordinate, ray.inverse, ray.near_shift, ray.far_shift, t_min);

@@ -147,7 +147,12 @@ WRT_INLINE void test_leaf(
         const auto rises = [&](int axis) WRT_INLINE_LAMBDA {
             return leaf[LEAF_SIZE * axis + j] < leaf[LEAF_SIZE * (3 + axis) + j];
         };
-        if (rises(0) != rises(1)) {
+#if defined(WRT_BOXES)
+        const bool is_box = rises(0) == rises(1) && rises(0) != rises(2);
+#else
+        constexpr bool is_box = false;
+#endif
+        if (is_box || rises(0) != rises(1)) {
             const auto of_box = [&](int vertex, int axis) WRT_INLINE_LAMBDA -> Floats {
                 return (Floats)leaf[LEAF_SIZE * (3 * vertex + axis) + j];
             };
@@ -157,6 +162,13 @@ WRT_INLINE void test_leaf(
                 near_shift[k] = row(a.near_shifts[k]);
                 far_shift[k] = row(a.far_shifts[k]);
             }
+#if defined(WRT_BOXES)
+            if (is_box) {
+                keep_first(
+                    j, roots_of_box<Floats>(span_in_box<Floats>(of_box, inverse, near_shift, far_shift, 0.0f)));
+                return;
+            }
+#endif
             const Span<Floats> span = span_in_box<Floats>(of_box, inverse, near_shift, far_shift, t_min);
             if (mask_of(span.begins_before(best) & within) == 0) return;
             const auto axis_of = [&](int which, int axis) WRT_INLINE_LAMBDA -> Floats {

@@ -126,6 +126,17 @@ test_spheres(const float* leaf, const Ray& ray, const float t_min, Nearest& near
     const unsigned disks = mask_of(rises[0] == rises[2]);
     const unsigned quadrics = some & mask_of(rises[0] != rises[1]);
     met &= ~quadrics;
+#if defined(WRT_BOXES)
+    unsigned boxes = some & mask_of((rises[0] == rises[1]) & (rises[0] != rises[2]));
+    met &= ~boxes;
+    // From the origin on, not from t_min: a box that was entered before does not count again.
+    const Roots<f8> entries =
+        roots_of_box<f8>(span_in_box<f8>(corner, ray.inverse, ray.near_shift, ray.far_shift, 0.0f));
+    for (; boxes; boxes &= boxes - 1) {
+        const int k = lowest_bit(boxes);
+        keep({entries.near[k], entries.far[k]}, ids[k]);
+    }
+#endif
     // Boxes first: the test of a shape takes ten times as long.
     const Span<f8> spans = span_in_box<f8>(corner, ray.inverse, ray.near_shift, ray.far_shift, t_min);
     unsigned others = quadrics & mask_of(spans.begins_before((f8)nearest.t));

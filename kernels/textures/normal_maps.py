@@ -90,7 +90,7 @@ def slopes_of_heights(scene: SceneData, image: ImageRecord, hit: Hit, surface: S
     u_x = wp.dot(along_u, surface.frame.s)
     v_x = wp.dot(along_v, surface.frame.s)
     v_y = wp.dot(along_v, surface.frame.t)
-    change = image_gradient(scene, image, surface.uv)
+    change = image_gradient(scene, image, surface.uv, wp.vec3(1.0, 0.0, 0.0))
     if scene.aligns_tangents == 2:  # the frame's x may be along a tangent of the mesh, and Uy not 0
         u_y = wp.dot(along_u, surface.frame.t)
         across = u_x * v_y - u_y * v_x

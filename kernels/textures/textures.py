@@ -3,6 +3,7 @@
 import warp as wp
 
 from wrt.kernels.core.scene_data import (
+    FIRST_PROCEDURE,
     VERTEX_ALPHA,
     WRAP_CLAMP,
     WRAP_MIRROR,
@@ -14,6 +15,10 @@ from wrt.kernels.core.scene_data import (
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.textures.footprint import texels_across
+from wrt.kernels.textures.procedures import make_procedure
+
+VALUES = ("textured", "uv2_alpha", "mipmapped", "procedures")
+"""The features on which values of materials depend."""
 
 
 @wp.func
@@ -85,6 +90,14 @@ def wrapped(t: float, mode: int) -> float:
 
 
 @wp.func
+def wrapped_slope(t: float, mode: int) -> float:
+    """Return the sign with which a wrapped coordinate follows t: −1 where the pattern is mirrored."""
+    if mode == WRAP_MIRROR and 0.5 * t - wp.floor(0.5 * t) > 0.5:
+        return -1.0
+    return 1.0
+
+
+@wp.func
 def neighbors(i: int, size: int, mode: int) -> wp.vec2i:
     """Return texel i, from −1 to `size`, and the next one along an axis, wrapped at the image's edge."""
     # At the edge, mirrored and clamped images repeat the last texel.
@@ -135,8 +148,8 @@ def image_color(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec2:
-    """Return how the red of `image_color` changes along u and along v."""
+def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2, weight: wp.vec3) -> wp.vec2:
+    """Return how the sum of the channels of `image_color`, by weights, changes along u and along v."""
     place = place_in_image(image, uv)
     x = place[0]
     y = place[1]
@@ -157,8 +170,11 @@ def image_gradient(scene: SceneData, image: ImageRecord, uv: wp.vec2) -> wp.vec2
             along_x = bilinear(scene.texels, image.first, image.width, columns, rows, share)
             along_y = bilinear(scene.texels, image.first, image.width, columns, rows, across)
         sign = 2.0 * end - 1.0
-        change += wp.vec2(along_x[0], -along_y[0]) * sign  # rows run down, v runs up
-    change = wp.cw_mul(change, wp.vec2(float(image.width), float(image.height)))
+        change += wp.vec2(wp.dot(along_x, weight), -wp.dot(along_y, weight)) * sign  # rows run down, v runs up
+    u = image.to_u[0] * uv[0] + image.to_u[1] * uv[1] + image.to_u[2]
+    v = image.to_v[0] * uv[0] + image.to_v[1] * uv[1] + image.to_v[2]
+    size = wp.vec2(float(image.width), float(image.height))
+    change = wp.cw_mul(change, wp.cw_mul(size, wp.vec2(wrapped_slope(u, image.wrap_u), wrapped_slope(v, image.wrap_v))))
     return wp.vec2(
         image.to_u[0] * change[0] + image.to_v[0] * change[1], image.to_u[1] * change[0] + image.to_v[1] * change[1]
     )
@@ -225,8 +241,19 @@ def make_slot_color(mipmapped: bool = False) -> wp.Function:
 
 
 @specialised()
-def make_slot_value(uv2_alpha: bool = False, mipmapped: bool = False) -> wp.Function:
+def make_slot_value(uv2_alpha: bool = False, mipmapped: bool = False, procedures: tuple[str, ...] = ()) -> wp.Function:
     """Return the device function (scene, slot, surface) -> vec3: the value of a material's slot at a point."""
+    if procedures:
+        otherwise, procedure = make_slot_value(uv2_alpha, mipmapped, ()), make_procedure(procedures)
+
+        @wp.func
+        def slot_or_procedure(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
+            record = scene.slots[slot]
+            if record.image > FIRST_PROCEDURE:
+                return otherwise(scene, slot, surface)
+            return procedure(scene, record.second, FIRST_PROCEDURE - record.image, surface)
+
+        return slot_or_procedure
     slot_color = make_slot_color(mipmapped)
 
     @wp.func

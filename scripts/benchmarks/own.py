@@ -1,21 +1,39 @@
-"""`own`: copies of built-in models, registered from outside, beside the built-in ones."""
+"""`own`: copies of built-in models and a ball by its distance, registered from outside, beside the built-in ones."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import resource
 import statistics
 import time
 from typing import Any, ClassVar
+
+import warp as wp
 
 import wrt
 from benchmarks.measure import Row, table
 from wrt.compiling.kernel import SCALAR, declaration
 from wrt.kernels.bsdf.diffuse import DIFFUSE
 from wrt.kernels.camera.projections import PERSPECTIVE
+from wrt.kernels.integrators.toolbox import (
+    BLOCK_BSDF,
+    INFINITE_DISTANCE,
+    PathResult,
+    PathSettings,
+    Ray,
+    Sampler,
+    SceneData,
+    Tools,
+    nowhere,
+    square_to_cosine_hemisphere,
+    to_world,
+    vertex_block,
+)
 from wrt.kernels.lights.area_lights import DISK
 from wrt.rendering.wide_kernel import threads_of
+from wrt.scene.description import Positive
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,13 +58,84 @@ class OwnPerspective(wrt.PerspectiveCamera):
     model: ClassVar[str] = "own_perspective"
 
 
-KINDS: dict[str, tuple[Any, Any, Any]] = {
-    "built-in": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera),
-    "BSDF": (OwnDiffuse, wrt.DiskLight, wrt.PerspectiveCamera),
-    "light": (wrt.Diffuse, OwnDisk, wrt.PerspectiveCamera),
-    "camera": (wrt.Diffuse, wrt.DiskLight, OwnPerspective),
+@wp.func
+def ball(point: wp.vec3, radius: float) -> float:
+    """Return the distance to a sphere around the origin."""
+    return wp.length(point) - radius
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnBall(wrt.DistanceShape):
+    """A sphere around the origin by its distance function."""
+
+    radius: Positive = 1.0
+
+    type_name: ClassVar[str] = "own-ball"
+
+    def bounds(self) -> tuple[Any, Any]:
+        """Return the cube around it."""
+        return (-self.radius,) * 3, (self.radius,) * 3
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnOcclusion(wrt.Integrator):
+    """A copy of the integrator `ao`, with its distance as a number of its own."""
+
+    reach: float = INFINITE_DISTANCE
+
+    type_name: ClassVar[str] = "own-ao"
+
+    @staticmethod
+    def make_trace(tools: Tools) -> Any:
+        """Return the device function, which does what `kernels/integrators/ambient_occlusion.py` does."""
+
+        @wp.func
+        def trace(
+            scene: SceneData,
+            camera_ray: Ray,
+            footprint: wp.vec2,
+            sampler: Sampler,
+            settings: PathSettings,
+            numbers: tools.Numbers,
+        ) -> PathResult:
+            found = tools.first(scene, camera_ray, footprint, sampler)
+            v = found.vertex
+            result = PathResult()
+            result.rays = found.rays
+            result.radiance = wp.vec3(1.0)
+            if v.hit.triangle < 0:
+                if settings.hides_lights != 0:
+                    result.radiance = wp.vec3(0.0)
+                return result
+            result.radiance = wp.vec3(0.0)
+            u = tools.random(sampler, vertex_block(1, BLOCK_BSDF))
+            ray = Ray()
+            ray.direction = to_world(v.surface.frame, square_to_cosine_hemisphere(wp.vec2(u[0], u[1])))
+            if wp.dot(ray.direction, v.surface.normal) > 0.0:
+                ray.origin = v.origin_in_front
+                ray.time = camera_ray.time
+                result.radiance = tools.visibility(scene, ray, numbers.reach, nowhere(), u)
+                result.rays = result.rays + 1
+            return result
+
+        return trace
+
+
+KINDS: dict[str, tuple[Any, Any, Any, Any, str]] = {
+    "built-in": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, wrt.sphere, "path"),
+    "BSDF": (OwnDiffuse, wrt.DiskLight, wrt.PerspectiveCamera, wrt.sphere, "path"),
+    "light": (wrt.Diffuse, OwnDisk, wrt.PerspectiveCamera, wrt.sphere, "path"),
+    "camera": (wrt.Diffuse, wrt.DiskLight, OwnPerspective, wrt.sphere, "path"),
+    "exact sphere": (
+        *(wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera),
+        functools.partial(wrt.sphere, exact=True),
+        "path",
+    ),
+    "shape": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, OwnBall, "path"),
+    "built-in ao": (wrt.Diffuse, wrt.PointLight, wrt.PerspectiveCamera, wrt.sphere, "ao"),
+    "ao": (wrt.Diffuse, wrt.PointLight, wrt.PerspectiveCamera, wrt.sphere, "own-ao"),
 }
-"""Material, light and camera of each scene: one of them is a copy."""
+"""Material, light, camera, sphere and integrator of each scene: one is a copy, or what to compare it with."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,26 +145,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def benchmark(options: argparse.Namespace) -> Row:
-    """Return seconds of CPU by scalar and wide kernels, and the seconds until each kernel was there."""
+    """Return seconds of CPU by scalar kernels and by the wide ones that there are, and until each kernel was there."""
     wrt.register_material(OwnDiffuse, DIFFUSE)
     wrt.register_light(OwnDisk, DISK)
     wrt.register_camera(OwnPerspective, PERSPECTIVE)
+    wrt.register_shape(OwnBall, ball)
+    wrt.register_integrator(OwnOcclusion)
     renderers, rows = {}, {}
-    for name, (material, light, camera) in KINDS.items():
+    for name, (material, light, camera, ball_of, integrator) in KINDS.items():
         scene = wrt.Scene(camera=camera((0.0, 1.0, 4.0)))
-        scene.add(wrt.sphere(), material=material(0.6))
+        scene.add(ball_of(), material=material(0.6))
         scene.add(wrt.quad((-4, -1, 4), (8, 0, 0), (0, 0, -8)), material=material(0.6))
-        scene.add_light(light((0.0, 4.0, 2.0), (0.0, -1.0, 0.0), 1.0, 9.0))
+        size = () if light is wrt.PointLight else ((0.0, -1.0, 0.0), 1.0)
+        scene.add_light(light((0.0, 4.0, 2.0), *size, 9.0))
         start = time.perf_counter()
-        renderer = wrt.Renderer(scene, width=200, height=150, threads=1)
+        renderer = wrt.Renderer(scene, integrator=integrator, width=200, height=150, threads=1)
         renderer.render(spp=1)
         first = time.perf_counter() - start
         wide = renderer.compile()
         renderers[name], rows[name] = renderer, {"first": first, "compiling": wide, "lanes": renderer.lanes}
     for kernel in ("scalar", "wide"):
-        seconds: dict[str, list[float]] = {name: [] for name in KINDS}
+        able = {name: renderer for name, renderer in renderers.items() if kernel == "scalar" or renderer.lanes > 1}
+        seconds: dict[str, list[float]] = {name: [] for name in able}
         for _ in range(options.repeats):
-            for name, renderer in renderers.items():  # in turn: the machine's speed changes
+            for name, renderer in able.items():  # in turn: the machine's speed changes
                 seconds[name].append(_seconds(renderer, options.spp, kernel))
         for name, found in seconds.items():
             rows[name][kernel] = statistics.median(found)
@@ -85,8 +178,9 @@ def benchmark(options: argparse.Namespace) -> Row:
 def _seconds(renderer: wrt.Renderer, spp: int, kernel: str) -> float:
     """Return seconds of CPU of the first `spp` samples of each pixel by one of the renderer's kernels."""
     film, wide = renderer.film, renderer._kernel.wide
-    threads, launched = threads_of(film.width, film.height, wide.tile), wide.kernel
-    if kernel == "scalar":
+    if kernel == "wide":
+        threads, launched = threads_of(film.width, film.height, wide.tile), wide.kernel
+    else:
         declared = declaration(renderer._kernel.features, SCALAR)
         threads, launched = film.pixels, renderer._kernel.scalar or renderer.device.backend.call(*declared)
         renderer.device.compile(launched)
@@ -98,14 +192,15 @@ def _seconds(renderer: wrt.Renderer, spp: int, kernel: str) -> float:
 
 def text(result: Row) -> str:
     """Return the speeds as shares of the built-in models' own."""
-    rows, of = result["rows"], result["rows"]["built-in"]
+    rows = result["rows"]
+    of = {name: rows["built-in ao" if name.endswith("ao") else "built-in"] for name in rows}
     head = ("a copy of", "scalar", "wide", "lanes", "until the first picture", "wide kernel")
     return table(
         head,
         (
             (
                 name,
-                *(f"{of[kernel] / row[kernel]:.2f}" for kernel in ("scalar", "wide")),
+                *(f"{of[name][kernel] / row[kernel]:.2f}" if kernel in row else "-" for kernel in ("scalar", "wide")),
                 str(row["lanes"]),
                 *(f"{row[key]:.1f} s" for key in ("first", "compiling")),
             )

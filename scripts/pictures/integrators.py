@@ -6,6 +6,7 @@ Balls of glass and mirror float over a checkered floor, as in the picture by whi
 from __future__ import annotations
 
 import functools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from wrt.rendering.picture import layer_colors
 from wrt.scene.layers import LAYERS
 
 from .bodies import checkered
-from .picture import DevelopedSheet, Drawing, Picture, Pixels
+from .picture import DevelopedSheet, Drawing, Picture, Pixels, Sheet, Tiles
 
 
 def sky() -> wrt.ImageEnvironment:
@@ -62,6 +63,22 @@ def shown_by(integrator: str, spp: int, **options: Any) -> Picture:
     return Picture(make_scene, 480, 288, spp, {"integrator": integrator, **options})
 
 
+def make_sketched() -> wrt.Scene:
+    """Return the scene, for one of the integrators of scripts/sketches.py."""
+    wrt.load_models(Path(__file__).parents[1] / "sketches.py")
+    return make_scene()
+
+
+def own() -> Tiles:
+    """Return the scene as the integrators of scripts/sketches.py show it."""
+    options: dict[str, Any] = {"tone": "none", "exposure": 0.0}
+    names = {"heat-map": "HeatMap", "depth-cue": "DepthCue", "toon": "Toon"}
+    return {
+        name: (Picture(make_sketched, 320, 192, 256, {"integrator": name, **options}), (label,))
+        for name, label in names.items()
+    }
+
+
 ALL_LAYERS = {
     "integrator": "aov",
     "layers": tuple(name for name in LAYERS if name not in ("z", "edges")),
@@ -71,6 +88,7 @@ PICTURES: dict[str, Drawing] = {
     "integrator-path": shown_by("path", 256, max_depth=32),
     "integrator-direct": shown_by("direct", 256),
     "integrator-ao": shown_by("ao", 512, ao_distance=2.0),
+    "own-integrators": Sheet(own, 3),
     "layers": DevelopedSheet(
         {"layers": Picture(functools.partial(make_scene, moving=True), 320, 192, 32, ALL_LAYERS)}, layers_of, 5
     ),

@@ -1,11 +1,11 @@
-"""docs/own.md: its program runs, and the camera it registers sees by its formula."""
+"""docs/own/fisheye.py: it runs, and the camera it registers sees by its formula."""
 
 import runpy
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.pages import program_of
+from conftest import ROOT
 from support.small_scenes import finish
 
 import wrt
@@ -13,7 +13,7 @@ from wrt.kernels.camera.models import CAMERA_MODELS
 from wrt.kernels.camera.projections import PERSPECTIVE as PINHOLE
 from wrt.scene.camera import CAMERAS
 
-CODE = program_of("own", "fisheye.py")
+CODE = (ROOT / "docs/own/fisheye.py").read_text("utf-8")
 
 
 @pytest.fixture(scope="module")

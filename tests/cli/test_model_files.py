@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import ROOT
 from support.commands import run
-from support.pages import program_of
 
 import wrt
 from wrt.backend import user_code
@@ -13,7 +13,7 @@ from wrt.cli import main
 from wrt.kernels.bsdf import BSDFS
 from wrt.scene.materials import MATERIALS
 
-CODE = program_of("own", "moon.py")
+CODE = (ROOT / "tests/support/moon.py").read_text("utf-8")
 
 SCENE = """
 [materials.dust]

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 import warp as wp
+from benchmarks.own import OwnBall, ball
+from conftest import ROOT
 from support.feature_sets import FEATURES, MODELS, SHADING, declared_kernels, kernel_modules
 from support.films_of_devices import FILMS, OPTIONS, film_cases
 
@@ -19,13 +21,17 @@ from wrt.kernels.bsdf.lobes.albedo import make_missing_kernel
 from wrt.kernels.bsdf.lobes.albedo_dielectric import make_missing_dielectric_kernel
 from wrt.kernels.bsdf.lobes.coat_transmittance import make_coat_kernel
 from wrt.kernels.core.features import Features, identifier
+from wrt.kernels.geometry.distances import DISTANCES, current_name
 from wrt.kernels.gradients.gradient_pass import make_gradient_kernel
+from wrt.kernels.integrators.own import OWN_INTEGRATORS
 from wrt.kernels.integrators.photons import make_photon_kernel
 from wrt.kernels.integrators.registry import INTEGRATORS
 from wrt.kernels.lights.shapes import BUILT_IN as LIGHT_SHAPES
 from wrt.kernels.media.bodies import make_count_crossings
 from wrt.kernels.regeneration import can_regenerate, make_gpu_render_kernel, make_regenerating_kernel
 from wrt.kernels.render import CUDA_BOUNDS, make_render_kernel
+from wrt.scene.exact.distances import SHAPES
+from wrt.scene.integrators import INTEGRATORS as INTEGRATORS_OF_SCENES
 from wrt.scene.scene import SAMPLERS
 
 ARCHITECTURE = 75
@@ -44,6 +50,7 @@ FACTORIES = {
 """Functions that make kernels; each is called below."""
 
 ALL_LIGHTS = (*LIGHT_SHAPES, "projector", "projector:spot")
+ALL_TEXTURES = ("bricks", "checkerboard", "perlin", "worley")
 
 THREE = [
     # A loop for each path, as with layers, and all that it asks of the features itself.
@@ -72,6 +79,7 @@ THREE = [
         composite="mixed",
         uv2_alpha=True,
         mipmapped=True,
+        procedures=ALL_TEXTURES,
         clamped=True,
         regularized=True,
         instances="deforming",
@@ -144,6 +152,32 @@ def test_render_kernels_compile(features, tmp_path):
     assert "div.rn.f32" not in text
 
 
+@pytest.mark.slow
+def test_integrators_from_outside_compile(tmp_path):
+    """With all that their tools have, and numbers of all kinds."""
+    names = wrt.load_models(ROOT / "scripts" / "sketches.py")
+    try:
+        for name in names:
+            integrator = OWN_INTEGRATORS.current_name(name.replace("-", "_"))
+            features = replace(THREE[1], clamped=False, regularized=False, aovs=False, integrator=integrator)
+            compile_for_cuda(make_gpu_render_kernel(features).module, tmp_path, mode="debug")
+    finally:
+        for name in names:
+            del INTEGRATORS_OF_SCENES[name]
+            OWN_INTEGRATORS.forget(name.replace("-", "_"))
+
+
+@pytest.mark.machinery
+def test_render_kernels_with_a_distance_function_compile(tmp_path):
+    wrt.register_shape(OwnBall, ball)
+    try:
+        exact = f"quadrics-{current_name('own_ball')}"
+        test_render_kernels_compile(replace(FEATURES[0], instances="moving", exact=exact, aovs=True), tmp_path)
+    finally:
+        del SHAPES[OwnBall.type_name]
+        DISTANCES.forget("own_ball")
+
+
 @pytest.mark.machinery
 @pytest.mark.parametrize("features", THREE[:2], ids=("loop", "one-loop"))
 def test_gradient_kernels_compile(features, tmp_path):
@@ -191,6 +225,7 @@ VALUES = {
     "edges": ("none", "surfaces", "wires"),
     "models": MODELS,
     "light_shapes": ALL_LIGHTS,
+    "procedures": ALL_TEXTURES,
 }
 """What each feature can be that is not true or false; names that a kernel can have several of are listed one by one."""
 

@@ -1,8 +1,9 @@
-"""The derivative of every reflection model by each of its values is its difference quotient."""
+"""The derivative of every reflection model by each of its values, and by directions, is its difference quotient."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -45,7 +46,7 @@ CASES: dict[str, Case] = {
     "copper": Case(wrt.Conductor()),
     "gold": Case(wrt.Conductor(f0=GOLD)),
     "dielectric": Case(wrt.Dielectric(1.5, specular_transmittance=0.7)),
-    "inside": Case(wrt.Dielectric(1.5, specular_reflectance=0.7), front=False),
+    "inside": Case(wrt.Dielectric(1.4, specular_reflectance=0.7), front=False),
     "schlick": Case(wrt.Dielectric(1.5, fresnel="schlick")),
     "pane": Case(wrt.ThinDielectric(1.5, specular_transmittance=0.7)),
     **{
@@ -92,15 +93,22 @@ STEP, NEAR_EDGES = 1e-2, 3e-3
 """Relative steps: rounding disturbs short ones; critical angles, which an index moves, and waves disturb long ones."""
 COUNT = 4000
 
+AXIS = np.array([0.5, -0.6, 0.6])
+"""What directions are turned about."""
+
 ACROSS_KINKS = {"half metal, all bounces": 2}
 """A slot whose quotients mean nothing here: a table that is interpolated linearly has slopes that jump by percents."""
 
 
 class Kernels(NamedTuple):
-    """Kernels of a model: weighted values in a direction and of both delta lobes, and their derivatives."""
+    """Kernels of a model: weighted values in a direction and of both delta lobes, and their derivatives.
+
+    `turns` are derivatives by turns of each direction.
+    """
 
     values: wp.Kernel
     gradients: wp.Kernel
+    turns: wp.Kernel
 
 
 @functools.cache
@@ -136,10 +144,32 @@ def kernels_of(model: str) -> Kernels:
             for c in range(3):
                 out[3 * (MAX_SLOTS * i + k) + c] = found[k, c]
 
-    return Kernels(values, gradients)
+    @wp.kernel(module=wp.get_module(f"test.turn.{identifier((model,))}"), enable_backward=False)
+    def turns(
+        first: int,
+        bsdf: Bsdf,
+        wo: wp.vec3,
+        wi: wp.array(dtype=wp.vec3),
+        weight: wp.vec3,
+        axis: wp.vec3,
+        out: wp.array(dtype=float),
+    ):
+        i = first + wp.tid()
+        value = evaluate(bsdf, wo, wi[i])
+        _0, by_wo, by_wi, _1 = wp.grad(weighted_value)(bsdf, wo, wi[i], weight)
+        _2, of_lobes, _3, _4 = wp.grad(weighted_lobes)(bsdf, wo, weight, weight * 0.5)
+        out[2 * i] = wp.dot(by_wo + of_lobes, wp.cross(axis, wo)) + 0.0 * value[0]
+        out[2 * i + 1] = wp.dot(by_wi, wp.cross(axis, wi[i]))
+
+    return Kernels(values, gradients, turns)
 
 
-def launch(case: Case, values: NDArray, wi: NDArray, device: Device, *, gradients: bool) -> NDArray[np.float64]:
+VIEWER = viewer(40.0)
+
+
+def launch(
+    case: Case, values: NDArray, wi: NDArray, device: Device, *, gradients: bool, wo: NDArray = VIEWER
+) -> NDArray[np.float64]:
     """Return the weighted value in each direction, summed over channels, or its derivative by each slot, (16, 3)."""
     backend = device.backend
     bsdf = case.record(device.name)
@@ -147,8 +177,7 @@ def launch(case: Case, values: NDArray, wi: NDArray, device: Device, *, gradient
     kernel = kernels_of(case.name)
     numbers = 3 * MAX_SLOTS * len(wi)
     out = backend.zeros(numbers, float, device.name) if gradients else backend.zeros(len(wi), "vec3", device.name)
-    wo = wp.vec3(*viewer(40.0).tolist())
-    inputs = [bsdf, wo, backend.array(wi, "vec3", device.name), wp.vec3(*WEIGHT.tolist()), out]
+    inputs = [bsdf, wp.vec3(*wo.tolist()), backend.array(wi, "vec3", device.name), wp.vec3(*WEIGHT.tolist()), out]
     device.launch(kernel.gradients if gradients else kernel.values, len(wi), inputs)
     found = np.asarray(backend.fetch(out), np.float64)
     return found.reshape(-1, MAX_SLOTS, 3) if gradients else found.sum(axis=-1)
@@ -198,13 +227,54 @@ def _difference(
         return np.asarray((ends[0] - ends[1]) / (2.0 * step))
 
     of_film = "film" in case.name.split(":") and slot >= model.slots - 2
-    is_short = of_film or (slot == model.index_slot and not model.delta)
+    is_short = of_film or slot == model.index_slot
     step = size * (NEAR_EDGES if is_short else STEP)
+    value = np.abs(launch(case, values, wi, device, gradients=False)).mean()
+    return _mean_difference(found, quotient, step, float(value))
+
+
+def _mean_difference(
+    found: NDArray[np.float64], quotient: Callable[[float], NDArray[np.float64]], step: float, value: float
+) -> float:
+    """Return the difference of the means of derivatives and quotients, relative to the mean size of the derivatives."""
     coarse, fine = quotient(2.0 * step), quotient(step)
     expected = (4.0 * fine - coarse) / 3.0  # Richardson's extrapolation
-    value = np.abs(launch(case, values, wi, device, gradients=False)).mean()
     scale = max(np.abs(expected).mean(), np.abs(found).mean(), 1e-2 * value)
     # A quotient across a critical angle, or the edge of a lobe, converges to nothing; rounding disturbs the others.
     kept = np.abs(fine - coarse) < 0.01 * np.maximum(np.abs(fine), scale) + 1e-6 * value / step
     assert kept.mean() > 0.9
     return float(abs((found - expected)[kept].mean()) / scale)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if not case.model.delta])
+def test_derivatives_by_directions_are_difference_quotients(name: str, device: str, report: Report) -> None:
+    """By turns of the direction to the viewer, and of that to the light."""
+    initialize_warp()
+    case, on = CASES[name], Device(device, threads=1)
+    values = case.values.astype(np.float64)
+    wi = sphere(COUNT, seed=3)
+    wi = wi[np.abs(wi[:, 2]) > 0.1]
+    if not case.model.transmits:
+        wi[:, 2] = np.abs(wi[:, 2])
+    backend = on.backend
+    out = backend.zeros(2 * len(wi), float, on.name)
+    vectors = [wp.vec3(*each.tolist()) for each in (VIEWER, WEIGHT, AXIS)]
+    inputs = [case.record(on.name), vectors[0], backend.array(wi, "vec3", on.name), *vectors[1:], out]
+    on.launch(kernels_of(case.name).turns, len(wi), inputs)
+    found = np.asarray(backend.fetch(out), np.float64).reshape(-1, 2)
+    value = float(np.abs(launch(case, values, wi, on, gradients=False)).mean())
+
+    def quotient(which: int, step: float) -> NDArray[np.float64]:
+        ends = []
+        for sign in (1.0, -1.0):
+            turned = [v + sign * step * np.cross(AXIS, v) for v in (VIEWER.astype(np.float64), wi.astype(np.float64))]
+            turned = [v / np.linalg.norm(v, axis=-1, keepdims=True) for v in turned]
+            wo, to_light = (turned[0], wi) if which == 0 else (VIEWER, turned[1])
+            ends.append(launch(case, values, to_light.astype(np.float32), on, gradients=False, wo=wo))
+        return np.asarray((ends[0] - ends[1]) / (2.0 * step))
+
+    for which, direction in enumerate(("viewer", "light")):
+        worst = _mean_difference(found[:, which], functools.partial(quotient, which), NEAR_EDGES, value)
+        report(f"{name}: derivative by the direction to the {direction}", worst, "< 1e-3")
+        assert worst < 1e-3, direction

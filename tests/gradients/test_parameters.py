@@ -124,6 +124,7 @@ def test_names_and_shapes():
     assert [name for name in shapes if name.startswith(("wall", "other"))] == [
         "wall.first.reflectance",
         *("wall.second.alpha", "wall.second.eta", "wall.second.k", "wall.second.reflectance"),
+        *("wall.vertices", "other.vertices"),
     ]
     assert shapes["floor.coat"] == ()
     assert [name for name in shapes if name.startswith("point.")] == ["point.power"]  # the amount that was given

@@ -1,4 +1,4 @@
-"""docs/own.md: its program runs, its model is right, and its light works like a built-in one."""
+"""docs/own/ring.py: it runs, its model is right, and its light works like a built-in one."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Report
+from conftest import ROOT, Report
 from support.covering_kernels import render_with
 from support.irradiance import EVERY_LIGHT, check, disk_irradiance, floor_scene, irradiance, pixel_mean
-from support.pages import definitions, program_of, run_program
+from support.pages import definitions, run_program
 from support.small_scenes import image_of
 
 import wrt
@@ -23,7 +23,7 @@ from wrt.upload.scene_data import SceneUpload
 
 pytestmark = pytest.mark.slow
 
-CODE = program_of("own", "ring.py")
+CODE = (ROOT / "docs/own/ring.py").read_text("utf-8")
 
 
 @pytest.fixture(scope="module", autouse=True)

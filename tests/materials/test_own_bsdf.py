@@ -1,4 +1,4 @@
-"""docs/own.md: its first program runs, its model is right, and its material works like a built-in one."""
+"""A material of one's own: its model is right, and it works like a built-in one; so does docs/own.md's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Report
+from conftest import ROOT, Report
 from support.bsdfs import Case, albedo, assert_finite, assert_weights, chi_square, reciprocity_error
 from support.pages import definitions, program_of, run_program
 from support.small_scenes import finish, image_of
@@ -22,7 +22,7 @@ from wrt.kernels.core.bsdf import MAX_SLOTS
 from wrt.scene.materials import MATERIALS
 from wrt.scene.srgb import srgb_from_linear
 
-CODE = program_of("own", "moon.py")
+CODE = (ROOT / "tests/support/moon.py").read_text("utf-8")
 
 
 def lunar_of(name: str, code: str) -> Any:
@@ -104,6 +104,31 @@ def test_check_bsdf_of_built_in_materials(capsys: pytest.CaptureFixture[str]) ->
     assert re.search("samples follow the density +p 0", out)
     with pytest.raises(wrt.InputError, match="TwoSided: give a material without parts"):
         wrt.check_bsdf(wrt.TwoSided(wrt.Diffuse(), wrt.Diffuse()))
+
+
+@pytest.mark.slow
+def test_a_model_may_depend_on_the_place(tmp_path: Path, device: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The page's flakes: another normal in each cell, right in each; the page's programs run; no gradients."""
+    try:
+        paint = definitions(program_of("own", "car_paint.py"), tmp_path / "car_paint.py")["CarPaint"]
+        for position in ((0.3, 0.4, 0.5), (1.1, -0.2, 0.9)):
+            assert wrt.check_bsdf(paint(1.0, 1.0, 0.5), position=position)
+        out = capsys.readouterr().out
+        assert len(set(re.findall("up to ([0-9.]+) % of the light", out))) == 2
+        scene = wrt.Scene(camera=wrt.OrthographicCamera((0.0, 0.0, 3.0), view_height=2.0))
+        scene.add(wrt.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0)), material=paint(0.0, 1.0, 1.0, 4.0))
+        scene.add_light(wrt.DirectionalLight((0.0, 0.0, -1.0), irradiance=1.0))
+        renderer = wrt.Renderer(scene, width=32, height=32, filter="box", device=device)
+        seen = image_of(renderer, 1)[..., 0].reshape(8, 4, 8, 4)
+        assert np.ptp(seen, axis=(1, 3)).max() < 1e-5 * seen.max()  # each of 8 x 8 cells is one flake
+        assert len(np.unique(seen[:, 0, :, 0])) > 40
+        with pytest.raises(wrt.InputError, match="model 'car_paint' has no derivatives"):
+            renderer.gradients(np.zeros((32, 32, 3)), spp=1)
+        wrt.save_scene(tmp_path / "a.toml", scene)
+        assert wrt.load(tmp_path / "a.toml").shapes[0].material == scene.shapes[0].material
+    finally:
+        MATERIALS.pop("car-paint", None)
+        BSDFS.forget("car_paint")
 
 
 @pytest.mark.slow

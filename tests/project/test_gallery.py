@@ -16,8 +16,8 @@ from support.covering_kernels import OF_PICTURES, render_with
 
 import wrt
 from wrt.scene.camera import CAMERAS
+from wrt.scene.integrators import INTEGRATORS
 from wrt.scene.materials import MATERIALS
-from wrt.scene.scene import INTEGRATORS
 from wrt.upload.accel.instancing import lay_out
 from wrt.upload.materials import MaterialTable
 
@@ -45,7 +45,7 @@ def test_steps_of_the_tutorial_replace_tables_of_its_file():
 @pytest.mark.slow
 def test_scenes_of_pictures_are_built():
     moving = {"motion-toys": "deforming", "layers": "moving", "motion-forest": "still"}
-    for name in PICTURES.keys() - {"materials", *pictures.inverse.PICTURES}:
+    for name in PICTURES.keys() - {"materials", "own", "own-integrators", *pictures.inverse.PICTURES}:
         drawing = PICTURES[name]
         tiles = getattr(drawing, "tiles", dict)()
         scene = next((picture for picture, _ in tiles.values()), getattr(drawing, "picture", drawing)).make()

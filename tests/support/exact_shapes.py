@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import wrt
 from wrt.backend.device import Device
 from wrt.kernels.accel.intersect import make_intersect
+from wrt.kernels.core.features import identifier
 from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.geometry.surface import leave, make_add_texture_coordinates, make_surface_at
@@ -55,7 +56,7 @@ def make_cast(geometry: str) -> wp.Kernel:
     add_texture_coordinates = make_add_texture_coordinates(False, True)
 
     # A module of its own: what headers define for one geometry, another must not have.
-    @wp.kernel(module=wp.get_module(f"exact_shapes_{geometry}"), enable_backward=False)
+    @wp.kernel(module=wp.get_module(f"exact_shapes_{identifier([geometry])}"), enable_backward=False)
     def cast(
         scene: SceneData,
         origins: wp.array(dtype=wp.vec3),

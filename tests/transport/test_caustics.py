@@ -38,6 +38,9 @@ Array = NDArray[np.floating[Any]]
 SIZE = 16
 SEEDS = 8
 
+SPP = 10
+"""More samples than gather the same photons, where bits are compared."""
+
 BIAS = 0.003
 """A bound on the bias of a picture's mean in the scenes below, relative to it: photons blur over its edges."""
 
@@ -451,26 +454,26 @@ def renderer(**options: Any) -> wrt.Renderer:
 
 @pytest.fixture(scope="module")
 def expected() -> Array:
-    image: Array = image_of(renderer(), 6)
+    image: Array = image_of(renderer(), SPP)
     return image
 
 
 def test_threads_slices_passes_and_seeds(expected: Array, monkeypatch: pytest.MonkeyPatch) -> None:
-    np.testing.assert_array_equal(image_of(renderer(threads=3), 6), expected)
-    np.testing.assert_array_equal(image_of(renderer(), 1, 2, 5, 6), expected)
-    assert (image_of(renderer(seed=4), 6) != expected).any()
+    np.testing.assert_array_equal(image_of(renderer(threads=3), SPP), expected)
+    np.testing.assert_array_equal(image_of(renderer(), 1, 2, 5, SPP), expected)
+    assert (image_of(renderer(seed=4), SPP) != expected).any()
     monkeypatch.setattr("wrt.slices.SLICES_PER_THREAD", 97)
-    np.testing.assert_array_equal(image_of(renderer(), 6), expected)
+    np.testing.assert_array_equal(image_of(renderer(), SPP), expected)
 
 
 def test_crops_parts_and_resumed_pictures(expected: Array, tmp_path: Path) -> None:
-    cropped = image_of(renderer(crop=(5, 3, 17, 12)), 6)
+    cropped = image_of(renderer(crop=(5, 3, 17, 12)), SPP)
     np.testing.assert_array_equal(cropped, expected[3:12, 5:17])
     finish(renderer(), 4).save_checkpoint(tmp_path / "a.ckpt")
     resumed = wrt.Renderer.resume(tmp_path / "a.ckpt", SCENES["block"]())
     assert resumed.settings.caustics
-    np.testing.assert_array_equal(image_of(resumed, 6), expected)
-    parts: list[Part] = [renderer().part(number, 2, spp=6) for number in (1, 2)]
+    np.testing.assert_array_equal(image_of(resumed, SPP), expected)
+    parts: list[Part] = [renderer().part(number, 2, spp=SPP) for number in (1, 2)]
     np.testing.assert_array_equal(wrt.merge(parts).image(), expected)
     with pytest.raises(wrt.InputError, match="caustics"):
         renderer(caustics=False).load_checkpoint(tmp_path / "a.ckpt")
@@ -488,10 +491,10 @@ def test_an_interrupted_pass_goes_on_where_it_was(expected: Array, monkeypatch: 
 
     monkeypatch.setattr(backend, "launch", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        finish(half, 6)
+        finish(half, SPP)
     monkeypatch.setattr(backend, "launch", launch)
-    assert half.film.counts.min() < 6
-    np.testing.assert_array_equal(image_of(half, 6), expected)
+    assert half.film.counts.min() < SPP
+    np.testing.assert_array_equal(image_of(half, SPP), expected)
 
 
 def test_pixels_that_stop_before_others(expected: Array) -> None:
@@ -508,10 +511,10 @@ def test_another_camera_and_a_shared_scene(expected: Array) -> None:
     moved = finish(renderer(), 2)
     moved.set_camera(wrt.PerspectiveCamera((0.0, 5.0, 4.0), (0.0, 0.3, 0.0)))
     moved.set_camera(SCENES["block"]().camera)
-    np.testing.assert_array_equal(image_of(moved, 6), expected)
-    np.testing.assert_array_equal(image_of(moved.sharing(), 6), expected)
+    np.testing.assert_array_equal(image_of(moved, SPP), expected)
+    np.testing.assert_array_equal(image_of(moved.sharing(), SPP), expected)
     plain = moved.sharing(caustics=False)
-    np.testing.assert_array_equal(image_of(plain, 6), image_of(renderer(caustics=False), 6))
+    np.testing.assert_array_equal(image_of(plain, SPP), image_of(renderer(caustics=False), SPP))
     with pytest.raises(wrt.InputError, match="make a new Renderer"):
         plain.sharing(caustics=True).sharing(caustics=True)
     assert image_of(moved.sharing(integrator="aov", layers=("object",)), 1).shape == expected.shape  # as views do

@@ -19,7 +19,7 @@ from support.statistics import t_test_mean
 import wrt
 from wrt.backend import current_backend
 from wrt.kernels.integrators.registry import INTEGRATORS as DEVICE_INTEGRATORS
-from wrt.scene.scene import INTEGRATORS
+from wrt.scene.integrators import INTEGRATORS
 from wrt.upload.integrators import integrator_features
 
 

@@ -27,9 +27,11 @@ from wrt.kernels.core.bsdf import Bsdf, Model
 from wrt.kernels.core.spmd_marks import path_function
 from wrt.kernels.lights import area_lights
 from wrt.kernels.lights.shapes import LIGHT_SHAPES
+from wrt.kernels.textures.procedures import PROCEDURES
 from wrt.scene.camera import CAMERAS
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS
+from wrt.scene.procedural import TEXTURES
 from wrt.spmd.ir import Unsupported
 from wrt.spmd.translate import wide_code
 
@@ -45,7 +47,7 @@ def scene(material: wrt.Material, light: wrt.Light, camera: wrt.Camera) -> wrt.S
 @pytest.fixture
 def registers() -> Any:
     """Leave the registers as they were found."""
-    kinds = ((MATERIALS, BSDFS), (LIGHTS, LIGHT_SHAPES), (CAMERAS, CAMERA_MODELS))
+    kinds = ((MATERIALS, BSDFS), (LIGHTS, LIGHT_SHAPES), (CAMERAS, CAMERA_MODELS), (TEXTURES, PROCEDURES))
     before = [set(register) for register, _ in kinds]
     yield
     for (register, models), names in zip(kinds, before, strict=True):
@@ -75,11 +77,13 @@ def test_copies_of_built_in_models_have_their_bits(registers: Any) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("lanes", [8, 16])
 def test_the_examples_of_the_documentation(lanes: int, registers: Any, tmp_path: Path) -> None:
-    files = ("moon.py", "ring.py", "fisheye.py")
-    moon, ring, fisheye = (definitions(program_of("own", name), tmp_path / f"page_{name}") for name in files)
-    assert not {name for tier in tiers() for name in tier.models} & {"lunar"}, "general kernels are for all processes"
+    programs = {name: program_of("own", f"{name}.py") for name in ("car_paint", "wood")}
+    programs |= {name: (ROOT / f"docs/own/{name}.py").read_text("utf-8") for name in ("ring", "fisheye")}
+    paint, wood, ring, fisheye = (definitions(code, tmp_path / f"page_{name}.py") for name, code in programs.items())
+    assert not {name for tier in tiers() for name in tier.models} & {"car_paint"}, "general kernels are for all"
     light = ring["RingLight"]((0.0, 2.5, 1.0), (0.0, -1.0, 0.0), radiance=9.0)
-    shown = scene(moon["Lunar"](0.7), light, fisheye["StereographicCamera"](**WHERE))
+    shown = scene(paint["CarPaint"](), light, fisheye["StereographicCamera"](**WHERE))
+    shown.add(wrt.sphere((1.2, 0.3, 0.0), 0.5), material=wrt.Diffuse(wood["Wood"]()))
     assert differences(shown, lanes=lanes) == []
 
 

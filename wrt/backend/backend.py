@@ -450,7 +450,8 @@ def _call(kernel: Kernel, count: int, values: list[Any]) -> None:
         if isinstance(value, Struct):
             of_value = value._bytes
         else:
-            of_value = arrays.bytes_of(np.asarray(arrays.packed(value, kind), kind))
+            # Not as the kind itself: of a vector NumPy would make one for each of its numbers.
+            of_value = arrays.bytes_of(np.asarray(arrays.packed(value, kind), kind.base))
         arguments[offset : offset + len(of_value)] = of_value
     kernel.function(ctypes.byref(Bounds(count, count, 1)), arguments.__array_interface__["data"][0])
 

@@ -17,14 +17,18 @@ from wrt.kernels.core.bsdf import Bsdf, BsdfSample, Model, slot_values
 from wrt.kernels.core.registry import model_number
 from wrt.scene.materials import Material
 from wrt.upload.tables.material_tables import pack_tables
+from wrt.values import Vec3
 
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A material of constant values, seen from the front or the back."""
+    """A material of constant values, seen from the front or the back, at a place on the surface."""
 
     material: Material
     front: bool = True
+    _: dataclasses.KW_ONLY
+    position: Vec3 = (0.3, 0.4, 0.5)
+    uv: tuple[float, float] = (0.3, 0.4)
 
     @property
     def model(self) -> Model:
@@ -55,13 +59,16 @@ class Case:
         bsdf.table = 3 + places.get(self.material.table_key or (), 0)
         return bsdf
 
+    def _place(self, device: str) -> list[Any]:
+        return [self.record(device), wp.vec3(*self.position), wp.vec2(*self.uv)]
+
     def evaluate(
         self, wo: NDArray[Any], wi: NDArray[Any], device: str
     ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return (N, 3) f |cosθi|, (N,) the density, and (N,) whether the model calls itself a delta."""
         wo, wi = np.broadcast_arrays(wo, wi)
         out = [wp.empty(len(wi), dtype=dtype, device=device) for dtype in (wp.vec3, wp.float32, wp.int32)]
-        inputs = [self.record(device), upload(wo, wp.vec3, device), upload(wi, wp.vec3, device)]
+        inputs = [*self._place(device), upload(wo, wp.vec3, device), upload(wi, wp.vec3, device)]
         wp.launch(kernels_of(self.name).evaluate, len(wi), inputs, out, device=device)
         value, pdf, delta = (array.numpy() for array in out)
         return value.astype(np.float64), pdf.astype(np.float64), delta.astype(bool)
@@ -70,7 +77,7 @@ class Case:
         """Return (N,) structured samples with the fields of BsdfSample, for (N, 3) random numbers."""
         out = wp.empty(len(u), dtype=BsdfSample, device=device)
         wo = np.broadcast_to(wo, (len(u), 3))
-        inputs = [self.record(device), upload(wo, wp.vec3, device), upload(u, wp.vec3, device)]
+        inputs = [*self._place(device), upload(wo, wp.vec3, device), upload(u, wp.vec3, device)]
         wp.launch(kernels_of(self.name).sample, len(u), inputs, [out], device=device)
         found: NDArray[Any] = out.numpy()
         return found

@@ -11,6 +11,7 @@ from wrt.checking.bsdf_cases import Case, hemisphere, sphere, uniforms, viewer
 from wrt.checking.distributions import ChiSquareResult, chi_square_test, integrate_pdf_over_bins, sphere_histogram
 from wrt.errors import InputError
 from wrt.scene.materials import Material
+from wrt.values import Vec3
 
 ANGLES = (0.0, 45.0, 80.0)
 """Degrees of incidence that `check_bsdf` tries."""
@@ -19,7 +20,13 @@ RECIPROCAL = 1e-3
 """Most relative difference of f(wo, wi) and f(wi, wo) in single precision."""
 
 
-def check_bsdf(material: Material | type[Material], *, device: str = "cpu") -> bool:
+def check_bsdf(
+    material: Material | type[Material],
+    *,
+    position: Vec3 = (0.3, 0.4, 0.5),
+    uv: tuple[float, float] = (0.3, 0.4),
+    device: str = "cpu",
+) -> bool:
     """Check the model of a material, print what was found, and return whether all holds.
 
     Samples must follow the density (χ² at 1 %) and weights be f |cosθi| / pdf. No more light may leave than comes,
@@ -27,6 +34,8 @@ def check_bsdf(material: Material | type[Material], *, device: str = "cpu") -> b
 
     Args:
         material: a material of constant values, or a class whose defaults are checked.
+        position: the point at which a model is checked that depends on it; its normals are +z.
+        uv: the texture coordinates there.
         device: where the functions run.
 
     Raises:
@@ -40,7 +49,7 @@ def check_bsdf(material: Material | type[Material], *, device: str = "cpu") -> b
     holds = True
     for front in (True, False) if case.model.transmits else (True,):
         print(f"{material}{'' if front else ', from inside'}")
-        for name, found, fault in _checks(Case(material, front), device):
+        for name, found, fault in _checks(Case(material, front, position=position, uv=uv), device):
             print(f"  {'FAULT' if fault else 'ok':<5}  {name:<34}  {fault or found}".rstrip())
             holds &= not fault
     return holds

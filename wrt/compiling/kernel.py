@@ -23,13 +23,10 @@ from wrt.backend.device import Device
 SCALAR = 1
 """The lanes of a scalar kernel."""
 
-UNLIKE_PATHS = ("whitted", "ao", "aov")
-"""Integrators whose kernels do not trace paths: they have no wide ones."""
-
 
 def has_wide(features: Any) -> bool:
     """Return whether there is a wide kernel for these features: it follows paths."""
-    return features.integrator not in UNLIKE_PATHS
+    return bool(features.integrator == "path")
 
 
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h

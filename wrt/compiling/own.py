@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 def models_from_outside(features: Any) -> list[str]:
     """Return the names in features of models that were registered from outside."""
     registry = sys.modules.get("wrt.kernels.core.registry")
-    names = (*features.models, *features.light_shapes, *features.cameras)
+    of_rays = (*features.cameras, *features.distances, *features.procedures, features.integrator)
+    names = (*features.models, *features.light_shapes, *of_rays)
     return [] if registry is None else list(registry.from_outside(names))
 
 

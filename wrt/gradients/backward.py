@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
 from wrt.gradients.kernels import GradientKernels
+from wrt.upload.materials import vary_by_place
 from wrt.values import array, integer
 
 KEYS = (
     *("slots", "texels", "emission", "lights", "environment", "environment_texels"),
-    *("media_absorption", "media_scattering", "media_emission"),
+    *("media_absorption", "media_scattering", "media_emission", "vertices", "normals"),
 )
 """What has derivatives: arrays of colours parallel to those of SceneData; see `kernels/gradients/sums.py`."""
 
@@ -30,6 +31,22 @@ PILOT = (0, -20, -40, 20)
 """Powers of two by which the unit of the first try is changed until nothing overflows."""
 
 
+def require_gradients(renderer: Any) -> None:
+    """Raise InputError unless the renderer's integrator and settings have derivatives."""
+    if renderer.integrator not in ("path", "volpath", "direct"):
+        raise InputError(f"integrator {renderer.integrator!r} has no gradients; use 'path' or 'volpath'")
+    if renderer.settings.clamp_indirect is not None:
+        raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
+    if renderer.settings.caustics:
+        raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
+    if renderer._kernel.features.distances:
+        raise InputError("pictures of shapes by distance functions have no derivatives")
+    if renderer._kernel.features.procedures:
+        raise InputError("pictures with procedural textures have no derivatives; render them to images")
+    if own := vary_by_place(renderer._kernel.features.models):
+        raise InputError(f"model {own[0].split(':')[0]!r} has no derivatives: it makes its values from places")
+
+
 class Backward:
     """The derivatives of a renderer's picture.
 
@@ -37,27 +54,26 @@ class Backward:
         rejected: summands of the last run that were not finite and were left out.
     """
 
-    def __init__(self, renderer: Any) -> None:
-        """Take a renderer, and declare the kernels for its scene.
+    def __init__(self, renderer: Any, *, vertices: bool = False) -> None:
+        """Take a renderer, and declare the kernels for its scene; with `vertices` there are derivatives by these, too.
 
         Raises:
             InputError: for an integrator other than "path", "volpath" and "direct", with clamped indirect light, or
-                with caustics by photons.
+                with caustics by photons; and of `vertices`, for scenes with what has no such derivatives.
         """
-        if renderer.integrator not in ("path", "volpath", "direct"):
-            raise InputError(f"integrator {renderer.integrator!r} has no gradients; use 'path' or 'volpath'")
-        if renderer.settings.clamp_indirect is not None:
-            raise InputError("clamped indirect light has no gradients; render without clamp_indirect")
-        if renderer.settings.caustics:
-            raise InputError("pictures with caustics by photons have no derivatives; render without caustics")
+        require_gradients(renderer)
         self._renderer, self._device = renderer, renderer.device
         features = dataclasses.replace(
             renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False
         )
-        kernel = renderer._kernel
-        if kernel.gradients is None:
-            kernel.gradients = GradientKernels(self._device, features, kernel.records)
-        self._kernels: GradientKernels = kernel.gradients
+        if vertices:
+            call = "wrt.kernels.gradients.vertices", "reason_against", features
+            if reason := self._device.backend.call(*call):
+                raise InputError(f"there are no derivatives by vertices and normals in scenes with {reason}")
+        kernel, self._vertices = renderer._kernel, vertices
+        if vertices not in kernel.gradients:
+            kernel.gradients[vertices] = GradientKernels(self._device, features, kernel.records, vertices=vertices)
+        self._kernels: GradientKernels = kernel.gradients[vertices]
         self.rejected = 0
 
     def compile(self) -> None:
@@ -124,6 +140,8 @@ class Backward:
             "media_absorption": data.media,
             "media_scattering": data.media,
             "media_emission": data.media,
+            "vertices": data.points if self._vertices else None,
+            "normals": data.normals if self._vertices else None,
         }
         counts = {key: 0 if array is None else len(array) for key, array in arrays.items()}
         return {key: 1 if key == "environment" else counts[key] for key in KEYS}

@@ -14,6 +14,8 @@ from wrt.errors import InputError
 from wrt.scene.environment import Environment
 from wrt.scene.materials import Material
 from wrt.scene.medium import Medium
+from wrt.scene.mesh import Mesh
+from wrt.scene.normals import following_normals
 from wrt.scene.scene import Scene, Shape
 from wrt.scene.textures import ImageTexture
 from wrt.values import Vec3, sealed
@@ -32,6 +34,7 @@ class Edits:
         materials: new values of fields, by the `id` of the material.
         pixels: new pixels, by the `id` of the old ones.
         emissions: new emissions, by the number of the shape.
+        vertices, normals: those of its mesh, likewise. Normals follow vertices that are given alone.
         lights: the field and its new value, by the number of the light.
         media: new values of fields, by the medium; equal media are one.
         environment: new values of the environment's fields.
@@ -41,6 +44,8 @@ class Edits:
     materials: dict[int, dict[str, Any]] = field(default_factory=dict)
     pixels: dict[int, NDArray[np.float32]] = field(default_factory=dict)
     emissions: dict[int, Vec3] = field(default_factory=dict)
+    vertices: dict[int, NDArray[np.float32]] = field(default_factory=dict)
+    normals: dict[int, NDArray[np.float32]] = field(default_factory=dict)
     lights: dict[int, tuple[str, Any]] = field(default_factory=dict)
     media: dict[Medium, dict[str, Any]] = field(default_factory=dict)
     environment: dict[str, Any] = field(default_factory=dict)
@@ -100,8 +105,17 @@ class _Edited:
         changes = {"material": self._material(shape.material), "emission": self._value(shape.emission)}
         if number in self._edits.emissions:
             changes["emission"] = self._edits.emissions[number]
+        if number in self._edits.vertices or number in self._edits.normals:
+            changes["mesh"] = self._mesh(number, shape.mesh)
         new: Shape = self._replaced(shape, changes, ("emission", number))
         return new
+
+    def _mesh(self, number: int, mesh: Mesh) -> Mesh:
+        vertices = self._edits.vertices.get(number, mesh.vertices)
+        normals = self._edits.normals.get(number)
+        if normals is None and mesh.normals is not None:
+            normals = following_normals(mesh, vertices)
+        return dataclasses.replace(mesh, vertices=vertices, normals=normals)
 
     def _value(self, value: Any) -> Any:
         """Return the value of a field of a material, or an emission, with its textures, media and parts changed."""

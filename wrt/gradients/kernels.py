@@ -39,14 +39,18 @@ def portions(spp: int, most: int) -> Iterator[tuple[int, int]]:
 class GradientKernels:
     """The kernels for the gradients of one picture."""
 
-    def __init__(self, device: Device, features: Any, records: tuple[Any, ...]) -> None:
+    def __init__(self, device: Device, features: Any, records: tuple[Any, ...], *, vertices: bool = False) -> None:
         """Declare the kernels for these features, and load the wide ones if they are compiled.
 
-        `records` are the arguments of the render kernel that hold arrays.
+        `records` are the arguments of the render kernel that hold arrays. With `vertices` there are derivatives by
+        these, too, and no wide kernels.
         """
         self._device = device
-        self._scalar = device.backend.call("wrt.kernels.gradients.gradient_pass", "make_gradient_kernel", features)
-        self._wide = [WideKernel(device, features, records, part) for part in ("radiance", "replay")]
+        self._scalar = device.backend.call(
+            "wrt.kernels.gradients.gradient_pass", "make_gradient_kernel", features, *["vertices"] * vertices
+        )
+        parts = () if vertices else ("radiance", "replay")
+        self._wide = [WideKernel(device, features, records, part) for part in parts]
         self._seconds = 0.0
         for wide in self._wide:
             wide.expect(math.inf)
@@ -54,7 +58,7 @@ class GradientKernels:
     @property
     def lanes(self) -> int:
         """Paths that the kernels follow at once."""
-        return min(wide.lanes for wide in self._wide)
+        return min((wide.lanes for wide in self._wide), default=1)
 
     def wait(self) -> None:
         """Compile the wide kernels if necessary, and load them if possible."""

@@ -21,8 +21,10 @@ from wrt.gradients.places import (
     LightAmount,
     MaterialField,
     Place,
+    Points,
     Texels,
     UnlitColor,
+    can_move,
     channel_of,
     slot_values,
 )
@@ -54,13 +56,15 @@ def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
     "floor.reflectance.texels" for the pixels of an image, "lamp.emission", "floor.first.alpha" of a Mix,
     "jar.interior.absorption"; of a light without a mesh its name or else its type, and the amount that it was given, as
     "point.intensity" or "point.power"; and "environment.radiance", "environment.texels", "environment.coefficients",
-    "medium.absorption". The second of a name has "#2" after it, as "quad#2.emission". What several shapes share has the
-    name of the first.
+    "medium.absorption"; "teapot.vertices", and "teapot.normals" where the mesh has any, of shapes without a transform,
+    a deformation or tangents. Normals follow vertices that are set, or differentiated by, without them, as in
+    `Renderer.update_vertices`. The second of a name has "#2" after it, as "quad#2.emission". What several shapes share
+    has the name of the first.
 
-    A number has the shape (), a colour (3,), an image (H, W, 3), or (H, W) where one channel of it is read or a grey
-    image is the number. Colours and pixels are linear.
+    A number has the shape (), a colour (3,), vertices (N, 3), an image (H, W, 3), or (H, W) where one channel of it is
+    read or a grey image is the number. Colours and pixels are linear.
 
-    Not among them are values whose derivative a kernel does not have: opacity and masks, weights of a Mix, vertices,
+    Not among them are values whose derivative a kernel does not have: opacity and masks, weights of a Mix,
     normal maps, vertex colours, suns and skies, grids of densities, the indices of smooth glass; values that choose
     another kernel, such as a coat of 0; and those from which tables are made, such as `alpha` of a RoughPlastic.
 
@@ -139,6 +143,7 @@ class _Names:
         self._unlit: dict[int, UnlitColor] = {}
         self._images: dict[int, list[tuple[str, Texels, ImageTexture]]] = {}
         self._is_nested = any(body.priority for shape in scene.shapes for body in bodies_of(shape.material))
+        meshes: dict[str, Place] = {}
         for number, shape in enumerate(scene.shapes):
             name = self._unused(shape.name)
             self._add_material(name, shape.material)
@@ -148,6 +153,10 @@ class _Names:
                 self._add_image(f"{name}.emission", shape.emission, number, is_number=False)
             elif shape.emits and not isinstance(shape.emission, VertexColor):
                 self.places[f"{name}.emission"] = Emission(number, shape.emission)
+            if can_move(shape):
+                meshes[f"{name}.vertices"] = Points(number, shape.mesh, "vertices")
+                if shape.mesh.normals is not None:
+                    meshes[f"{name}.normals"] = Points(number, shape.mesh, "normals")
         self._add_lights(scene)
         self._add_images()
         if scene.medium is not None:
@@ -156,6 +165,7 @@ class _Names:
         if type(environment) in OF_ENVIRONMENTS and environment_kind(resolve_environment(environment)[0]) != "none":
             name, field = OF_ENVIRONMENTS[type(environment)]
             self.places[name] = EnvironmentField(environment, field)
+        self.places |= meshes
 
     def _unused(self, name: str) -> str:
         """Return a name that nothing else has."""

@@ -19,8 +19,12 @@ from wrt.gradients.edits import Edits, amount_changes
 from wrt.gradients.sums import DeviceSums
 from wrt.linalg import product
 from wrt.scene.environment import SphericalHarmonicsEnvironment, harmonics, image_directions
+from wrt.scene.exact.analytic import Analytic
 from wrt.scene.materials import Material
 from wrt.scene.medium import Medium
+from wrt.scene.mesh import LARGEST, Mesh
+from wrt.scene.normals import through_normals
+from wrt.scene.scene import Shape
 from wrt.scene.textures import CHANNELS
 from wrt.values import color
 
@@ -126,6 +130,45 @@ class Texels:
         if self.channel is None:
             return by_texels
         return np.asarray(by_texels.sum(axis=2) if self.channel < 0 else by_texels[..., self.channel])
+
+
+def can_move(shape: Shape) -> bool:
+    """Return whether the vertices of a shape are parameters, as they are in the world."""
+    fixed = shape.transform is not None or shape.deformation is not None or shape.shadow_catcher
+    return not (fixed or isinstance(shape.mesh, Analytic) or shape.mesh.tangents is not None)
+
+
+@dataclass(frozen=True)
+class Points:
+    """The vertices of a shape, or their normals.
+
+    Attributes:
+        number: the number of the shape.
+        mesh: its mesh.
+        field: "vertices" or "normals".
+        normals_follow: whether normals depend on vertices.
+    """
+
+    number: int
+    mesh: Mesh
+    field: str
+    normals_follow: bool = True
+
+    @property
+    def value(self) -> NDArray[np.float32]:
+        return np.array(getattr(self.mesh, self.field))
+
+    def edit(self, name: str, value: Floats, edits: Edits) -> None:
+        if (largest := float(np.abs(value).max())) > LARGEST:
+            raise InputError(f"{name}: a number is {largest:g}; rays reach to {LARGEST:g}")
+        getattr(edits, self.field)[self.number] = value.astype(np.float32)
+        edits.name(("mesh", self.number), name)
+
+    def gradient(self, sums: DeviceSums) -> Floats:
+        found = sums.of_points(self.field, self.number, len(self.mesh.vertices))
+        if self.field == "vertices" and self.mesh.normals is not None and self.normals_follow:
+            found = found + through_normals(self.mesh, sums.of_points("normals", self.number, len(found)))
+        return found
 
 
 @dataclass(frozen=True)

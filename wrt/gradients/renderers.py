@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -9,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError, warn
-from wrt.gradients.backward import Backward
+from wrt.gradients.backward import Backward, require_gradients
 from wrt.gradients.parameters import edited as edited
 from wrt.gradients.parameters import known, mapping_of, parameters, places_of, require_shape
-from wrt.gradients.places import Texels
+from wrt.gradients.places import Points, Texels
 from wrt.gradients.sums import DeviceSums
 from wrt.rendering.renderer import Renderer
 from wrt.scene.scene import MAX_SPP
@@ -24,16 +25,24 @@ def gradients(
 ) -> dict[str, NDArray[np.float32]]:
     """Return the derivatives of a loss by parameters; see `Renderer.gradients`."""
     places = places_of(renderer.scene)
-    wanted = places if names is None else [names] if isinstance(names, str) else names
+    of_values = [name for name, place in places.items() if not isinstance(place, Points)]
+    wanted = of_values if names is None else [names] if isinstance(names, str) else names
     if not isinstance(wanted, Iterable):
         raise InputError(f"names must be names of parameters, not {names!r}")
     chosen = [known(name, places) for name in wanted]
     d_image = array(d_image, "d_image", np.float32)
-    backward = Backward(renderer)
+    moved = {name: place for name in chosen if isinstance(place := places[name], Points)}
+    with_normals = {place.number for place in moved.values() if place.field == "normals"}
+    for name, place in moved.items():
+        places[name] = dataclasses.replace(place, normals_follow=place.number not in with_normals)
+    if moved and renderer.has_updated_vertices:
+        raise InputError("vertices were updated, so that the scene lacks them; set them by set_parameters")
+    backward = Backward(renderer, vertices=bool(moved))
     if any(isinstance(places[name], Texels) for name in chosen):
         renderer.make_texels_editable()
     arrays = backward.run(d_image, spp, renderer.seed if seed is None else seed)
-    sums = DeviceSums(renderer._built.values, renderer._built.data, arrays)
+    built = renderer._built
+    sums = DeviceSums(built.values, built.data, arrays, built.world.first_vertices)
     found = {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
     if names is not None and np.any(d_image) and (without := [name for name in chosen if not found[name].any()]):
         warn(f"the picture does not depend on {', '.join(without)}: all derivatives are 0")
@@ -53,10 +62,12 @@ class Differentiable:
         """Keep the samples per pixel, of gradients by default as many, and the seed, by default the renderer's.
 
         Raises:
-            InputError: also if `values` have unknown names or wrong shapes, which JAX would report as its own error.
+            InputError: also if the integrator has no gradients, or `values` have unknown names or wrong shapes, which
+                JAX would report as its own error.
         """
         if not isinstance(renderer, Renderer):
             raise InputError(f"the first argument must be a wrt.Renderer, not {type(renderer).__name__}")
+        require_gradients(renderer)
         places = places_of(renderer.scene)
         for name, value in mapping_of(values).items():
             require_shape(name, places[known(name, places)], tuple(np.shape(value)))
@@ -86,4 +97,8 @@ class Differentiable:
         if any(not np.array_equal(now[name], np.asarray(value, np.float32)) for name, value in values.items()):
             self._renderer.set_parameters(values)  # another picture has been rendered since
         seed = (self._seed + BETWEEN_SEEDS) % 2**32
-        return self._renderer.gradients(d_image, names, spp=self._gradient_spp, seed=seed)
+        # Normals that are given do not follow vertices.
+        names = list(names)
+        given = [name for name in values if name.endswith(".normals") and name[:-7] + "vertices" in names]
+        found = self._renderer.gradients(d_image, {*names, *given}, spp=self._gradient_spp, seed=seed)
+        return {name: found[name] for name in names}

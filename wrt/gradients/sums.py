@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,30 @@ from wrt.upload.textures.pyramid import summed_levels
 
 Floats = NDArray[np.float64]
 
+NO_VERTICES: Mapping[int, int] = MappingProxyType({})
+
 
 class DeviceSums:
     """Derivatives of a loss by the values of a scene on a device.
 
     Their arrays, by name, are parallel to those of SceneData: "slots" (S, 3), "texels" (T, 3), "lights" (L, 3),
     "emission" (shapes, 3), "environment" (3,), "environment_texels" (N, 3), "media_absorption", "media_scattering" and
-    "media_emission" (media, 3). Those of lights with triangles are in "emission", not in "lights".
+    "media_emission" (media, 3), "vertices" and "normals" (points, 3). Those of lights with triangles are in "emission",
+    not in "lights".
     """
 
-    def __init__(self, values: SceneValues, data: Any, arrays: Mapping[str, Floats]) -> None:
-        """Keep the arrays of a scene's values, which are those of a SceneData struct."""
-        self._values, self._data, self._arrays = values, data, arrays
+    def __init__(
+        self,
+        values: SceneValues,
+        data: Any,
+        arrays: Mapping[str, Floats],
+        first_vertices: Mapping[int, int] = NO_VERTICES,
+    ) -> None:
+        """Keep the arrays of a scene's values, which are those of a SceneData struct.
+
+        `first_vertices` are the numbers of the first vertices of shapes.
+        """
+        self._values, self._data, self._arrays, self._first = values, data, arrays, first_vertices
         self._fetched: dict[str, NDArray[Any]] = {}
 
     def __getitem__(self, name: str) -> Floats:
@@ -66,6 +79,10 @@ class DeviceSums:
     def of_emission(self, number: int) -> Floats:
         """Return the derivative by the emission of a shape, (3,)."""
         return np.asarray(self["emission"][number])
+
+    def of_points(self, name: str, number: int, count: int) -> Floats:
+        """Return the derivative by the "vertices" or the "normals" of a shape, which are so many, (count, 3)."""
+        return self[name][self._first[number] : self._first[number] + count]
 
     def of_light(self, number: int) -> Floats:
         """Return the derivative by the value of a light without a mesh, (3,)."""

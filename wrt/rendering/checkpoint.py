@@ -19,6 +19,7 @@ from wrt.errors import InputError
 from wrt.io.npy import read_archive
 from wrt.io.safe_read import PathLike, first_line, forget_input, read_file
 from wrt.io.safe_write import Kind, write_atomically
+from wrt.scene.integrators import INTEGRATORS, Integrator
 from wrt.scene.layers import LIGHT_GROUPS
 from wrt.scene.scene import RenderSettings, Scene
 
@@ -31,6 +32,9 @@ SETTINGS_OF_PICTURE = tuple(
     if field.name not in ("spp", "noise", "adaptive", "denoise", "tone", "exposure", "edge_color")
 )
 """The fields of `RenderSettings` that change a picture; checkpoints store them."""
+
+NUMBERS = "numbers of the integrator"
+"""The key in a header of an integrator of one's own."""
 
 FORMAT = 1
 _HEADER = "header"
@@ -154,11 +158,35 @@ def identity_of(renderer: Renderer) -> dict[str, Any]:
         "strategy": renderer.strategy,
         "crop": list(renderer.crop) if renderer.crop != (0, 0, renderer.width, renderer.height) else None,
         "integrator": renderer.integrator,
+        **_numbers_of(renderer.settings.integrator),
         "layers": list(renderer.settings.layers),
         "light_groups": list(renderer.scene.light_groups) if LIGHT_GROUPS in renderer.settings.layers else [],
         "light_choice": renderer.light_choice,
         "scene": scene_fingerprint(renderer.scene),
     }
+
+
+def _numbers_of(integrator: str | Integrator | None) -> dict[str, str]:
+    """Return the numbers of an integrator of one's own, under the key by which others have none."""
+    if not isinstance(integrator, Integrator):
+        return {}
+    return {NUMBERS: json.dumps(dataclasses.asdict(integrator))}
+
+
+def integrator_in(header: dict[str, Any]) -> Any:
+    """Return the integrator of a header: a name, or one of one's own with its numbers.
+
+    Raises:
+        InputError: if it has no such numbers.
+    """
+    name = header.get("integrator")
+    cls = INTEGRATORS.get(name) if isinstance(name, str) else None
+    if cls is None or NUMBERS not in header:
+        return name
+    try:
+        return cls(**json.loads(header[NUMBERS]))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"integrator {name!r} does not have the {NUMBERS}: {error}") from None
 
 
 def scene_fingerprint(scene: Scene) -> dict[str, str]:

@@ -109,14 +109,20 @@ class EditablePicture(Picture):
         number = shape_number(self.scene, shape)
         if self.scene.shapes[number].shadow_catcher:
             raise InputError("the vertices of a shadow catcher cannot be updated; make a new Renderer")
-        self._built.world.update(number, self.scene.shapes[number], vertices, normals)
-        if self._built.casters is not None:
-            self._built.casters.enclose(self.device.backend.fetch(self._built.data.points))
+        if self.scene.shapes[number].emits:
+            name = self.scene.shapes[number].name
+            raise InputError(f"{name}: vertices of an emitting shape cannot be updated; make a new Renderer")
+        self._move(number, self.scene.shapes[number], vertices, normals)
         self.has_updated_vertices = True
         self._clear()
 
+    def _move(self, number: int, shape: Shape, vertices: Any, normals: Any) -> None:
+        self._built.world.update(number, shape, vertices, normals)
+        if self._built.casters is not None:
+            self._built.casters.enclose(self.device.backend.fetch(self._built.data.points))
+
     def set_parameters(self, values: Mapping[str, Any]) -> None:
-        """Restart the picture with other values of the scene's parameters; geometry, trees and kernels stay.
+        """Restart the picture with other values of the scene's parameters; nothing is built again.
 
         The picture then has the same bits as a new Renderer's of the changed scene, which is `scene` from then on;
         `wrt.save_scene` writes it.
@@ -141,7 +147,7 @@ class EditablePicture(Picture):
 
         Args:
             d_image: (H, W, 3), derivative of the loss by the mean radiance of each pixel; see `image`.
-            names: parameters, as `wrt.parameters` names them; by default all.
+            names: parameters, as `wrt.parameters` names them; by default all but vertices and normals.
             spp: samples per pixel.
             seed: 0 to 2³² − 1; by default the picture's, whose first `spp` samples are then differentiated.
 
@@ -149,8 +155,8 @@ class EditablePicture(Picture):
             An array for each parameter, of its shape.
 
         Raises:
-            InputError: on an array of another shape or with values that are not finite, unknown names, or an integrator
-                or caustics that have no derivatives.
+            InputError: on an array of another shape or with values that are not finite, unknown names, or what has no
+                derivatives: an integrator, caustics; for vertices also some surfaces and lights.
         """
         found: dict[str, NDArray[np.float32]] = _above.gradients().gradients(self, d_image, names, spp, seed)
         return found
@@ -164,7 +170,17 @@ class EditablePicture(Picture):
         """Upload the values of a scene that differs from this one in values of its parameters alone."""
         has_environment = scene.environment is not self.scene.environment
         is_first = not self._built.values.materials.is_editable
+        changes = list(enumerate(zip(scene.shapes, self.scene.shapes, strict=True)))
+        moved = [(number, new) for number, (new, old) in changes if new.mesh is not old.mesh]
+        for number, shape in moved:
+            self._built.world.require(number, shape)
+        if moved and self.has_updated_vertices:
+            raise InputError("vertices were updated, so that the scene lacks them; make a new Renderer")
         self._built.values.change(scene)
+        for number, shape in moved:
+            self._move(number, shape, shape.mesh.vertices, shape.mesh.normals)
+        if moved:
+            self._built.look_from(self.camera)
         for name in ("shapes", "lights", "environment", "medium"):  # of all renderers that share the scene
             setattr(self.scene, name, getattr(scene, name))
         if is_first or (has_environment and self.integrator == "whitted"):

@@ -21,6 +21,7 @@ from wrt.backend.processor import arithmetic_of
 from wrt.errors import InputError
 from wrt.io.safe_read import PathLike, first_line
 from wrt.rendering.checkpoint import (
+    NUMBERS,
     SETTINGS_OF_PICTURE,
     identity_of,
     kind_of_state,
@@ -80,6 +81,8 @@ class Part:
         """The settings of the picture."""
         identity = self.header["identity"]
         stored = {name: identity[name] for name in SETTINGS_OF_PICTURE}
+        if NUMBERS in identity:  # merging needs no integrator of one's own
+            stored["integrator"] = group_name(identity["integrator"], "integrator") and None
         return RenderSettings(**stored, **{name: self.header["developing"][name] for name in DEVELOPING})
 
     @property

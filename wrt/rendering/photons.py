@@ -1,8 +1,8 @@
 """Sets of photons, each for a few samples of the pixels: sample i of any pixel gathers those of set i / `samples`.
 
 Where shapes move, each sample has a smaller set, whose time is that of the sample in all pixels: so light falls where
-things are. Times are as even as those of a pixel without photons. Four samples of one time would show a fast thing
-four times as coarsely.
+things are. Times are as even as those of a pixel without photons. Several samples of one time would show a fast thing
+as coarsely as fewer samples do.
 
 A set is a function of the seed and its number, so pictures do not depend on passes, crops or what was resumed. Radii
 shrink from set to set as by Knaus and Zwicker, "Progressive photon mapping: a probabilistic approach" (2011), eq. 20:
@@ -39,8 +39,10 @@ FIRST_CROWD = 32.0
 FEWEST, MOST = 1 << 14, 1 << 20
 """Photons of a set."""
 
-MOST_SAMPLES = 4
-"""Samples of a pixel that gather the same set; there is a photon for every two of the paths, which take as long."""
+MOST_SAMPLES = 8
+"""Samples of a pixel that gather the same set; there is a photon for every four paths. At equal seconds the errors of a
+glass ball under a small lamp and of `still-life` are 1.43 and 0.52 %; 1.50 and 0.62 % with 4, 1.65 and 0.47 % with 16.
+"""
 
 
 def squared_shrinkage(number: float) -> float:
@@ -74,7 +76,7 @@ class Photons:
         self._device, self._casters, self._seed = device, casters, seed
         self._size = width, height
         self._count = min(max(2 * width * height, FEWEST), MOST)
-        self.samples = min(max(2 * self._count // (width * height), 1), MOST_SAMPLES)
+        self.samples = min(max(4 * self._count // (width * height), 1), MOST_SAMPLES)
         self._share = 1.0
         if features.shares_times:
             self._share = 1.0 / self.samples

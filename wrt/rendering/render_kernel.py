@@ -37,7 +37,8 @@ class RenderKernel:
         records: its arguments that hold arrays, from `start` on.
         wide: the scene's own wide kernel, from `start` on.
         seconds_after: time that other pictures of the same kernel take after this one.
-        gradients: the kernels of the picture's gradients, once there are some (see `wrt.gradients.kernels`).
+        gradients: the kernels of the picture's gradients, without and with those by vertices (see
+            `wrt.gradients.kernels`), once there are some.
     """
 
     def __init__(self, device: Device, features: Any, width: int, height: int, *, read: Any = None) -> None:
@@ -52,7 +53,7 @@ class RenderKernel:
         """
         self.records: tuple[Any, ...] = ()
         self.seconds_after = 0.0
-        self.gradients: Any = None
+        self.gradients: dict[bool, Any] = {}
         self._device, self.features = device, features
         self._width, self._height = width, height
         self._stand_in: WideKernel | None = None

@@ -31,10 +31,10 @@ from wrt.studio.framing import with_camera
 from wrt.upload.camera import filter_table, outside_cameras
 from wrt.upload.integrators import (
     WITH_PHOTONS,
-    WITHOUT_LIGHT,
     choose_integrator,
     hint_at_caustics,
     integrator_features,
+    needs_light,
     path_settings,
 )
 from wrt.upload.lights.choice import LIGHT_CHOICES
@@ -96,7 +96,7 @@ class Renderer(EditablePicture):
         self.strategy = one_of(strategy, STRATEGIES, "strategy")
         self.light_choice = one_of(light_choice, LIGHT_CHOICES, "light_choice")
         self.scene = with_camera(scene, self.width / self.height)
-        if self.integrator not in WITHOUT_LIGHT and not has_light(self.scene):
+        if needs_light(self.integrator) and not has_light(self.scene):
             warn("the scene has no light: the picture will be black", UserWarning)
         hint_at_caustics(self.scene, self.settings, self.integrator)
         self.has_updated_vertices = False
@@ -225,7 +225,7 @@ class Renderer(EditablePicture):
         return [*self._kernel.to_compile(), *(self._photons.kernels if self._photons else ())]
 
     def _start_kernel(self) -> None:
-        path = path_settings(self.scene, self.settings, self.integrator)
+        path = path_settings(self.scene, self.settings, self.integrator, self.device.name)
         path.strategy = STRATEGIES.index(self.strategy)
         table = self.device.backend.array(filter_table(self.settings.filter), float, self.device.name)
         self._shared_inputs = [self._device_camera(), table, self._built.data, path]
@@ -461,6 +461,7 @@ class Renderer(EditablePicture):
         names = ("seed", "strategy", "light_choice", *checkpoint.SETTINGS_OF_PICTURE)
         options: dict[str, Any] = {name: header.get(name) for name in names}
         try:
+            options["integrator"] = checkpoint.integrator_in(header)
             renderer = cls(scene, device=device, threads=threads, **options)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None

@@ -127,6 +127,39 @@ def following_normals(mesh: Mesh, vertices: NDArray[np.float32]) -> NDArray[np.f
     return _smooth(moved, together).astype(np.float32)
 
 
+def through_normals(mesh: Mesh, gradient: _Float) -> _Float:
+    """Return (N, 3) derivatives by the vertices of a mesh, from those by the normals that follow them."""
+    assert mesh.normals is not None
+    together = same_positions(np.hstack([mesh.vertices, mesh.normals]))
+    corners = mesh.vertices.astype(np.float64)[mesh.faces]
+    edges = np.roll(corners, -1, axis=1) - corners  # from each corner to the next
+    back = -np.roll(edges, 1, axis=1)  # and to the one before
+    across = np.cross(edges[:, 0], back[:, 0])
+    size = np.linalg.norm(across, axis=1)
+    solid = size > 0.0
+    across, size, edges, back, faces = (each[solid] for each in (across, size, edges, back, mesh.faces))
+    groups = together[faces]
+    units = across / size[:, None]
+    angles = np.arctan2(size[:, None], (edges * back).sum(axis=2))
+    total, of_groups = np.zeros((2, len(mesh.vertices), 3))
+    np.add.at(total, groups, angles[..., None] * units[:, None])
+    np.add.at(of_groups, together, gradient)
+    length = np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(float).tiny)
+    normals = total / length
+    of_groups = (of_groups - normals * (normals * of_groups).sum(axis=1, keepdims=True)) / length
+    by_sums = of_groups[groups]  # of each corner, by the sum to which it adds
+    by_units = (angles[..., None] * by_sums).sum(axis=1)
+    by_across = (by_units - units * (units * by_units).sum(axis=1, keepdims=True)) / size[:, None]
+    by_angles = (by_sums * units[:, None]).sum(axis=2, keepdims=True)
+    by_edges = -by_angles * np.cross(units[:, None], edges) / (edges**2).sum(axis=2, keepdims=True)
+    by_back = by_angles * np.cross(units[:, None], back) / (back**2).sum(axis=2, keepdims=True)
+    by_edges[:, 0] += np.cross(back[:, 0], by_across)
+    by_back[:, 0] += np.cross(by_across, edges[:, 0])
+    found = np.zeros((len(mesh.vertices), 3))
+    np.add.at(found, faces, np.roll(by_edges, 1, axis=1) + np.roll(by_back, -1, axis=1) - by_edges - by_back)
+    return found
+
+
 def same_positions(vertices: NDArray[np.float32]) -> _Int:
     """Return (N,) indices, numbered without gaps, that are equal for vertices at the same position."""
     count = len(vertices)

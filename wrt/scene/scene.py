@@ -20,6 +20,8 @@ from wrt.scene.description import Check, Description, Flag, GroupName, instance_
 from wrt.scene.developing import DEFAULT_TONE, EXPOSURE_SCHEMA, TONE_SCHEMA, check_exposure, check_tone
 from wrt.scene.environment import Environment
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.distances import DistanceShape
+from wrt.scene.integrators import INTEGRATORS, Integrator, integrator_of
 from wrt.scene.layers import REST, SHADOW, layer_names
 from wrt.scene.lights import LIGHTS, Light
 from wrt.scene.materials import Diffuse, Material, Unlit
@@ -37,9 +39,6 @@ FILTERS = ("box", "tent", "gaussian", "blackman-harris")
 SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
 """Samplers by name; docs/sampling.md compares them."""
 
-INTEGRATORS = ("path", "volpath", "direct", "whitted", "ao", "aov")
-"""Integrators by name; docs/integrators.md describes them."""
-
 MAX_SPP = 2**30
 """Most samples per pixel: a wide kernel takes several at once, and must not count beyond 32 bits."""
 
@@ -51,7 +50,9 @@ def _matrix_or_motion(value: object, name: str) -> NDArray[np.float64] | Motion:
     return value if isinstance(value, Motion) else affine_matrix(value, name, " or a wrt.Motion")
 
 
-_Mesh = Annotated[Mesh, instance_of(Mesh, "; wrt.load_mesh makes one of a file or a trimesh object")]
+_mesh = instance_of(Mesh, "; wrt.load_mesh makes one of a file or a trimesh object")
+
+_Mesh = Annotated[Mesh, lambda value, name: _mesh(value.mesh if isinstance(value, DistanceShape) else value, name)]
 _Placement = Annotated[NDArray[np.float64] | Motion | None, optional(_matrix_or_motion)]
 _Deformation = Annotated[Deformation | None, optional(instance_of(Deformation))]
 
@@ -189,7 +190,7 @@ class RenderSettings(Description):
         denoise: whether saved pictures are denoised.
         crop: part of the picture to render: first column and row, and the column and row after the last.
         max_scatterings: maximum number of scattering events along a path.
-        integrator: one of INTEGRATORS; None for "volpath" if media scatter, else "path".
+        integrator: a name, or one of your own; None for "volpath" if media scatter, else "path".
         min_attenuation: integrator "whitted" ends rays whose throughput is below this.
         jittered_rays: rays, 0 to 16, that integrator "whitted" sends on where it first meets a "glossy" material; with
             0 that has direct light alone.
@@ -221,7 +222,7 @@ class RenderSettings(Description):
     sampler: Annotated[str, word_of(SAMPLERS)] = "sobol"
     exposure: Annotated[float | str | None, EXPOSURE_SCHEMA, _nameless(check_exposure)] = None
     crop: tuple[int, int, int, int] | None = None
-    integrator: Annotated[str | None, optional(word_of(INTEGRATORS))] = None
+    integrator: Annotated[str | Integrator | None, optional(partial(integrator_of, words=INTEGRATORS))] = None
     max_scatterings: Annotated[int, partial(integer, minimum=0, maximum=65535)] = 4096
     min_attenuation: _Share = 0.005
     jittered_rays: Annotated[int, partial(integer, minimum=0, maximum=MOST_JITTERED_RAYS)] = 1
@@ -342,9 +343,9 @@ class Scene:
         """Add a mesh and return the new shape.
 
         Args:
-            mesh: a Mesh, the path of a mesh file, or an object of trimesh, PyVista, Open3D, or with `vertices` and
-                `faces`. Files and objects bring their materials and may have several parts, whose shapes are returned
-                in a list. A light is added as by `add_light`, and takes no options.
+            mesh: a Mesh or DistanceShape, the path of a mesh file, or an object of trimesh, PyVista, Open3D, or with
+                `vertices` and `faces`. Files and objects bring their materials and may have several parts, whose shapes
+                are returned in a list. A light is added as by `add_light`, and takes no options.
             material: a material, the name of one such as "gold", a colour, or an image file for the texture.
             options: other attributes of Shape: emission, two_sided_emission, name, transform, deformation,
                 double_sided, edges, shadow_catcher.
@@ -359,6 +360,8 @@ class Scene:
             return self.add_light(mesh)
         if material is not None:
             options["material"] = _above.objects().material_of(material)
+        if isinstance(mesh, DistanceShape):
+            mesh = mesh.mesh
         if isinstance(mesh, Mesh):
             made = [Shape(mesh, **{"name": mesh.name, **options})]
         else:

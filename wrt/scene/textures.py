@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from functools import partial
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrt.errors import InputError
-from wrt.scene.description import Color, Description, Flag, Number, optional, word_of
+from wrt.scene.description import Color, Description, Flag, Kind, Number, optional, word_of
 from wrt.values import ColorLike, image, integer, number, one_of, pair
 
 CHANNELS = ("r", "g", "b")
@@ -192,12 +192,57 @@ class NormalMap(Description):
         return _placement(self.uv_scale, self.uv_rotation_degrees, self.uv_offset)
 
 
-ColorSource: TypeAlias = ColorLike | ImageTexture | VertexColor
-"""A constant colour, an image, or the mesh's vertex colours."""
+@dataclass(frozen=True)
+class Texture(Kind):
+    """Base of procedural textures: functions of a point on the surface. Not used by itself.
+
+    They stand wherever an image may, but for what emits light. `model` names the device function, which reads the
+    attributes in `slot_names` in that order, each a number or a colour.
+
+    Attributes:
+        factor: multiplies the values.
+    """
+
+    _: KW_ONLY
+    factor: Color = 1.0
+
+    slot_names: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def slots(self) -> tuple[ColorLike, ...]:
+        """The values that the device function reads."""
+        return tuple(getattr(self, name) for name in self.slot_names)
+
+    @property
+    def bounds(self) -> tuple[ColorLike, ...]:
+        """Colours between which its own lie, by which they are checked; none if that is unknown."""
+        return ()
+
+    @property
+    def needs_uv(self) -> bool:
+        """Whether it reads texture coordinates, so that meshes without are warned of."""
+        return False
+
+
+ColorSource: TypeAlias = ColorLike | ImageTexture | VertexColor | Texture
+"""A constant colour, an image, the mesh's vertex colours, or a procedural texture."""
+
+Varying: TypeAlias = ImageTexture | VertexColor | Texture
+VARYING = (ImageTexture, VertexColor, Texture)
+"""What varies over a surface."""
+
+
+def checked_texture(texture: Varying, check: Callable[[Any], Any]) -> Varying:
+    """Return a texture of which `check` accepts all known values."""
+    for color_or_number in texture.bounds if isinstance(texture, Texture) else ():
+        check(np.multiply(color_or_number, texture.factor).tolist())
+    return texture
 
 
 def shines(emission: ColorSource) -> bool:
     """Return whether a checked emission is not black everywhere."""
+    if isinstance(emission, Texture):
+        raise InputError(f"a {emission.type_name} texture cannot emit: lights are chosen by a power that it lacks")
     if isinstance(emission, ImageTexture):
         return any(emission.factor) and bool(emission.pixels.any())  # type: ignore[arg-type]
     return any(emission.factor if isinstance(emission, VertexColor) else emission)  # type: ignore[arg-type]

@@ -13,6 +13,7 @@ from wrt.kernels.core.features import Features
 from wrt.kernels.gradients.gradient_pass import make_gradient_kernel, of_gradients
 from wrt.kernels.native import at_file_level
 from wrt.kernels.render import make_render_kernel, of_pass
+from wrt.kernels.textures.procedures import model_of as procedure_of
 from wrt.spmd.translate import wide_code
 
 
@@ -75,6 +76,8 @@ def _header(kernel: wp.Kernel, features: Features, lanes: int) -> Callable[[], N
     code = wide_code(kernel, lanes)
     # A material has as many slots as the scene's models read, instead of the maximum. That many take 3 KB in sixteen
     # lanes, copied several times at each surface: glossy 1.02, textures 1.04.
-    slots = max((model_of(name).slots for name in features.models), default=0)
-    code = re.sub(rf"(Matrix|mat_t|make_mat)<{MAX_SLOTS}, ?3,", rf"\g<1><{max(slots, 1)}, 3,", code)
+    models = [model_of(name) for name in features.models]
+    slots = [1, *(model.slots if model.at is None else MAX_SLOTS for model in models)]
+    slots += [procedure_of(name).slots for name in features.procedures]
+    code = re.sub(rf"(Matrix|mat_t|make_mat)<{MAX_SLOTS}, ?3,", rf"\g<1><{max(slots)}, 3,", code)
     return at_file_level(code, "wide_code")

@@ -12,8 +12,8 @@ from wrt.spmd.ir import Unsupported
 def library(lanes: int, *, exact: str = "", adjoints: bool = False) -> str:
     """Return the C++ that all wide code with this number of lanes begins with.
 
-    `exact` is a header that comes first: "exact/with_spheres.h" or "exact/with_quadrics.h" if kernels test spheres, or
-    disks and cylinders, too. `adjoints` adds those of Warp's functions.
+    `exact` is a header that comes first: one of "exact/with_*.h" if kernels test exact shapes, too. `adjoints` adds
+    those of Warp's functions.
     """
     define = text_of(exact) if exact else ""
     last = text_of("lanes/adjoints.h") if adjoints else ""

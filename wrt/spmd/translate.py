@@ -53,7 +53,8 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
     (path,) = paths
     types = Types([*functions, pixels], structs, elements)
     headers = {n for f in builder.functions for header in included_by(f) for n in headers_of(header)}
-    exact = next((header for header in ("exact/with_quadrics.h", "exact/with_spheres.h") if header in headers), "")
+    kinds = ("exact/with_boxes.h", "exact/with_quadrics.h", "exact/with_spheres.h")
+    exact = next((header for header in kinds if header in headers), "")
     gradients = {name.removeprefix("grad_") for f in functions for name in calls(f.body) if name.startswith("grad_")}
     out = [library(lanes, exact=exact, adjoints=bool(gradients))]
     out.append(types.declarations([a.type for a in pixels.arguments]))

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.backend import current_backend
+from wrt.errors import InputError
 from wrt.linalg import norm
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.distances import Distances
 from wrt.scene.materials import Material
 from wrt.scene.mesh import Mesh
 from wrt.scene.scene import Scene
@@ -84,6 +86,8 @@ def upload_casters(scene: Scene, layout: Layout, first_triangles: NDArray[np.int
         share = share_of_photons(scene.shapes[shape].material)
         if share == 0.0:
             continue
+        if isinstance(meshes[0], Distances):
+            raise InputError(f"{scene.shapes[shape].name}: photons cannot be aimed at shapes by distance functions")
         rows = np.zeros(len(meshes[0].faces), k.Caster.numpy_dtype())
         rows["triangle"] = first_triangles[shape] + np.arange(len(rows))
         rows["instance"], rows["shape"] = instance, shape

@@ -12,6 +12,7 @@ from wrt.backend import current_backend
 from wrt.errors import Hint, InputError, warn
 from wrt.linalg import product
 from wrt.scene.environment import ConstantEnvironment, ImageEnvironment
+from wrt.scene.integrators import INTEGRATORS, Integrator, integrator_name
 from wrt.scene.layers import LIGHT_GROUPS
 from wrt.scene.materials import ThinDielectric
 from wrt.scene.materials.body import bodies_of
@@ -24,13 +25,13 @@ if TYPE_CHECKING:
     from wrt.kernels.core.features import Features
 
 WITHOUT_LIGHT = ("ao", "aov")
-"""Integrators that can render a scene without light."""
+"""Built-in integrators that can render a scene without light."""
 
 WITH_PHOTONS = ("path", "volpath")
 """Integrators whose paths gather photons."""
 
-WITHOUT_GROUPS = ("whitted", *WITHOUT_LIGHT)
-"""Integrators that do not tell groups of lights apart."""
+WITH_GROUPS = ("path", "volpath", "direct")
+"""Integrators that tell groups of lights apart."""
 
 DIRECT_DEPTH = 2
 """Segments of a path with direct lighting only."""
@@ -38,6 +39,11 @@ DIRECT_DEPTH = 2
 DEEPEST_WHOLE_TREE = 20
 WHOLE_TREE_ATTENUATION = 1e-6
 """A ray tree that attenuation does not prune may have 2^depth rays, a million at this depth."""
+
+
+def needs_light(integrator: str) -> bool:
+    """Return whether a picture is black if the scene has no light."""
+    return integrator not in WITHOUT_LIGHT and INTEGRATORS[integrator] is None
 
 
 def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
@@ -48,13 +54,13 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
             cannot.
     """
     scatters = any(medium.scatters for medium in scene.media)
-    name = settings.integrator or ("volpath" if scatters else "path")
+    name = integrator_name(settings.integrator) or ("volpath" if scatters else "path")
     if settings.wireframe:
         name = "aov"  # there is no light to show
     if settings.caustics and (obstacle := _obstacle_to_photons(scene, settings, name)):
         raise InputError(obstacle)
     if LIGHT_GROUPS in settings.layers:
-        if name in WITHOUT_GROUPS:
+        if name not in WITH_GROUPS:
             raise InputError(f"integrator {name!r} has no layers of light groups; use 'path' or 'volpath' for them")
         kernels = current_backend().kernels
         groups, most = scene.light_groups, kernels("wrt.kernels.integrators.light_groups").GROUPS - 1
@@ -64,6 +70,8 @@ def choose_integrator(scene: Scene, settings: RenderSettings) -> str:
         return name
     if name in ("path", "direct", "whitted") and scatters:
         warn(f"integrator {name!r} ignores scattering in media; use 'volpath' for it", UserWarning)
+    if INTEGRATORS[name] is not None and scene.media:
+        warn(f"integrator {name!r} ignores media; use 'volpath' for them", UserWarning)
     bodies = (body for shape in scene.shapes for body in bodies_of(shape.material))
     if name == "whitted" and any(getattr(body, "dispersion", 0.0) for body in bodies):
         what = "ignores dispersion and refracts all colours as green"
@@ -117,17 +125,21 @@ def integrator_features(features: Features, integrator: str, settings: RenderSet
     if integrator in ("path", "volpath"):
         clamped, regularized = settings.clamp_indirect is not None, settings.regularization > 0.0
         return dataclasses.replace(features, clamped=clamped, regularized=regularized)
+    if integrator != "whitted":
+        features = dataclasses.replace(features, media="none", grid_media=False, nested=False)
     if integrator in WITHOUT_LIGHT:
-        features = dataclasses.replace(
-            features, media="none", grid_media=False, nested=False, environment="none", light_shapes=()
-        )
+        features = dataclasses.replace(features, environment="none", light_shapes=())
         if "albedo" not in settings.layers:
             features = dataclasses.replace(features, models=())
+    if (cls := INTEGRATORS[integrator]) is not None:
+        from wrt.kernels.integrators.own import OWN_INTEGRATORS
+
+        integrator = OWN_INTEGRATORS.current_name(cls.type_name.replace("-", "_"))
     return dataclasses.replace(features, integrator=integrator)
 
 
-def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> Any:
-    """Return the kernels' PathSettings, except for the strategy."""
+def path_settings(scene: Scene, settings: RenderSettings, integrator: str, device: str) -> Any:
+    """Return the kernels' PathSettings for a device, except for the strategy."""
     backend = current_backend()
     intersect = backend.kernels("wrt.kernels.core.ray_tree")
     path = backend.kernels("wrt.kernels.integrators.path_state").PathSettings()
@@ -141,8 +153,21 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str) -> An
     path.clamp_indirect = 0.0 if settings.clamp_indirect is None else settings.clamp_indirect
     path.is_sobol = int(settings.sampler == "sobol")
     path.hides_lights = int(settings.transparent)
+    if isinstance(settings.integrator, Integrator):
+        path.own = backend.array(_packed(settings.integrator), float, device)
     path.widening = 0.5 * settings.regularization**2  # α² of a slope's variance σ² is 2σ²
     return path
+
+
+def _packed(integrator: Integrator) -> NDArray[np.float32]:
+    """Return the numbers of an integrator in the memory of its kernels' struct."""
+    from wrt.kernels.integrators.own import OWN_INTEGRATORS
+
+    record = OWN_INTEGRATORS.model_of(OWN_INTEGRATORS.current_name(integrator.model)).Numbers.ctype()
+    for name, value in dataclasses.asdict(integrator).items():
+        setattr(record, name, value)
+    memory = bytes(record)
+    return np.frombuffer(memory.ljust(-(-len(memory) // 4) * 4, bytes(1)), np.float32)
 
 
 def mean_radiance(scene: Scene) -> NDArray[np.float64]:

@@ -15,11 +15,13 @@ from wrt.scene.materials import Material, Mix, TwoSided
 from wrt.scene.textures import (
     CHANNELS,
     NORMAL_CONVENTIONS,
+    VARYING,
     WRAPS,
     ColorSource,
     FirstAlike,
     ImageTexture,
     NormalMap,
+    Texture,
     VertexColor,
 )
 from wrt.upload.arrays import packed
@@ -42,7 +44,8 @@ class MaterialTable:
         models: names of all reflection models, sorted.
         textured: whether any value is an image or a vertex colour.
         uv2_alpha: whether any texture uses second texture coordinates or the alpha of vertex colours.
-        mipmapped: whether any image has mip levels.
+        mipmapped: whether any image has mip levels, or a procedural texture is filtered.
+        procedures: names of the models of all procedural textures, sorted.
         composite: which composite materials there are, as in Features.
         tangents: whether any material depends on the direction of texture coordinates, or has a normal map.
     """
@@ -77,10 +80,13 @@ class MaterialTable:
         self.models = tuple(sorted({self._model_name(material) for material in simple}))
         values = [value for material in self.materials for value in (*material.slots, material.opacity)]
         varying = [value for value in (*values, *emissions) if _varies(value)]
-        self.textured = bool(varying)
+        self.textured = bool(varying) or bool(vary_by_place(self.models))
+        textures = [value for value in varying if isinstance(value, Texture)]
+        self.procedures = tuple(sorted({procedure_name(texture) for texture in textures}))
         self.uv2_alpha = any(_needs_uv2_alpha(value) for value in varying)
         self.uv2_alpha |= any(normals.uv_set == 1 for material in simple for normals in material.normal_maps)
         self.mipmapped = any(isinstance(value, ImageTexture) and value.has_levels for value in varying)
+        self.mipmapped |= bool(textures)
         self.composite = "none"
         if any(material.opacity != 1.0 for material in self.materials):
             self.composite = "holes"
@@ -142,6 +148,9 @@ class MaterialTable:
         from wrt.kernels.core.registry import model_number
 
         k = current_backend().kernels("wrt.kernels.core.scene_data")
+        for value in (*material.slots, material.opacity):
+            if isinstance(value, Texture):
+                self._slots.add_values(value)
         record: dict[str, Any] = {"first_slot": len(self._slots.rows)}
         for value in material.slots:
             self._slots.add(value)
@@ -239,8 +248,30 @@ def model_name(material: Material) -> str:
     return name
 
 
+def vary_by_place(models: tuple[str, ...]) -> tuple[str, ...]:
+    """Return those reflection models that make their values from the place on the surface; no built-in one does."""
+    from wrt.kernels.core.registry import from_outside
+
+    return _bsdf("models_with", models, "at") if from_outside(models) else ()
+
+
+def procedure_name(texture: Texture) -> str:
+    """Return the name of a procedural texture's model in kernels.
+
+    Raises:
+        InputError: if its class is not registered.
+    """
+    procedures = "wrt.kernels.textures.procedures"
+    try:
+        name: str = current_backend().call(procedures, "current_name", texture.model)
+        current_backend().call(procedures, "model_of", name)
+    except KeyError:
+        raise InputError(f"{type(texture).__name__}: there is no texture {texture.model!r}; register it") from None
+    return name
+
+
 def _varies(value: ColorSource) -> bool:
-    return isinstance(value, (ImageTexture, VertexColor))
+    return isinstance(value, VARYING)
 
 
 def _needs_uv2_alpha(value: ColorSource) -> bool:
@@ -268,6 +299,7 @@ class _Slots:
         self._derived = derived
         self._levels: dict[int, list[int]] = {}
         self._image_numbers: dict[tuple[Any, ...], int] = {}
+        self._values_of: dict[int, int] = {}
         self._normal_map_numbers: dict[tuple[int, bool], int] = {}
 
     def add(self, value: ColorSource) -> int:
@@ -288,8 +320,19 @@ class _Slots:
                 colors = k.VERTEX_COLOR if value.vertex_colors else k.VERTEX_ALPHA
         elif isinstance(value, VertexColor):
             colors = k.VERTEX_ALPHA if value.alpha else k.VERTEX_COLOR
+        elif isinstance(value, Texture):
+            from wrt.kernels.core.registry import model_number
+
+            image, uv_set = k.FIRST_PROCEDURE - self._values_of[id(value)], model_number(procedure_name(value))
         self.rows.append((factor, image, channel, int(colors), -1.0 if cutoff is None else cutoff, uv_set))
         return len(self.rows) - 1
+
+    def add_values(self, texture: Texture) -> None:
+        """Append what a procedural texture reads, in rows that only `add` names."""
+        if id(texture) not in self._values_of:
+            self._values_of[id(texture)] = len(self.rows)
+            for value in texture.slots:
+                self.add(value)
 
     @property
     def editable_texels(self) -> int:

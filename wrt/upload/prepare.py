@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from wrt.backend import current_backend
 from wrt.errors import InputError, warn
 from wrt.linalg import norm
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.distances import Distances
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.lights import Light
 from wrt.scene.materials import Material
 from wrt.scene.mesh import LARGEST, SMALLEST, Mesh, box_around
 from wrt.scene.motion import Motion
 from wrt.scene.scene import Scene, Shape
-from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
+from wrt.scene.textures import ImageTexture, NormalMap, Texture, VertexColor
 from wrt.upload.accel.instancing import Layout, lay_out
 from wrt.upload.lights.environment import resolve_environment
 from wrt.upload.lights.table import texture_of
@@ -89,12 +91,17 @@ class PreparedScene:
         shapes = list(zip(scene.shapes, self.scene.shapes, strict=True))
         check_attributes([new for new, old in shapes if new is not old])
         changed = copy.copy(self)
-        kept_meshes = [new if new.mesh is old.mesh else dataclasses.replace(new, mesh=old.mesh) for new, old in shapes]
-        changed.scene = dataclasses.replace(scene, shapes=kept_meshes)
+        # An exact shape may have become triangles.
+        kept = [dataclasses.replace(new, mesh=old.mesh) if _is_exact(new, old) else new for new, old in shapes]
+        changed.scene = dataclasses.replace(scene, shapes=kept)
         if scene.environment is not self.scene.environment:
             changed.environment, changed._sky_lights = resolve_environment(scene.environment)
         changed._list_values(editable=True, before=self.materials)
         return changed
+
+
+def _is_exact(new: Shape, old: Shape) -> bool:
+    return new.mesh is not old.mesh and isinstance(new.mesh, Analytic)
 
 
 def _check_sizes(scene: Scene) -> None:
@@ -139,15 +146,19 @@ def check_attributes(shapes: Iterable[Shape]) -> None:
                 most = float(value.pixels.max()) * max(value.factor)  # type: ignore[arg-type]
                 if most > VISIBLE:
                     warn(f"texture {value.name}: as {name} it must be at most 1, but it reaches {most:g}")
-        if shape.mesh.uvs is None and any(isinstance(value, (ImageTexture, NormalMap)) for _, value in values):
+        if shape.mesh.uvs is None and any(_needs_uv(value) for _, value in values):
             warn(f"{shape.name}: its material has an image, but its mesh no texture coordinates; it shows one texel")
+
+
+def _needs_uv(value: object) -> bool:
+    return value.needs_uv if isinstance(value, Texture) else isinstance(value, (ImageTexture, NormalMap))
 
 
 def _varying(material: Material) -> Iterator[tuple[str, object]]:
     """Yield the names and values of those attributes of a material, and of its parts, that vary over a surface."""
     for field in dataclasses.fields(material):
         value = getattr(material, field.name)
-        if isinstance(value, (ImageTexture, NormalMap, VertexColor)):
+        if isinstance(value, (ImageTexture, NormalMap, Texture, VertexColor)):
             yield field.name, value
     for part in material.parts:
         yield from _varying(part)
@@ -198,7 +209,24 @@ def _mark_exact(layout: Layout) -> str:
     layout.world_meshes[:] = [_without_needles([mesh])[0] for mesh in layout.world_meshes]
     for each in layout.shared:
         each.keys = _without_needles(each.keys)
+    if names := sorted({_distance_of(mesh) for mesh in exact if isinstance(mesh, Distances)}):
+        return "-".join(["quadrics", *names])
     return "quadrics" if any(isinstance(mesh, Quadrics) for mesh in exact) else "spheres"
+
+
+def _distance_of(mesh: Distances) -> str:
+    """Return the name by which kernels know the distance function of a shape, or raise InputError if it is wrong."""
+    called, model = type(mesh.description).__name__, mesh.description.model
+    given = len(mesh.description.numbers())
+    backend, module = current_backend(), "wrt.kernels.geometry.distances"
+    try:
+        name: str = backend.call(module, "current_name", model)
+        taken = backend.call(module, "numbers_of", name)
+    except KeyError:
+        raise InputError(f"{called}: there is no distance function {model!r}") from None
+    if given != taken:
+        raise InputError(f"{called}: its distance function takes {taken} numbers, but the shape has {given}")
+    return name
 
 
 def _without_needles(keys: list[Mesh]) -> list[Mesh]:

@@ -153,6 +153,7 @@ class SceneValues:
             "nested": bodies.nested,
             "uv2_alpha": materials.uv2_alpha,
             "mipmapped": materials.mipmapped,
+            "procedures": materials.procedures,
             "single_sided": bool((single_sided | unlit).any()),
         }
 
@@ -163,7 +164,8 @@ def _same(some: Sequence[object], others: Sequence[object]) -> bool:
 
 
 def _lights(prepared: PreparedScene) -> list[object]:
-    return [*(shape.emission for shape in prepared.scene.shapes), *prepared.lights]
+    shapes = prepared.scene.shapes
+    return [*(shape.emission for shape in shapes), *(shape.mesh for shape in shapes if shape.emits), *prepared.lights]
 
 
 def _sides(scene: Scene, materials: MaterialTable) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

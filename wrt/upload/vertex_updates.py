@@ -33,13 +33,27 @@ def shape_number(scene: Scene, shape: Shape | int) -> int:
 
 
 class WorldMeshes:
-    """The shapes in the world's tree, on a device."""
+    """The shapes in the world's tree, on a device.
+
+    Attributes:
+        first_vertices: the first vertex of shapes that can be updated, by number.
+    """
 
     def __init__(self, device: Device, data: Any, tree: BuiltBvh | None, first_vertices: dict[int, int]) -> None:
         """Keep a SceneData struct, the world's tree, and the first vertex of shapes that can be updated by number."""
-        self._device, self._data, self._tree, self._first = device, data, tree, first_vertices
+        self._device, self._data, self._tree, self.first_vertices = device, data, tree, first_vertices
         self._has_copies = False
         self._corners: dict[int, tuple[Any, ...]] = {}
+
+    def require(self, number: int, shape: Shape) -> None:
+        """Raise InputError unless a shape's vertices can be updated."""
+        if number not in self.first_vertices or self._tree is None:
+            raise InputError(
+                f"{shape.name}: vertices can be updated in scenes without instances and without shapes in motion; "
+                "make a new Renderer"
+            )
+        if isinstance(shape.mesh, Analytic):
+            raise InputError(f"{shape.name}: exact shapes have no vertices to update; make a new Renderer")
 
     def update(self, number: int, shape: Shape, vertices: Any, normals: Any) -> None:
         """Move a shape's vertices: (N, 3) in NumPy, or a Warp array of vec3; normals likewise, or None.
@@ -49,16 +63,9 @@ class WorldMeshes:
         Raises:
             InputError: on arrays of other sizes, non-finite values, or shapes that cannot be updated.
         """
-        if number not in self._first or self._tree is None:
-            raise InputError(
-                f"{shape.name}: vertices can be updated in scenes without instances and without shapes in motion; "
-                "make a new Renderer"
-            )
-        if isinstance(shape.mesh, Analytic):
-            raise InputError(f"{shape.name}: exact shapes have no vertices to update; make a new Renderer")
-        if shape.emits:
-            raise InputError(f"{shape.name}: vertices of an emitting shape cannot be updated; make a new Renderer")
-        first, count = self._first[number], len(shape.mesh.vertices)
+        self.require(number, shape)
+        assert self._tree is not None
+        first, count = self.first_vertices[number], len(shape.mesh.vertices)
         points = self._checked(shape.name, "vertices", "vertex", vertices, count, limit=LARGEST)
         if normals is not None:
             normals = self._checked(shape.name, "normals", "normal", normals, count, limit=FLOAT32_MAX)

@@ -11,8 +11,9 @@ from wrt.develop.denoise import require_denoiser
 from wrt.errors import InputError
 from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.developing import TONES, Exposure, check_exposure
+from wrt.scene.integrators import INTEGRATORS
 from wrt.scene.layers import LAYERS
-from wrt.scene.scene import INTEGRATORS, RenderSettings
+from wrt.scene.scene import RenderSettings
 from wrt.values import integer, one_of
 
 CAMERA_KEYS = ("origin", "target", "up", "fov_degrees", "view_height", "focus_distance", "aperture_radius")

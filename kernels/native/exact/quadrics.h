@@ -6,6 +6,9 @@
 // distinguishes a disk, ordered as the first, from a cylinder. The middle of the box is the middle of the shape, and
 // the normals of the vertices map the unit shape to it: x and y are two radii, z is a disk's normal, or a cylinder's
 // axis from end to end. These are read from the arrays of the scene. Modules that define WRT_QUADRICS test them.
+//
+// A box whose corners are in the same order along x and y, and in the opposite one along z, is that of a distance
+// function. Modules that define WRT_BOXES report where a ray enters it, and `kernels/accel/distances.py` goes on.
 #include "exact/shape_axes.h"
 #include "exact/spheres.h"
 
@@ -97,5 +100,13 @@ WRT_INLINE Roots<V> roots_of_quadric(
     const V one = (span.holds(met.near)) ? met.near : none, other = (span.holds(met.far)) ? met.far : none;
     return {(one < other) ? one : other, (one < other) ? other : one};
 }
+#if defined(WRT_BOXES)
+// Where a ray enters a box. One that begins within it does so just after its origin, since hits at 0 do not count.
+template<class V> WRT_INLINE Roots<V> roots_of_box(const Span<V>& span) {
+    const V t = most(span.begin, (V)1e-30f), none = -1.0f;
+    const V met = (span.begin <= span.end * (V)(float)BOX_PAD) ? t : none;
+    return {met, met};
+}
+#endif
 } // namespace wrt
 #endif

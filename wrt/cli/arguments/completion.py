@@ -90,7 +90,7 @@ _FINDERS: dict[str, Finder] = {
     "checkpoint": _files,
     "device": lambda prefix: ("cpu", "cuda", "cuda:0"),
     "sampler": _names("wrt.scene.scene", "SAMPLERS"),
-    "integrator": _names("wrt.scene.scene", "INTEGRATORS"),
+    "integrator": _names("wrt.scene.integrators", "INTEGRATORS"),
     "layers": _layers,
     "size": _names("wrt.cli.arguments.types", "PICTURES"),
     "name": _names("wrt.scene.materials", "MATERIALS"),

@@ -69,7 +69,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--seed": _value("N", whole(0), "random seed (default: 0)", default=0),
     "--max-depth": _value("N", whole(1), "maximum number of path segments (default: from the scene)"),
     "--sampler": _value("NAME", str, "independent, stratified, sobol or blue-noise (default: from the scene)"),
-    "--integrator": _value("NAME", str, "path, direct, whitted, ao or aov (default: from the scene)"),
+    "--integrator": _value("NAME", str, "path, direct, whitted, ao, aov, or one of --with (default: from the scene)"),
     "--clamp-indirect": _value("RADIANCE", positive, "limit the indirect radiance of each path; biased"),
     "--regularization": _value("ALPHA", types.finite, "add this roughness to rough surfaces along a path; biased"),
     "--tone": _value("NAME", str,
@@ -123,7 +123,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--checkpoint": _value("FILE", str, "save the state of the render here, for --resume", action=Once),
     "--define": _value("NAME=VALUE", types.definition, "value of the parameter $NAME in a Mitsuba scene",
         dest="parameters", action="append"),
-    "--with": _value("FILE", str, "first run a Python file that registers materials, lights or cameras",
+    "--with": _value("FILE", str, "first run a Python file that registers models of your own",
         dest="models", action="append"),
     "--crease": _value("DEGREES", whole(0),
         "smooth edges that are folded by up to this angle in meshes without normals; 0 is flat (default: what the "

@@ -29,7 +29,7 @@ from wrt.scene.materials import (
     TwoSided,
     Unlit,
 )
-from wrt.scene.textures import CHANNELS, ColorSource, ImageTexture, VertexColor
+from wrt.scene.textures import CHANNELS, VARYING, ColorSource, ImageTexture, Texture, VertexColor
 from wrt.values import Vec3, vec3
 
 Note = Callable[[str], None]
@@ -40,6 +40,10 @@ _MATT = {"roughness": 1.0, "specular": 0.0}
 
 def nearest(material: Material, note: Note) -> Principled:
     """Return the nearest Principled with the material's opacity and normals."""
+    fields = {field.name: getattr(material, field.name) for field in dataclasses.fields(material)}
+    if procedures := {name: value for name, value in fields.items() if isinstance(value, Texture)}:
+        note("procedural textures: the mean of their colours is written")
+        material = dataclasses.replace(material, **{name: _middle(value) for name, value in procedures.items()})  # type: ignore[arg-type]
     if isinstance(material, Principled):
         if material.multiple_bounces:
             note("further bounces between facets")
@@ -51,6 +55,12 @@ def nearest(material: Material, note: Note) -> Principled:
         of_bodies = ("interior", "priority", "dispersion")
         values |= {name: getattr(material, name) for name in of_bodies if hasattr(material, name)}
     return Principled(**values, opacity=material.opacity, normal_map=material.normal_map)
+
+
+def _middle(texture: Texture) -> ColorSource:
+    """Return the mean of a procedural texture's bounds, a number if that is grey."""
+    mean = np.mean([color_of(bound) for bound in texture.bounds or (0.5,)], axis=0) * color_of(texture)
+    return float(mean[0]) if (mean == mean[0]).all() else vec3(mean)
 
 
 def _nearest_of_part(material: Mix | TwoSided, note: Note) -> Principled:
@@ -127,9 +137,9 @@ def _metal_color(material: Conductor | RoughConductor, note: Note) -> ColorSourc
     if factor == (1.0, 1.0, 1.0):
         return color
     for a, b in ((color, factor), (factor, color)):
-        if not isinstance(a, (ImageTexture, VertexColor)):
+        if not isinstance(a, VARYING):
             constant = np.broadcast_to(np.asarray(a, np.float64), 3)
-            if isinstance(b, (ImageTexture, VertexColor)):
+            if isinstance(b, VARYING):
                 return dataclasses.replace(b, factor=vec3(constant * b.factor))
             return vec3(constant * b)
     note("products of two images")
@@ -159,5 +169,5 @@ def _roughness(material: Any, note: Note) -> ColorSource:
 
 def color_of(value: ColorSource) -> Vec3:
     """Return a constant colour, or the factor of one that varies."""
-    factor = value.factor if isinstance(value, (ImageTexture, VertexColor)) else value
+    factor = value.factor if isinstance(value, VARYING) else value
     return vec3(np.broadcast_to(np.asarray(factor, np.float64), 3))

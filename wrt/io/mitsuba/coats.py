@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrt.linalg import gauss_legendre, product
-from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
+from wrt.scene.textures import ColorSource, ImageTexture, Texture, VertexColor
 from wrt.values import vec3
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ def as_in_mitsuba(
     """
     if isinstance(alpha, ImageTexture):
         alpha = float(np.clip((alpha.pixels[..., 0] * np.asarray(alpha.factor)[0]).mean(), 1e-4, 1.0))
-    elif isinstance(alpha, VertexColor):
+    elif isinstance(alpha, (VertexColor, Texture)):
         return reflectance
     ours, theirs = internal_reflectances(distribution, float(np.mean(alpha)), eta)
 

@@ -29,8 +29,10 @@ from wrt.scene.camera import CAMERAS, Camera
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.exact import quadrics
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.distances import SHAPES, DistanceShape
 from wrt.scene.exact.quadrics import Quadrics
 from wrt.scene.exact.spheres import Spheres
+from wrt.scene.integrators import INTEGRATORS, Integrator, integrator_of
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.composite import MAX_NESTING
@@ -38,6 +40,7 @@ from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.mesh import Mesh, merge
 from wrt.scene.motion import Motion
+from wrt.scene.procedural import TEXTURES
 from wrt.scene.scene import RenderSettings, Scene, Shape, bake_transforms
 from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
 from wrt.values import boolean, sealed, text, vector
@@ -92,6 +95,7 @@ class _SceneReader(TableReader):
             Material: self.part,
             Medium: self.medium,
             Measurement: self.measurement,
+            Integrator: self.integrator,
             NormalMap: lambda value: self.normal_map(table_of(value)),
             DensityGrid: lambda value: read_density(self, table_of(value)),
         }
@@ -133,6 +137,16 @@ class _SceneReader(TableReader):
                 elif ImageTexture in kinds:
                     arguments[key] = self.color_source(value, kinds)
         return self.call(make, arguments, extra=() if "type" in inspect.signature(make).parameters else ("type",))
+
+    def integrator(self, value: Any) -> str | Integrator:
+        """Return the integrator that a name or a table of its numbers stands for."""
+        table = value if isinstance(value, dict) else {"type": value}
+        found = integrator_of(table.get("type"), "integrator", words=INTEGRATORS)
+        if isinstance(found, Integrator):
+            made: Integrator = self.build(type(found), table)
+            return made
+        self.check_keys(table, ("type",))
+        return found
 
     def camera(self, table: Table) -> Camera:
         cls = choice(table_of(table), CAMERAS, default="perspective")
@@ -186,7 +200,9 @@ class _SceneReader(TableReader):
         return {name: table[name] for name in names if name in table}
 
     def color_source(self, value: Any, kinds: tuple[Any, ...]) -> Any:
-        """Return a value that may vary over the surface: vertex colours, an image, or a constant."""
+        """Return a value that may vary over the surface: vertex colours, an image, a procedure, or a constant."""
+        if isinstance(value, dict) and "texture" not in value and "type" in value:
+            return self.build(choice(value, TEXTURES), value)
         if isinstance(value, dict) and "texture" not in value and "vertex_colors" in value:
             options = self.fields_of(value, scene_keys.VERTEX_COLORS, VertexColor)
             if value["vertex_colors"] is not True:
@@ -271,7 +287,7 @@ class _SceneReader(TableReader):
             result += [Shape(mesh, *looks, after(place, first), deformation, double_sided, *others) for place in places]
         return result
 
-    def makers(self) -> dict[str, Callable[..., Mesh | list[Shape]]]:
+    def makers(self) -> dict[str, Callable[..., Any]]:
         """Return what makes shapes from keys of their own, by type."""
         return {
             "quad": shapes.quad,
@@ -285,11 +301,14 @@ class _SceneReader(TableReader):
             "polygons": self.polygons,
             "mesh": self.mesh_file,
             "many-triangles": self.many_triangles,
+            **SHAPES,
         }
 
     def meshes(self, table: Table) -> list[Shape]:
         """Return the meshes of a shape before its transform; those from files bring materials."""
         made = self.call(choice(table, self.makers()), table, extra=scene_keys.SHAPE)
+        if isinstance(made, DistanceShape):
+            made = made.mesh
         if isinstance(made, Mesh):
             memory_limits.take(memory_limits.MADE, memory_limits.size_of(made))
             return [Shape(made, name=f"{table['type']} {self.place[-1]}")]

@@ -22,6 +22,7 @@ from wrt.io.toml.scene_keys import BOOLEAN, NUMBER, TEXT, VECTOR, Keys, Schema, 
 from wrt.scene.camera import CAMERAS
 from wrt.scene.description import checks_of
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
+from wrt.scene.integrators import Integrator
 from wrt.scene.layers import GROUPS, SELECTABLE
 from wrt.scene.lights import LIGHTS
 from wrt.scene.lights.light import unit_vector
@@ -33,6 +34,7 @@ from wrt.scene.materials.measured import Measurement
 from wrt.scene.materials.microfacet import LEAST_ALPHA, MASKINGS
 from wrt.scene.medium import MEDIA, DensityGrid, Medium
 from wrt.scene.motion import Motion
+from wrt.scene.procedural import TEXTURES
 from wrt.scene.scene import RenderSettings
 from wrt.scene.shapes import MAX_SUBDIVISIONS
 from wrt.scene.textures import WRAPS, ImageTexture, NormalMap, VertexColor
@@ -89,6 +91,7 @@ def _definitions() -> Iterable[tuple[str, Schema]]:
     yield from _kinds("light", LIGHTS)
     yield from _kinds("medium", MEDIA, default="coefficients")
     yield from _kinds("material", MATERIALS)
+    yield from _kinds("procedure", TEXTURES)
     yield from _kinds("shape", shape_makers(), common=scene_keys.SHAPE)
 
 
@@ -178,6 +181,8 @@ def _value(name: str, hint: Any) -> Schema:
     options = _of_check(note) or _UNCHECKED.get(name) or _of_type(name, hint, kinds)
     if str in kinds and not any("enum" in each for each in options):
         options = [*options, TEXT]
+    if Integrator in kinds:
+        options = [*options, {"type": "object", "required": ["type"]}]
     if ImageTexture in kinds:
         options = [*options, *_that_vary()]
     return options[0] if len(options) == 1 else {"anyOf": options}
@@ -234,7 +239,7 @@ def _color(maximum: float = math.inf) -> list[Schema]:
 
 def _that_vary() -> list[Schema]:
     """Return the schemas of a value that varies over a surface."""
-    return [definition("texture"), {"const": "vertex-colors"}, definition("vertex_colors")]
+    return [definition("texture"), {"const": "vertex-colors"}, definition("vertex_colors"), definition("procedure")]
 
 
 def _unchecked() -> dict[str, list[Schema]]:

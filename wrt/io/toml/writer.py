@@ -25,18 +25,22 @@ from wrt.io.measured.measurement import save_measurement
 from wrt.io.npy import arrays_of_exact
 from wrt.io.safe_read import PathLike, is_input
 from wrt.io.safe_write import Kind, new_folder, output_path, require_writable, write_atomically
+from wrt.linalg import product
 from wrt.scene.camera import CAMERAS
 from wrt.scene.environment import ENVIRONMENTS, ImageEnvironment
 from wrt.scene.exact.analytic import Analytic
+from wrt.scene.exact.distances import SHAPES, Distances
 from wrt.scene.exact.quadrics import Quadrics
+from wrt.scene.integrators import Integrator
 from wrt.scene.lights import LIGHTS
 from wrt.scene.materials import MATERIALS, Material
 from wrt.scene.materials.measured import Measurement
 from wrt.scene.medium import DensityGrid, Medium
 from wrt.scene.mesh import VERTEX_ATTRIBUTES
 from wrt.scene.motion import Motion
+from wrt.scene.procedural import TEXTURES
 from wrt.scene.scene import Scene, Shape, require_scene
-from wrt.scene.textures import ImageTexture, NormalMap, VertexColor
+from wrt.scene.textures import ImageTexture, NormalMap, Texture, VertexColor
 
 Table = dict[str, Any]
 
@@ -63,7 +67,7 @@ def save_scene(path: PathLike, scene: Scene, *, force: bool = False) -> None:
         force: whether to replace a scene file and its arrays.
 
     Raises:
-        InputError: where it cannot be written, or has user-defined materials, which scene files cannot hold.
+        InputError: where it cannot be written, or holds what is not registered, or not numbers, text and arrays.
     """
     file = output_path(path, "a scene file")
     require_scene(scene, str(file))
@@ -132,7 +136,9 @@ class _Writer:
 
     def typed(self, thing: Any, classes: dict[str, Any]) -> Table:
         """Return the table of an object of one of several classes."""
-        (name,) = [name for name, cls in classes.items() if cls is type(thing)]
+        name = next((name for name, cls in classes.items() if cls is type(thing)), None)
+        if name is None:
+            raise InputError(f"{type(thing).__name__}: a scene file holds only what is registered")
         return {"type": name, **self.fields(thing)}
 
     def fields(self, thing: Any, *, without: tuple[str, ...] = ()) -> Table:
@@ -154,6 +160,8 @@ class _Writer:
             return {**table, **self.fields(value, without=("pixels", "name"))}
         if isinstance(value, VertexColor):
             return {"vertex_colors": True, **self.fields(value)}
+        if isinstance(value, Texture):
+            return self.typed(value, TEXTURES)
         if isinstance(value, Medium):
             return self.medium(value)
         if isinstance(value, DensityGrid):
@@ -164,9 +172,15 @@ class _Writer:
             return self.motion(value)
         if isinstance(value, Material):
             return self.material(value)
+        if isinstance(value, Integrator):
+            return {"type": value.type_name, **self.fields(value)}
         if isinstance(value, (list, tuple)):
             return [self.value(item) for item in value]
-        return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+        if isinstance(value, (np.ndarray, np.generic)):
+            return value.tolist()
+        if not isinstance(value, (bool, int, float, str, dict)):
+            raise InputError(f"a scene file cannot hold a {type(value).__name__}")
+        return value
 
     def environment(self, environment: Any) -> Table:
         if isinstance(environment, ImageEnvironment):
@@ -183,11 +197,7 @@ class _Writer:
         return {"file": file, **self.fields(density, without=("values", "name", *names))}
 
     def material(self, material: Material) -> str:
-        if type(material) not in MATERIALS.values() or type(material).__module__.split(".")[0] != "wrt":
-            raise InputError(f"{type(material).__name__}: a scene file cannot hold materials of one's own")
-        return self.named(
-            material, "material", self.materials, lambda: {"type": material.type_name, **self.fields(material)}
-        )
+        return self.named(material, "material", self.materials, lambda: self.typed(material, MATERIALS))
 
     def named(self, thing: Any, kind: str, tables: Table, make: Any) -> str:
         """Return the name of an object's table, which is made the first time."""
@@ -208,11 +218,17 @@ class _Writer:
     def shapes(self, shapes: list[Shape]) -> Table:
         """Return one table for shapes that differ only in their transform."""
         shape, mesh = shapes[0], shapes[0].mesh
-        if isinstance(mesh, Analytic):
-            kind, arrays = "quadrics" if isinstance(mesh, Quadrics) else "spheres", arrays_of_exact(mesh)
+        table: Table = {"type": "mesh", "name": shape.name}
+        if isinstance(mesh, Distances):
+            table |= self.typed(mesh.description, SHAPES)
+            shapes = [_with_own_matrix(each, mesh) for each in shapes]
+            shape = shapes[0]
+        elif isinstance(mesh, Analytic):
+            table["type"] = "quadrics" if isinstance(mesh, Quadrics) else "spheres"
+            table["file"] = self.arrays(table["type"], mesh, arrays_of_exact(mesh))
         else:
-            kind, arrays = "mesh", _arrays_of(mesh, "vertices", "faces", *VERTEX_ATTRIBUTES, "sides")
-        table: Table = {"type": kind, "name": shape.name, "file": self.arrays(kind, mesh, arrays)}
+            arrays = _arrays_of(mesh, "vertices", "faces", *VERTEX_ATTRIBUTES, "sides")
+            table["file"] = self.arrays("mesh", mesh, arrays)
         table["material"] = self.material(shape.material)
         if shape.emits and shape.emission is not shape.material.emission and shape.emission != shape.material.emission:
             table["emission"] = self.value(shape.emission)
@@ -277,6 +293,17 @@ def _key_of_group(shape: Shape) -> tuple[Any, ...]:
     objects = (id(each) for each in (shape.mesh, shape.material, shape.deformation))
     flags = (shape.two_sided_emission, shape.double_sided, shape.edges, shape.shadow_catcher, shape.group)
     return (*objects, shape.name, *flags, shape.emission)
+
+
+def _with_own_matrix(shape: Shape, mesh: Distances) -> Shape:
+    """Return a shape whose transform is from the own space of its distance function."""
+    if np.array_equal(mesh.matrix, np.eye(4)) and not mesh.turned:
+        return shape
+    if mesh.turned or isinstance(shape.transform, Motion):
+        raise InputError(
+            f"{shape.name}: a scene file cannot hold an own shape that is inside out, or moves after a transform"
+        )
+    return dataclasses.replace(shape, transform=product(shape.transform_at(0.0), mesh.matrix))
 
 
 def _arrays_of(thing: Any, *names: str) -> dict[str, NDArray[Any]]:

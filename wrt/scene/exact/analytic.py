@@ -22,7 +22,8 @@ MOST_TRIANGLES = 50_000_000
 _SIMILAR = 1e-5
 """The relative difference of lengths up to which a matrix still maps spheres to spheres."""
 
-_WEIGHTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], np.float32)
+WEIGHTS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], np.float32)
+"""Texture coordinates of the vertices, which make those of a shape its weights."""
 
 A = TypeVar("A", bound="Analytic")
 
@@ -136,7 +137,7 @@ def stored(
     vertices = np.ascontiguousarray(corners, np.float32).reshape(-1, 3)
     faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
     normals = np.ascontiguousarray(axes, np.float32).reshape(-1, 3)
-    uvs = np.tile(_WEIGHTS, (count, 1))
+    uvs = np.tile(WEIGHTS, (count, 1))
     for each in (vertices, faces, normals, uvs):
         sealed(each)
     return cls(vertices, faces, normals, uvs, colors, name)

@@ -8,9 +8,11 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
+import numpy as np
+
 from wrt.errors import InputError
 from wrt.scene.description import Kind, instance_of, optional
-from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
+from wrt.scene.textures import VARYING, ColorSource, NormalMap, checked_texture
 from wrt.values import FLOAT32_MAX, color, number, text
 
 if TYPE_CHECKING:
@@ -25,8 +27,8 @@ HIGHEST_FILM_INDEX = 10.0
 
 def color_source(value: ColorSource, name: str, *, maximum: float = 1.0) -> ColorSource:
     """Return a checked colour that may vary over the surface."""
-    if isinstance(value, (ImageTexture, VertexColor)):
-        return value
+    if isinstance(value, VARYING):
+        return checked_texture(value, lambda bound: color(bound, name, maximum=maximum))
     return color(value, name, maximum=maximum)
 
 
@@ -34,9 +36,10 @@ def value_source(
     value: ColorSource, name: str, *, minimum: float = 0.0, maximum: float = math.inf, above: float = -math.inf
 ) -> ColorSource:
     """Return a checked number that may vary over the surface."""
-    if isinstance(value, (ImageTexture, VertexColor)):
-        return value
-    return number(value, name, minimum=minimum, maximum=min(maximum, FLOAT32_MAX), above=above)
+    limits = {"minimum": minimum, "maximum": min(maximum, FLOAT32_MAX), "above": above}
+    if isinstance(value, VARYING):
+        return checked_texture(value, lambda bound: number(np.ravel(bound)[0], name, **limits))
+    return number(value, name, **limits)
 
 
 share = partial(value_source, maximum=1.0)

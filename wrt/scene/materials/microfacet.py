@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
+from functools import partial
 
 import numpy as np
 
 from wrt.errors import InputError
 from wrt.linalg import gauss_legendre
 from wrt.scene.materials.material import Material
-from wrt.scene.textures import ColorSource, ImageTexture, VertexColor
+from wrt.scene.textures import VARYING, ColorSource, ImageTexture, Texture, VertexColor, checked_texture
 from wrt.values import number
 
 LEAST_ALPHA = 1e-4
@@ -74,8 +75,9 @@ def roughness(value: ColorSource, distribution: str) -> ColorSource:
     """
     if distribution not in _BY_ALPHA:
         return _parameters(value, distribution)
-    if isinstance(value, (ImageTexture, VertexColor)):
-        return value
+    if isinstance(value, VARYING):
+        check = partial(number, name="alpha", minimum=LEAST_ALPHA, maximum=1.0)
+        return checked_texture(value, lambda bound: check(np.ravel(bound)[0]))
     if np.ndim(value) == 0:
         return number(value, "alpha", minimum=LEAST_ALPHA, maximum=1.0)
     pair = tuple(number(x, f"alpha[{i}]", minimum=LEAST_ALPHA, maximum=1.0) for i, x in enumerate(_pair(value)))
@@ -88,7 +90,7 @@ def largest(value: ColorSource) -> float:
     """Return the largest of a material's numbers, anywhere on a surface; infinity if it depends on the mesh."""
     if isinstance(value, ImageTexture):
         return float(value.pixels.max()) * max(value.factor)  # type: ignore[arg-type]
-    return math.inf if isinstance(value, VertexColor) else float(np.max(value))
+    return math.inf if isinstance(value, (VertexColor, Texture)) else float(np.max(value))
 
 
 def _pair(value: ColorSource) -> tuple[object, object]:
@@ -102,7 +104,7 @@ def _pair(value: ColorSource) -> tuple[object, object]:
 def _parameters(value: ColorSource, distribution: str) -> ColorSource:
     """Return the two parameters of a distribution without a single roughness."""
     limits = _PARAMETERS[distribution]
-    if isinstance(value, (ImageTexture, VertexColor, str)) or np.ndim(value) == 0:
+    if isinstance(value, (*VARYING, str)) or np.ndim(value) == 0:
         raise InputError(f"alpha must be two numbers, {' and '.join(limits)}, for distribution {distribution!r}")
     a, b = (
         number(x, f"alpha[{i}] ({name})", minimum=low, maximum=high)
@@ -152,7 +154,7 @@ class Microfacets(Material):
     def _shape(self) -> ColorSource:
         """The kernels' `shape`: three numbers (see kernels/microfacet), or the texture."""
         alpha = self.alpha
-        if isinstance(alpha, (ImageTexture, VertexColor)):
+        if isinstance(alpha, VARYING):
             return alpha
         first, second = (alpha, alpha) if isinstance(alpha, float) else alpha
         return first, second, sgd_normalization(first, second) if self.distribution == "sgd" else 0.0
@@ -168,6 +170,8 @@ class Microfacets(Material):
             return False
         if isinstance(alpha, ImageTexture):
             return alpha.channel is None and bool((alpha.pixels[..., 0] != alpha.pixels[..., 1]).any())
+        if isinstance(alpha, Texture):
+            return not alpha.bounds or any(np.ptp(bound) > 0.0 for bound in alpha.bounds)
         if isinstance(alpha, VertexColor):
             return True
         first, second = alpha
@@ -187,6 +191,6 @@ class Microfacets(Material):
         surface = "reflection", self.distribution, self.masking
         if not self.needs_tangents and self.distribution in _BY_ALPHA:
             return (*surface, None)
-        if isinstance(self.alpha, (ImageTexture, VertexColor)):
+        if isinstance(self.alpha, VARYING):
             raise InputError("multiple_bounces needs an alpha that is a number, two numbers or a grey image")
         return (*surface, self._shape)

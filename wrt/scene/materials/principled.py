@@ -17,7 +17,7 @@ from wrt.scene.materials.dielectrics import refractive_index
 from wrt.scene.materials.dispersion import SHARES, Dispersion, Dispersive, channel_indices
 from wrt.scene.materials.material import Filmed, Reflectance, Share, UnlimitedColor, share
 from wrt.scene.materials.microfacet import LEAST_ALPHA, NEARLY_SMOOTH, largest
-from wrt.scene.textures import ColorSource, ImageTexture, NormalMap, VertexColor
+from wrt.scene.textures import VARYING, ColorSource, ImageTexture, NormalMap, Texture, VertexColor
 from wrt.values import number
 
 
@@ -32,14 +32,14 @@ def _refractive_index(value: float | str, name: str) -> float:
 
 def _anisotropy(value: ColorSource, name: str) -> ColorSource:
     """Return a checked strength, or an image of directions and strengths."""
-    if isinstance(value, VertexColor) or (isinstance(value, ImageTexture) and value.channel is not None):
+    if isinstance(value, (VertexColor, Texture)) or (isinstance(value, ImageTexture) and value.channel is not None):
         raise InputError(f"{name} must be a number, or an image with the direction in red and green")
     return share(value, name)
 
 
 def _first_number(value: ColorSource) -> ColorSource:
     """Return a number as the first of a row whose others are 0, the place of a normal: by itself it is z."""
-    if isinstance(value, (ImageTexture, VertexColor)):
+    if isinstance(value, VARYING):
         return replace(value, factor=(*value.factor[:1], 0.0, 0.0))  # type: ignore[index]
     return (value, 0.0, 0.0)  # type: ignore[return-value]
 
