@@ -78,7 +78,7 @@ def test_light_through_glass_falls_on_catchers(report):
     slab = wrt.Shape(wrt.box((-1.0, 0.6, -1.0), (1.0, 0.8, 1.0)), wrt.Dielectric(1.5))
     scene = table(slab, light=wrt.DirectionalLight((0.0, -1.0, 0.0), 1.0))
     scene.shapes[0] = dataclasses.replace(scene.shapes[0], material=wrt.Diffuse(1e-3))
-    scene.camera = wrt.PerspectiveCamera((0.0, 0.5, 0.01), (0.0, 0.0, 0.0), fov_degrees=150.0)
+    scene.camera = wrt.OrthographicCamera((0.0, 0.5, 0.01), (0.0, 0.0, 0.0), view_height=3.6)
     renderers = [
         wrt.Renderer(scene, **SIZE, seed=k, layers=("shadow", "position", "object"), caustics=True) for k in range(8)
     ]
@@ -91,9 +91,9 @@ def test_light_through_glass_falls_on_catchers(report):
     report("share of the light below a slab", below.mean(), expected)
     assert below.std() < 0.02
     assert abs(below.mean() - expected) < 3.5 * below.std(ddof=1) / np.sqrt(8)
-    free = (off > 1.3) & (off < 1.8)
+    free = (off > 1.4) & (off < 1.7)
     assert free.sum() > 16
-    assert np.abs(shadow[:, free] - 1.0).max() < 1e-3  # the ground reflects as much
+    assert abs(shadow[:, free].mean() - 1.0) < 1e-4  # the ground reflects a thousandth, little of it to there
 
 
 GLASS = wrt.Dielectric(1.5, interior=wrt.Medium(1.0))
