@@ -115,7 +115,7 @@ def test_light_comes_through_as_fresnel_says(what: str, degrees: float, report: 
     reflectance = float(by_angles(max(np.cos(angle), 1e-6) if degrees else 1.0 - 1e-9, 1.5))
     inner = reflectance if what == "slab" else 0.0
     expected = 1e-3 / np.pi * np.cos(angle) * (1.0 - reflectance) / (1.0 + inner)
-    found = means(make, 48, caustics=True, max_depth=20)
+    found = means(make, 128, caustics=True, max_depth=20)
     report(f"irradiance below {what}", found.mean() / expected, 1.0)
     assert found.std() < 0.03 * expected
     assert deviation(found, expected) < 3.5
