@@ -168,22 +168,26 @@ def make_share_passed(features: Features, *, holes_only: bool = False) -> wp.Fun
 @specialised("models", "gpu", *VALUES)
 def make_bsdf_at(features: Features) -> wp.Function:
     """Return the device function (scene, material, surface) -> Bsdf for the models of `features`."""
-    make_load = _make_load
-    if features.gpu:
-        make_load = _make_load_in_loop
-    elif len(features.models) > MOST_LINKS:
-        make_load = _make_load_at_once
-    slot_value = make_slot_value(features.uv2_alpha, features.mipmapped, features.procedures)
-    return make_load(features.models, features.textured, slot_value)
+    slot_value = _constant_value
+    if features.textured:
+        slot_value = make_slot_value(features.uv2_alpha, features.mipmapped, features.procedures)
+    if features.gpu or len(features.models) > MOST_LINKS:
+        return _make_load_at_once(features.models, slot_value, in_loop=features.gpu)
+    return _make_load(features.models, slot_value)
+
+
+@wp.func
+def _constant_value(scene: SceneData, slot: int, surface: Surface) -> wp.vec3:
+    return scene.slots[slot].value
 
 
 @specialised()
-def _make_load(names: tuple[str, ...], textured: bool, slot_value: wp.Function) -> wp.Function:
+def _make_load(names: tuple[str, ...], slot_value: wp.Function) -> wp.Function:
     """Return a chain of one link per model, as in `kernels.bsdf.make_bsdf`: each loads the values of its model."""
     if not names:
         return _no_bsdf
     number, count = model_number(names[0]), model_of(names[0]).slots
-    next_load, at = _make_load(names[1:], textured, slot_value), make_at(names[:1])
+    next_load, at = _make_load(names[1:], slot_value), make_at(names[:1])
     varies = model_of(names[0]).at is not None
 
     @wp.func
@@ -192,10 +196,7 @@ def _make_load(names: tuple[str, ...], textured: bool, slot_value: wp.Function) 
         if record.model == wp.static(number):
             values = slot_values()
             for k in range(wp.static(count)):
-                if wp.static(textured):
-                    values[k] = slot_value(scene, record.first_slot + k, surface)
-                else:
-                    values[k] = scene.slots[record.first_slot + k].value
+                values[k] = slot_value(scene, record.first_slot + k, surface)
             bsdf = _without_values(scene, record, surface)
             bsdf.slots = values
             if wp.static(varies):
@@ -207,10 +208,12 @@ def _make_load(names: tuple[str, ...], textured: bool, slot_value: wp.Function) 
 
 
 @specialised()
-def _make_load_at_once(names: tuple[str, ...], textured: bool, slot_value: wp.Function) -> wp.Function:
-    """Return one piece of code for all models, which loads a value if the model has so many.
+def _make_load_at_once(names: tuple[str, ...], slot_value: wp.Function, *, in_loop: bool) -> wp.Function:
+    """Return one piece of code for all models, which loads as many values as the model has.
 
-    In a wide kernel each link of a chain copies 2.7 KB of values for sixteen lanes.
+    In a wide kernel each link of a chain copies 2.7 KB of values for sixteen lanes. With `in_loop` a texture is looked
+    up in one place, and values stay in memory, not in registers: on CUDA the kernel of eight textured models is a third
+    shorter so, and spills a half (docs/notes/cuda.md).
     """
     slot_count, most = make_slot_count(names), max(model_of(name).slots for name in names)
     at, vary = make_at(names), bool(models_with(names, "at"))
@@ -220,36 +223,13 @@ def _make_load_at_once(names: tuple[str, ...], textured: bool, slot_value: wp.Fu
         record = scene.materials[material]
         count = slot_count(record.model)
         bsdf = _without_values(scene, record, surface)
-        for k in range(wp.static(most)):
-            if k < count:
-                if wp.static(textured):
-                    bsdf.slots[k] = slot_value(scene, record.first_slot + k, surface)
-                else:
-                    bsdf.slots[k] = scene.slots[record.first_slot + k].value
-        if wp.static(vary):
-            return at(bsdf, surface)
-        return bsdf
-
-    return load
-
-
-@specialised()
-def _make_load_in_loop(names: tuple[str, ...], textured: bool, slot_value: wp.Function) -> wp.Function:
-    """Return one loop for all models: a texture is looked up in one place, and values stay in memory, not in registers.
-
-    On CUDA the kernel of eight textured models is a third shorter so, and spills a half (docs/notes/cuda.md).
-    """
-    slot_count, at, vary = make_slot_count(names), make_at(names), bool(models_with(names, "at"))
-
-    @wp.func
-    def load(scene: SceneData, material: int, surface: Surface) -> Bsdf:
-        record = scene.materials[material]
-        bsdf = _without_values(scene, record, surface)
-        for k in range(slot_count(record.model)):
-            if wp.static(textured):
+        if wp.static(in_loop):
+            for k in range(count):
                 bsdf.slots[k] = slot_value(scene, record.first_slot + k, surface)
-            else:
-                bsdf.slots[k] = scene.slots[record.first_slot + k].value
+        else:
+            for k in range(wp.static(most)):
+                if k < count:
+                    bsdf.slots[k] = slot_value(scene, record.first_slot + k, surface)
         if wp.static(vary):
             return at(bsdf, surface)
         return bsdf
