@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import tempfile
 from pathlib import Path
@@ -15,8 +16,9 @@ from .picture import Picture
 PAGE = Path(__file__).parents[2] / "docs" / "own.md"
 
 
+@functools.cache
 def load_programs() -> None:
-    """Register the material and the texture of the page."""
+    """Register the material and the texture of the page, once a process."""
     for code in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL):
         file = Path(tempfile.mkdtemp(), code.split()[1])
         file.write_text(code, "utf-8")
