@@ -161,18 +161,16 @@ def _pixel_in_morton_order(x: int, y: int, width: int) -> wp.uint32:
 
 @wp.func
 def _either(sampler: Sampler, block: wp.uint32) -> wp.vec4:
-    hashed = hash_4d(sampler.pixel, wp.where(sampler.is_sobol != 0, _NO_INDEX, sampler.index), block, sampler.seed)
     if sampler.is_sobol != 0:
-        hashed = _two_pairs(sampler.index, hashed)
-    return _unit_floats(hashed)
+        return _sobol(sampler, block)
+    return _independent(sampler, block)
 
 
 @wp.func
 def _either_camera(sampler: Sampler, block: wp.uint32) -> wp.vec4:
-    hashed = hash_4d(sampler.pixel, wp.where(sampler.is_sobol != 0, _NO_INDEX, sampler.index), block, sampler.seed)
     if sampler.is_sobol != 0:
-        hashed = _camera_point(sampler.index, block, hashed)
-    return _unit_floats(hashed)
+        return _sobol_camera(sampler, block)
+    return _independent(sampler, block)
 
 
 _SAMPLERS = {
