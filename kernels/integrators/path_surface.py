@@ -31,6 +31,7 @@ from wrt.kernels.geometry.triangles import WIDELY
 from wrt.kernels.integrators.light_groups import add_to_group
 from wrt.kernels.integrators.next_event import emitter_hit_weight
 from wrt.kernels.integrators.path_state import PathState, SurfaceVertex, make_begin_indirect
+from wrt.kernels.integrators.shadow_rays import can_attenuate_shadows
 from wrt.kernels.integrators.sides import shines_for
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import make_hit_pdf
@@ -231,7 +232,8 @@ def make_prepare_bsdf(features: Features) -> wp.Function:
     def prepare_bsdf(scene: SceneData, path: PathState, vertex: SurfaceVertex, widening: float) -> SurfaceVertex:
         surface = vertex.surface
         if wp.static(features.tangents):
-            aligned = surface
+            if wp.static(has_layers):
+                aligned = surface
             if scene.aligns_tangents != 0:
                 surface = align_tangents(scene, vertex.hit, surface)
                 width = cone_width(path.footprint, path.passed_distance + vertex.hit.t)
@@ -308,7 +310,6 @@ def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> 
     The path is done if roulette ends it, or if shading normal and surface disagree about the side to which it leaves.
     A path of photons runs the other way: what depends on the direction to the light depends on where it comes from.
     """
-    lets_pass = features.has_holes or features.nested or bool(models_with(features.models, "straight"))
     is_matt, is_caster = make_is_matt(features.models), make_is_caster(features.models)
     casters = bool(models_with(features.models, "is_caster"))
 
@@ -354,7 +355,7 @@ def make_scatter_at_surface(features: Features, *, of_photons: bool = False) -> 
         if wp.static(features.media != "none"):
             path.origin_gap = gap_behind(vertex.surface, path.ray.origin, path.ray.direction)
             path.previous_hit = vertex.hit
-        if wp.static(lets_pass):
+        if wp.static(can_attenuate_shadows(features)):
             path.passed_distance = 0.0
         if wp.static(features.mipmapped or features.tangents):
             path.footprint = wp.vec2(0.0)
