@@ -7,7 +7,7 @@ nearer than all boxes still to come. So a ray pays for the boxes that it meets o
 
 import warp as wp
 
-from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.ray_tree import Hit, nowhere
 from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.geometry.distances import make_meet_volume, make_volume_of
@@ -20,8 +20,7 @@ def through_boxes(find: wp.Function, following: wp.Function, geometry: str, suff
     @wp.func(name=f"find_surface{suffix}")
     def find_surface(scene: SceneData, ray: Ray, last: Hit, distance: float) -> Hit:
         """Return the nearest hit before `distance` that comes after `last`, which is NO_HIT for none."""
-        nearest = Hit()
-        nearest.triangle = NO_HIT
+        nearest = nowhere()
         nearest.t = distance
         hit = find(scene, ray, distance, False)
         while hit.triangle >= 0:
@@ -49,8 +48,6 @@ def through_boxes(find: wp.Function, following: wp.Function, geometry: str, suff
 
     @wp.func(name=f"find_hit_or_surface{suffix}")
     def find_any(scene: SceneData, ray: Ray, distance: float, any_hit: bool) -> Hit:
-        none = Hit()
-        none.triangle = NO_HIT
-        return find_surface(scene, ray, none, distance)
+        return find_surface(scene, ray, nowhere(), distance)
 
     return find_any, find_surface

@@ -38,6 +38,14 @@ class Hit:
     v: float
 
 
+@wp.func
+def nowhere() -> Hit:
+    """Return a hit of nothing."""
+    hit = Hit()
+    hit.triangle = NO_HIT
+    return hit
+
+
 @wp.struct
 class InstanceRecord:
     """An instance: its mesh, the number of its triangle 0, and the transforms between world space and mesh space.

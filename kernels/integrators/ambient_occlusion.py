@@ -10,7 +10,7 @@ import dataclasses
 import warp as wp
 
 from wrt.kernels.core.features import Features
-from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.ray_tree import NO_HIT, nowhere
 from wrt.kernels.core.rays import Ray, to_world
 from wrt.kernels.core.scene_data import BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
@@ -50,9 +50,7 @@ def make_trace_occlusion(features: Features) -> wp.Function:
         if wp.dot(ray.direction, first.surface.normal) > 0.0:
             ray.origin = leave_in_front(first.surface, camera_ray.origin, camera_ray.direction)
             ray.time = camera_ray.time
-            nowhere = Hit()
-            nowhere.triangle = NO_HIT
-            result.radiance = visibility(scene, ray, settings.ao_distance, nowhere, BodyStack(), no_skin(), u)
+            result.radiance = visibility(scene, ray, settings.ao_distance, nowhere(), BodyStack(), no_skin(), u)
             result.rays = result.rays + 1
         return result
 

@@ -14,6 +14,7 @@ from wrt.kernels.bsdf import make_bsdf
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import INFINITE_DISTANCE as INFINITE_DISTANCE
 from wrt.kernels.core.ray_tree import NO_HIT, Hit
+from wrt.kernels.core.ray_tree import nowhere as nowhere
 from wrt.kernels.core.rays import RECEIVES_BOTH as RECEIVES_BOTH
 from wrt.kernels.core.rays import RECEIVES_FRONT as RECEIVES_FRONT
 from wrt.kernels.core.rays import Ray as Ray
@@ -107,14 +108,6 @@ class Tools(NamedTuple):
     surface_at: wp.Function
     random: wp.Function
     Numbers: Any
-
-
-@wp.func
-def nowhere() -> Hit:
-    """Return a hit of nothing."""
-    hit = Hit()
-    hit.triangle = NO_HIT
-    return hit
 
 
 @wp.func
