@@ -82,7 +82,8 @@ class Part:
         identity = self.header["identity"]
         stored = {name: identity[name] for name in SETTINGS_OF_PICTURE}
         if NUMBERS in identity:  # merging needs no integrator of one's own
-            stored["integrator"] = group_name(identity["integrator"], "integrator") and None
+            group_name(identity["integrator"], "integrator")
+            stored["integrator"] = None
         return RenderSettings(**stored, **{name: self.header["developing"][name] for name in DEVELOPING})
 
     @property
