@@ -68,7 +68,7 @@ class PointAdjoint:
     """Derivatives by a point, by N, by the sum of the corners' normals, and by the weights of two corners.
 
     `viewer` is the derivative by the direction to the viewer, and `turn` that by a turn of all directions about the
-    axes of space, but for that one.
+    axes of space, except that one.
     """
 
     position: wp.vec3

@@ -53,7 +53,7 @@ from wrt.kernels.sampling.warps import square_to_cosine_hemisphere as square_to_
 
 @wp.struct
 class Found:
-    """What a ray meets first: `vertex`, at a `distance` from its origin, found with so many `rays`.
+    """What a ray meets first: `vertex`, at a `distance` from its origin, and how many `rays` that took.
 
     `vertex.hit.triangle` is negative if it meets no surface. `looks` is as `Tools.find` was given it.
     """
@@ -112,7 +112,7 @@ class Tools(NamedTuple):
 
 @wp.func
 def nothing_found() -> Found:
-    """Return what a ray has found that meets nothing."""
+    """Return the result for a ray that meets nothing."""
     found = Found()
     found.vertex.hit = nowhere()
     return found
@@ -135,7 +135,7 @@ def make_tools(features: Features) -> Tools:
     lights, bsdf = make_lights(features), make_bsdf(features.models)
     emission_weight, add_lights_met = make_emission_weight(features), make_add_lights_met(features)
     light_shapes = make_light_shapes(features.light_shapes)
-    # Panes block shadow rays, as paths of one's own go through them by the BSDF and find the light behind.
+    # Panes block shadow rays, as user-defined paths go through them by the BSDF and find the light behind.
     share_of_light = make_visibility(dataclasses.replace(features, models=()))
 
     @wp.func

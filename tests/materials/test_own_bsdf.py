@@ -1,4 +1,4 @@
-"""A material of one's own: its model is right, and it works like a built-in one; so does docs/own.md's."""
+"""A user-defined material: its model is right, and it works like a built-in one; so does docs/own.md's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A material of one's own: dust of the Moon, by the law of Lommel and Seeliger (Hapke 2012, chapter 8)."""
+"""A user-defined material: dust of the Moon, by the law of Lommel and Seeliger (Hapke 2012, chapter 8)."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Integrators of one's own: their pictures are those of built-in ones, and whatever renders knows them."""
+"""User-defined integrators: their pictures are those of built-in ones, and whatever renders knows them."""
 
 import re
 from dataclasses import dataclass

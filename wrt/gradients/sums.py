@@ -81,7 +81,7 @@ class DeviceSums:
         return np.asarray(self["emission"][number])
 
     def of_points(self, name: str, number: int, count: int) -> Floats:
-        """Return the derivative by the "vertices" or the "normals" of a shape, which are so many, (count, 3)."""
+        """Return the derivative by the "vertices" or the "normals" of a shape that has `count` of them, (count, 3)."""
         return self[name][self._first[number] : self._first[number] + count]
 
     def of_light(self, number: int) -> Floats:

@@ -34,7 +34,7 @@ SETTINGS_OF_PICTURE = tuple(
 """The fields of `RenderSettings` that change a picture; checkpoints store them."""
 
 NUMBERS = "numbers of the integrator"
-"""The key in a header of an integrator of one's own."""
+"""The key in a header for the numbers of a user-defined integrator."""
 
 FORMAT = 1
 _HEADER = "header"
@@ -167,14 +167,14 @@ def identity_of(renderer: Renderer) -> dict[str, Any]:
 
 
 def _numbers_of(integrator: str | Integrator | None) -> dict[str, str]:
-    """Return the numbers of an integrator of one's own, under the key by which others have none."""
+    """Return the numbers of a user-defined integrator under their key, or nothing for a built-in one."""
     if not isinstance(integrator, Integrator):
         return {}
     return {NUMBERS: json.dumps(dataclasses.asdict(integrator))}
 
 
 def integrator_in(header: dict[str, Any]) -> Any:
-    """Return the integrator of a header: a name, or one of one's own with its numbers.
+    """Return the integrator of a header: a name, or a user-defined one with its numbers.
 
     Raises:
         InputError: if it has no such numbers.

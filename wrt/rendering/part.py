@@ -81,7 +81,7 @@ class Part:
         """The settings of the picture."""
         identity = self.header["identity"]
         stored = {name: identity[name] for name in SETTINGS_OF_PICTURE}
-        if NUMBERS in identity:  # merging needs no integrator of one's own
+        if NUMBERS in identity:  # merging needs no user-defined integrator
             group_name(identity["integrator"], "integrator")
             stored["integrator"] = None
         return RenderSettings(**stored, **{name: self.header["developing"][name] for name in DEVELOPING})

@@ -1,4 +1,4 @@
-"""Integrators by name, and the description of those of one's own; docs/integrators.md describes the built-in ones."""
+"""Integrators by name, and the description of user-defined ones; docs/integrators.md describes the built-in ones."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ INTEGRATORS: dict[str, type[Integrator] | None] = dict.fromkeys(("path", "volpat
 
 
 def kinds_of(cls: type[Integrator]) -> dict[str, str]:
-    """Return the fields of an integrator of one's own, and the kind of each: "bool", "int", "float" or "color".
+    """Return the fields of a user-defined integrator, and the kind of each: "bool", "int", "float" or "color".
 
     Raises:
         InputError: if a field has no default, or is of another kind.

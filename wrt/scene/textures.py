@@ -196,7 +196,7 @@ class NormalMap(Description):
 class Texture(Kind):
     """Base of procedural textures: functions of a point on the surface. Not used by itself.
 
-    They stand wherever an image may, but for what emits light. `model` names the device function, which reads the
+    They stand wherever an image may, except for emission. `model` names the device function, which reads the
     attributes in `slot_names` in that order, each a number or a colour.
 
     Attributes:

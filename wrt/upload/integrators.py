@@ -101,7 +101,7 @@ def _obstacle_to_photons(scene: Scene, settings: RenderSettings, integrator: str
 
 
 def hint_at_caustics(scene: Scene, settings: RenderSettings, integrator: str) -> None:
-    """Tell what `caustics` would add if glass or mirrors throw light that paths cannot find, as lights have no size."""
+    """Hint at `caustics` if glass or mirrors throw light that paths cannot find, as lights have no size."""
     if settings.caustics or not any(light.shape() is None and light.shines for light in scene.lights):
         return
     throwers = (shape.material for shape in scene.shapes if not isinstance(shape.material, ThinDielectric))

@@ -1,4 +1,4 @@
-"""Shapes of one's own, by signed distance functions."""
+"""User-defined shapes, by signed distance functions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _CORNERS = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
 
 
 class DistanceShape(Kind):
-    """Base of shapes of one's own, dataclasses that `wrt.register_shape` makes known with a distance function.
+    """Base of user-defined shapes, dataclasses that `wrt.register_shape` makes known with a distance function.
 
     Rays meet where the function is 0. `numbers` are what it takes besides the point.
     """
