@@ -198,6 +198,14 @@ def _ray_query(types: Types, query: RayQuery, name: str, steps: str, answer: str
         ask = f"{call}, exec)" if nearest else f"lanes::Ints({blocked})"
         declaration = "Answer ask(const Steps& steps, const Ray& ray, lanes::Floats reach, lanes::Mask exec)"
         member = f"static {declaration} {{ return {ask}; }}"
+    elif surface := next((own for key, own in functions.items() if key.startswith("find_surface_of_surfaces")), None):
+        kind = f"SurfacesTogether<{name}, lanes::{trees}, {str(not nearest).lower()}>"
+        entered = f"wide_{functions['_entered' if trees == 'InOneTree' else '_instance_entered']}(found, exec)"
+        any_hit = f"lanes::Mask({str(not nearest).lower()})"
+        found = f"wide_{surface}(steps.{query.scene.name}, ray, {entered}, lanes::Floats(0.0f), {any_hit}, exec)"
+        parameters = "const Steps& steps, const Ray& ray, Found found, lanes::Mask exec"
+        answer_of = "" if nearest else ".triangle"
+        member = f"template<class Found> static Answer surface({parameters}) {{ return {found}{answer_of}; }}"
     elif nearest:
         kind = f"NearestTogether<{name}, lanes::{trees}>"
         hit = f"wide_{functions['_hit' if trees == 'InOneTree' else '_instance_hit']}(found, exec)"
