@@ -147,7 +147,8 @@ class EditablePicture(Picture):
 
         Args:
             d_image: (H, W, 3), derivative of the loss by the mean radiance of each pixel; see `image`.
-            names: parameters, as `wrt.parameters` names them; by default all but vertices and normals.
+            names: parameters, as `wrt.parameters` names them; by default all but vertices, normals and indices
+                of smooth glass.
             spp: samples per pixel.
             seed: 0 to 2³² − 1; by default the picture's, whose first `spp` samples are then differentiated.
 
@@ -156,7 +157,7 @@ class EditablePicture(Picture):
 
         Raises:
             InputError: on an array of another shape or with values that are not finite, unknown names, or what has no
-                derivatives: an integrator, caustics; for vertices also some surfaces and lights.
+                derivatives: an integrator, caustics; for vertices and smooth glass also some surfaces and lights.
         """
         found: dict[str, NDArray[np.float32]] = _above.gradients().gradients(self, d_image, names, spp, seed)
         return found
