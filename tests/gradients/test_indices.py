@@ -326,4 +326,4 @@ def test_means_are_those_of_difference_quotients(name, report):
     scatter = np.std(found, ddof=1) / np.sqrt(SEEDS) / size
     report(f"{name}, z", z, f"error {error / size:.1%} of {np.mean(quotients):.4g}, of the gradient {scatter:.1%}")
     assert abs(z) < Z
-    assert error < 0.06 * size
+    assert error < 0.04 * size
