@@ -433,8 +433,7 @@ class Renderer(EditablePicture):
     def device_film(self) -> dict[str, Any]:
         """Return the film itself as (H, W) Warp arrays on the renderer's device, without a copy; only read them.
 
-        With the filter "shared" a crop has one more pixel beside each side that is not the picture's border, and the
-        means of pixels are not blended yet.
+        With the filter "shared" a crop has further pixels beside it, and means are not blended yet.
         They change with each pass, and hold the next picture after `update_vertices` or `set_camera`. Other frameworks
         share them as `device_image`; dividing `total` by `count` gives the picture, in double precision.
 
