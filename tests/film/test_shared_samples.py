@@ -5,6 +5,7 @@ import importlib.util
 
 import numpy as np
 import pytest
+from scipy import special
 from support.small_scenes import LAMP, assert_same_arrays, block_scene, finish
 
 import wrt
@@ -69,6 +70,14 @@ def test_a_corner_has_the_profile_of_the_filter(corner, report):
     error = np.abs(image - step(x - corner[0]) * step(y - corner[1])[:, None]).max()
     report(f"largest error of a corner at {corner}", float(error), "< 0.002")
     assert error < 0.002
+
+
+def test_an_edge_is_nearly_that_of_the_gaussian():
+    """Which Mitsuba's files ask for, of a standard deviation of half a pixel."""
+    x = np.linspace(-3.0, 3.0, 601)
+    assert np.abs(step(x) - special.ndtr(2.0 * x)).max() < 0.02
+    rise = np.interp(0.9, step(x), x) - np.interp(0.1, step(x), x)
+    assert 0.97 < rise / (2.0 * 0.5 * special.ndtri(0.9)) < 1.05
 
 
 @pytest.mark.parametrize("size", [(9, 7), (1, 5), (4, 1), (1, 1)])

@@ -297,7 +297,7 @@ def test_what_a_worker_raises_is_an_error_of_the_cluster(client, monkeypatch):
         def fail(*_, error=error, **__):
             raise error
 
-        monkeypatch.setattr(wrt.Renderer, "sharing", fail)
+        monkeypatch.setattr(wrt.Renderer, "of_window", fail)
         with pytest.raises(wrt.distributed.ClusterError, match=message) as caught:
             film_of(renderer, 64)
         assert caught.value.renderer is film
