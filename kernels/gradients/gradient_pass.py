@@ -36,7 +36,7 @@ def make_gradient_kernel(
 ) -> wp.Kernel:
     """Return the kernel for scenes with these features, of a path tracer without clamping.
 
-    Its arguments are those of a render kernel, but for the first and the last sample, and in place of the film
+    It takes the arguments of a render kernel, except the first and the last sample. In place of the film it takes
     `upstream`, the derivative of the loss by the radiance of each sample, and `radiances`. Wide kernels do one `part`
     each: "radiance" writes what paths find to `radiances`, those of a pixel side by side, and "replay" reads it.
     "vertices" does both, and has derivatives by vertices and normals as well.

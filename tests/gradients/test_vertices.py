@@ -76,7 +76,7 @@ RAMP = np.linspace(0.2, 0.8, 8)[None, :, None] * np.ones((8, 1, 3))
 
 
 def floor_under(light, colors, *, by_mirror, emission=0.0):
-    """Return a renderer of a floor of changing reflectance, of which one point is seen, straight or by a mirror."""
+    """Return a renderer that sees one point of a floor of changing reflectance, directly or in a mirror."""
     value = wrt.ImageTexture(RAMP.astype(np.float32), wrap="clamp") if colors is None else wrt.VertexColor()
     origin, target = ((1, 3, 0.02), (0.03, 3, 0.02)) if by_mirror else ((0.03, 2, 0.02), (0.03, 0, 0.02))
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin, target, up=(0, 0, 1), fov_degrees=0.001))

@@ -185,7 +185,7 @@ def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
 
 
 def test_a_worker_that_builds_a_scene_mutes_no_other_thread(monkeypatch):
-    """Workers may be threads of the head's process, which tells meanwhile of a worker that renders nothing."""
+    """Workers may be threads of the head's process, which can warn of an idle worker at the same time."""
 
     def build(scene, **_):
         wrt.errors.warn("of the scene")

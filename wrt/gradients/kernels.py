@@ -17,7 +17,7 @@ PER_LAUNCH = 1 << 20
 """Samples of a launch, between which an interrupt takes effect, and whose radiance is kept: 12 MB."""
 
 MULTIPLE = 16
-"""Samples of a pixel of which a wide kernel takes any multiple at once. Of fewer it takes a power of two."""
+"""A wide kernel takes any multiple of this number of samples of a pixel at once, or else a power of two."""
 
 STILL_TO_COME = 5.0
 """How much longer gradients are expected to take than so far, as few descents end after some steps."""
