@@ -106,10 +106,12 @@ class Backward:
         seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
         film = self._renderer.film
         upstream: NDArray[np.float32] = np.ascontiguousarray(array(d_image, "d_image", np.float32))
-        if upstream.shape != (film.height, film.width, 3):
-            raise InputError(f"d_image must have the shape ({film.height}, {film.width}, 3), not {upstream.shape}")
+        width, height = film.picture_size
+        if upstream.shape != (height, width, 3):
+            raise InputError(f"d_image must have the shape ({height}, {width}, 3), not {upstream.shape}")
         if not np.isfinite(upstream).all():
             raise InputError("d_image must be finite")
+        upstream = film.reading.spread(upstream)
         total = float(np.abs(upstream).sum(dtype=np.float64))
         if total == 0.0:
             return {key: np.zeros((count, 3)) for key, count in self._counts().items()}

@@ -87,7 +87,8 @@ class Differentiable:
     @property
     def shape(self) -> tuple[int, int, int]:
         """The shape of the picture."""
-        return self._renderer.film.height, self._renderer.film.width, 3
+        width, height = self._renderer.film.picture_size
+        return height, width, 3
 
     def render(self, values: Mapping[str, Any]) -> None:
         """Have the renderer's film hold the picture."""
