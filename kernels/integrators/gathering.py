@@ -34,7 +34,7 @@ _SAME_SURFACE = wp.constant(0.8)
 _LEAST_COSINE = wp.constant(1.0e-5)
 
 _COUNTED = wp.constant(24)
-"""Photons of a bucket that tell how crowded it is."""
+"""Photons of a bucket by which its crowding is measured."""
 
 _LEAST_SPREAD = wp.constant(1.0 / 16.0)
 """Least r² of a photon over the map's: half a pixel at first. Most samples of a pixel would miss smaller dots."""
@@ -164,7 +164,7 @@ def spread_photons(first: int, photon_map: PhotonMap, places_out: wp.array(dtype
 def make_gather(features: Features) -> wp.Function:
     """Return the device function (scene, map, bsdf, wo, surface, most_turns) -> Caustic or GroupedCaustic towards wo.
 
-    Photons that surfaces have turned more often than `most_turns` are left out, and those that rough surfaces have
+    Photons that surfaces have turned more often than `most_turns` are left out. Photons that rough surfaces have
     scattered before are for matt surfaces alone.
     """
     is_matt = make_is_matt(features.models)

@@ -73,8 +73,8 @@ class PathState:
     It `was_blurred` if anything that is not smooth scattered it, where `Features` ask for it. It `has_gathered` if
     photons were gathered where it was last scattered by what is not smooth, and `has_settled` once that was a matt
     surface, which gathers the light of all caustics, however long its way. It `was_cast` if what scattered it last is
-    smooth, or nearly smooth and throws caustics; kept where there is the latter. It `is_done` once it has ended, for
-    whatever reason.
+    smooth, or nearly smooth and throws caustics; only scenes with nearly smooth casters keep this. It `is_done` once it
+    has ended, for whatever reason.
     """
 
     ray: Ray
