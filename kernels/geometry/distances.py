@@ -13,7 +13,7 @@ Normals are differences along the corners of a tetrahedron. `wp.grad` would be w
 values, as of fractals.
 """
 
-from typing import NamedTuple, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import warp as wp
 
@@ -176,40 +176,59 @@ def make_volume_of(geometry: str) -> wp.Function:
     return volume_of
 
 
-@wp.func
-def number_at(scene: SceneData, volume: Volume, k: int) -> float:
-    """Return a number that the host stored for a distance function."""
-    return scene.normals[volume.first + k // 3][k % 3]
-
-
 # --- The distance ----------------------------------------------------------------------------------
 
 
-@wp.func
-def _nowhere(scene: SceneData, volume: Volume, point: wp.vec3) -> float:
-    return 1.0e30
+@specialised()
+def make_numbers(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (scene, volume) -> the numbers that the host stored for its function, and others."""
+    Numbers = numbers_type(names)  # noqa: N806
+
+    @wp.func
+    def numbers_of_volume(scene: SceneData, volume: Volume) -> Numbers:  # type: ignore[valid-type]
+        numbers = Numbers()
+        last = scene.normals.shape[0] - 1
+        for k in range(wp.static(Numbers._length_)):
+            numbers[k] = scene.normals[wp.min(volume.first + k // 3, last)][k % 3]
+        return numbers
+
+    return numbers_of_volume
+
+
+def numbers_type(names: tuple[str, ...]) -> Any:
+    """Return the vector type that holds the numbers of each of these functions."""
+    return wp.types.vector(length=max([1, *map(numbers_of, names)]), dtype=float)
 
 
 @specialised()
-def make_distance(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function (scene, volume, point in its space) -> distance, a link of a chain for each name."""
+def make_distance(names: tuple[str, ...], all_names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (model, numbers, point in its space) -> distance, a link of a chain for each name.
+
+    The numbers are those of `make_numbers` for `all_names`.
+    """
+    Numbers = numbers_type(all_names)  # noqa: N806
     if not names:
-        return _nowhere
+
+        @wp.func
+        def nowhere(model: int, numbers: Numbers, point: wp.vec3) -> float:  # type: ignore[valid-type]
+            return 1.0e30
+
+        return nowhere
     function, count = DISTANCES.model_of(names[0])
-    kind, following = number_of(names[0]), make_distance(names[1:])
-    Numbers = wp.types.vector(length=max(count, 1), dtype=float)  # noqa: N806
+    kind, following = number_of(names[0]), make_distance(names[1:], all_names)
+    Own = wp.types.vector(length=max(count, 1), dtype=float)  # noqa: N806
 
     @wp.func
-    def distance(scene: SceneData, volume: Volume, point: wp.vec3) -> float:
-        if volume.model == wp.static(kind):
-            numbers = Numbers()
+    def distance(model: int, numbers: Numbers, point: wp.vec3) -> float:  # type: ignore[valid-type]
+        if model == wp.static(kind):
+            own = Own()
             for k in range(wp.static(count)):
-                numbers[k] = number_at(scene, volume, k)
+                own[k] = numbers[k]
             if wp.static(count == 0):
                 return function(point)
             else:
-                return function(point, *numbers)
-        return following(scene, volume, point)
+                return function(point, *own)
+        return following(model, numbers, point)
 
     return distance
 
@@ -265,11 +284,13 @@ def make_meet_volume(geometry: str) -> wp.Function:
     is not 0, a surface was met there, and the next begins a few least steps behind it. Where the function returns NaN,
     nothing is met.
     """
-    distance = make_distance(distances_of(geometry))
+    names = distances_of(geometry)
+    distance, numbers_of_volume = make_distance(names, names), make_numbers(names)
 
     @wp.func
     def meet_volume(scene: SceneData, volume: Volume, ray: Ray, after: float, before: float) -> float:
         passage = passage_of(volume, ray)
+        numbers = numbers_of_volume(scene, volume)
         length = wp.length(passage.direction)
         diagonal = diagonal_of(volume)
         least = diagonal * _LEAST_STEP / length
@@ -280,7 +301,7 @@ def make_meet_volume(geometry: str) -> wp.Function:
             s = wp.max(after + 2.0 * least - passage.begin, 0.0)
         if not (s < end):
             return NO_MEETING
-        value = distance(scene, volume, passage.start + passage.direction * s)
+        value = distance(volume.model, numbers, passage.start + passage.direction * s)
         outside = value > 0.0
         free = wp.abs(value) * per_distance
         stretch = float(1.0)
@@ -291,7 +312,7 @@ def make_meet_volume(geometry: str) -> wp.Function:
         goes_on = bool(value == value)
         while goes_on:
             far = wp.min(s + wp.max(free * stretch, least), end)
-            far_value = distance(scene, volume, passage.start + passage.direction * far)
+            far_value = distance(volume.model, numbers, passage.start + passage.direction * far)
             far_free = wp.abs(far_value) * per_distance
             steps += 1
             if steps >= _FINE_STEPS and steps % _STEPS_TO_DOUBLE == 0:
@@ -317,7 +338,7 @@ def make_meet_volume(geometry: str) -> wp.Function:
         at_middle = float(far_value)
         while wp.abs(at_middle) > diagonal * _TOLERANCE and turns < _REFINEMENTS:
             middle = s + (far - s) * wp.clamp(value / (value - far_value), 0.01, 0.99)
-            at_middle = distance(scene, volume, passage.start + passage.direction * middle)
+            at_middle = distance(volume.model, numbers, passage.start + passage.direction * middle)
             if (at_middle > 0.0) == outside:
                 s = middle
                 value = at_middle
@@ -377,11 +398,13 @@ def make_point_on_volume(geometry: str) -> wp.Function:
     error does not depend on t. Where details are finer than the difference, the normal may face away from the ray, and
     is turned to it.
     """
-    distance = make_distance(distances_of(geometry))
+    names = distances_of(geometry)
+    distance, numbers_of_volume = make_distance(names, names), make_numbers(names)
 
     @wp.func
     def point_on_volume(scene: SceneData, volume: Volume, ray: Ray, t: float, outside: bool) -> VolumePoint:
         passage = passage_of(volume, ray)
+        numbers = numbers_of_volume(scene, volume)
         local = passage.start + passage.direction * (t - passage.begin)
         diagonal = diagonal_of(volume)
         error = t * wp.length(passage.direction) * _ROUNDINGS
@@ -393,7 +416,7 @@ def make_point_on_volume(geometry: str) -> wp.Function:
             x = wp.where(k < 2, 1.0, -1.0)
             y = wp.where(k % 2 == 0, 1.0, -1.0)
             corner = wp.vec3(x, y, x * y)
-            value = distance(scene, volume, local + h * corner)
+            value = distance(volume.model, numbers, local + h * corner)
             gradient += value * corner
             mean += 0.25 * value
         gradient = gradient / (4.0 * h)
