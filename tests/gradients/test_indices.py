@@ -139,12 +139,15 @@ def with_glass(scene, faces, glass):
     return scene
 
 
-def through_block(tilt, wall):
-    """Return a scene of a wall at z = −3 that is seen through a block of glass."""
-    scene = with_glass(wrt.Scene(camera=eye(tilt)), faces_of_block(), wrt.Dielectric(1.6, 1.1))
+def through_block(tilt, wall, *glasses):
+    """Return a scene of a wall at z = −3 that is seen through a block of glass, or of one for each of its faces."""
+    scene = wrt.Scene(camera=eye(tilt))
+    glasses = glasses or [wrt.Dielectric(1.6, 1.1)] * 2
+    for face, glass in zip(faces_of_block(), glasses, strict=True):
+        scene.add(face, material=glass, name="glass")
     mesh = ramp((-5, -5, -3), (10, 0, 0), (0, 10, 0), 0.1, 0.9)
     if wall == "shines":
-        scene.add(mesh, material=wrt.Diffuse(0.0), emission=wrt.VertexColor())
+        scene.add(mesh, material=wrt.Diffuse(0.0), emission=wrt.VertexColor(), name="wall")
     else:
         scene.add(mesh, material=wrt.Diffuse(wrt.VertexColor()))
         scene.add_light(wrt.PointLight((0.4, 0.3, -2.0), 2.0))
@@ -199,6 +202,33 @@ def test_a_block_of_glass_dims_and_shifts_the_wall_behind_it(tilt, wall, depth, 
     ):
         expected = slope(lambda n, f=function: radiance_through_block(f(n), tilt, wall, bounces), at)
         require(report, name, found[name], expected, within=0.02)
+
+
+def all_and_each(scene, names):
+    """Return derivatives by the names, in one call and in a call for each."""
+    renderer = wrt.Renderer(scene, width=2, height=2, max_depth=5, threads=1)
+    d_image = np.ones((2, 2, 3))
+    each = {name: renderer.gradients(d_image, name, spp=16)[name] for name in names}
+    return renderer.gradients(d_image, names, spp=16), each
+
+
+def test_faces_of_two_glasses_share_the_derivative_of_one():
+    """With the same random numbers; each in a pass of its own."""
+    two = [wrt.Dielectric(1.6, 1.1), wrt.Dielectric(1.6, 1.1)]
+    found, each = all_and_each(through_block(TILT, "shines", *two), ["glass.ior", "glass#2.ior"])
+    assert found == each
+    whole, _ = all_and_each(through_block(TILT, "shines"), ["glass.ior"])
+    assert found["glass.ior"] != pytest.approx(found["glass#2.ior"], rel=0.1)
+    assert found["glass.ior"] + found["glass#2.ior"] == pytest.approx(whole["glass.ior"], rel=1e-4)
+
+
+@pytest.mark.slow
+def test_indices_go_along_with_vertices_and_values():
+    names = ["glass.ior", "wall.vertices", "glass.specular_transmittance"]
+    found, each = all_and_each(through_block(TILT, "shines"), names)
+    for name in names:
+        assert np.any(found[name])
+        np.testing.assert_allclose(found[name], each[name], rtol=1e-5, atol=1e-5 * np.abs(each[name]).max())
 
 
 @pytest.mark.parametrize("axis", [0, 1], ids=["azimuth", "height"])
