@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_by_viewer
+from wrt.kernels.bsdf import make_by_viewer, model_of
 from wrt.kernels.core.bsdf import no_lobes, slot_values
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import Hit
@@ -34,7 +34,12 @@ from wrt.kernels.media.medium import medium_of
 def reason_against(features: Features) -> str:
     """Return what in a scene of these features has no derivatives by the index of glass; "" if it has them."""
     clear = replace(features, media="none") if features.media == "absorbing" and not features.grid_media else features
-    reasons = [reason_against_vertices(clear), "dispersion" if disperses(features.models) else ""]
+    smooth = [model for model in map(model_of, features.models) if model.delta and not model.straight]
+    reasons = [
+        reason_against_vertices(clear),
+        "dispersion" if disperses(features.models) else "",
+        "smooth models without `specular`" if any(model.specular is None for model in smooth) else "",
+    ]
     return ", ".join(reason for reason in reasons if reason)
 
 

@@ -13,7 +13,11 @@ from support.grids import grid, with_bumps
 import wrt
 from wrt.backend.device import Device
 from wrt.backend.warp_start import initialize_warp
-from wrt.kernels.gradients.tangents import mirrored_tangent, refracted_tangent
+from wrt.kernels import bsdf as models
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.core.features import Features
+from wrt.kernels.gradients.bsdf import bending_slot, slots_without_derivative
+from wrt.kernels.gradients.tangents import mirrored_tangent, reason_against, refracted_tangent
 
 Z = 4.5
 """The greatest z of two dozen numbers: a right program exceeds it once in 5,000 runs."""
@@ -90,6 +94,18 @@ def test_names_and_what_is_refused():
     assert [name for name in wrt.parameters(prism) if "ior" in name] == ["0.0.ior", "0.0.exterior_ior"]
     with pytest.raises(wrt.InputError, match=r"by the index of smooth glass in scenes with dispersion"):
         wrt.Renderer(prism, width=8, height=8).gradients(np.ones((8, 8, 3)), "0.0.ior", spp=1)
+
+
+def test_own_models_must_tell_where_light_goes():
+    """A smooth one that only samples may turn light anywhere, so nothing is known of its index."""
+    own = model_of("dielectric")._replace(specular=None)
+    models.register_model("own_glass", own)
+    name = models.current_name("own_glass")
+    assert (bending_slot("dielectric"), bending_slot(name)) == (own.index_slot, -1)
+    assert (slots_without_derivative("dielectric"), slots_without_derivative(name)) == ((), (own.index_slot,))
+    assert reason_against(Features(("dielectric",), False, "none")) == ""
+    assert reason_against(Features((name,), False, "none")) == "smooth models without `specular`"
+    models.BSDFS.forget("own_glass")
 
 
 # --- Closed forms ----------------------------------------------------------------------------------
