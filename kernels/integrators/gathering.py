@@ -148,11 +148,13 @@ def spread_photons(first: int, photon_map: PhotonMap, places_out: wp.array(dtype
         step = 1 + (end - start) // _COUNTED
         j = start
         while j < end:
-            other = photon_map.photons[j]
-            offset = other.position - photon.position
+            other = photon_map.places[j]
+            position = wp.vec3(other[0], other[1], other[2])
+            offset = position - photon.position
             share = 1.0 - wp.dot(offset, offset) / (radius * radius)
-            if share > 0.0 and wp.abs(wp.dot(other.normal, photon.normal)) > _SAME_SURFACE:
-                if cell_of(other.position, radius) == cell:
+            if share > 0.0:  # others need not be read
+                alike = wp.abs(wp.dot(photon_map.photons[j].normal, photon.normal)) > _SAME_SURFACE
+                if alike and cell_of(position, radius) == cell:
                     found += 2.0 * share * float(step)
             j += step
     place = places_out[i]
