@@ -34,7 +34,7 @@ _SAME_SURFACE = wp.constant(0.8)
 _LEAST_COSINE = wp.constant(1.0e-5)
 
 _COUNTED = wp.constant(24)
-"""Photons of a bucket that tell how crowded it is."""
+"""Photons of a bucket by which its crowding is measured."""
 
 _LEAST_SPREAD = wp.constant(1.0 / 16.0)
 """Least r² of a photon over the map's: half a pixel at first. Most samples of a pixel would miss smaller dots."""
@@ -148,13 +148,11 @@ def spread_photons(first: int, photon_map: PhotonMap, places_out: wp.array(dtype
         step = 1 + (end - start) // _COUNTED
         j = start
         while j < end:
-            other = photon_map.places[j]
-            position = wp.vec3(other[0], other[1], other[2])
-            offset = position - photon.position
+            other = photon_map.photons[j]
+            offset = other.position - photon.position
             share = 1.0 - wp.dot(offset, offset) / (radius * radius)
-            if share > 0.0:  # others need not be read
-                alike = wp.abs(wp.dot(photon_map.photons[j].normal, photon.normal)) > _SAME_SURFACE
-                if alike and cell_of(position, radius) == cell:
+            if share > 0.0 and wp.abs(wp.dot(other.normal, photon.normal)) > _SAME_SURFACE:
+                if cell_of(other.position, radius) == cell:
                     found += 2.0 * share * float(step)
             j += step
     place = places_out[i]
@@ -166,7 +164,7 @@ def spread_photons(first: int, photon_map: PhotonMap, places_out: wp.array(dtype
 def make_gather(features: Features) -> wp.Function:
     """Return the device function (scene, map, bsdf, wo, surface, most_turns) -> Caustic or GroupedCaustic towards wo.
 
-    Photons that surfaces have turned more often than `most_turns` are left out, and those that rough surfaces have
+    Photons that surfaces have turned more often than `most_turns` are left out. Photons that rough surfaces have
     scattered before are for matt surfaces alone.
     """
     is_matt = make_is_matt(features.models)
