@@ -69,8 +69,8 @@ def test_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 def test_pictures_have_the_same_bits_by_any_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also if a render changes to the wide kernels, and with several threads."""
-    monkeypatch.setenv("WRT_WIDE", str(LANES))
     scalar = image_of(renderer_of(SLOW), 10)
+    monkeypatch.setenv("WRT_WIDE", str(LANES))
     renderer = renderer_of(SLOW, threads=2)
     image_of(renderer, 3)
     assert renderer.compile() > 0.0
