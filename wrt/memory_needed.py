@@ -13,6 +13,7 @@ from wrt.rendering.catchers import any_catchers, without_others
 from wrt.rendering.film import BYTES_PER_PIXEL
 from wrt.rendering.film_aovs import bytes_per_pixel
 from wrt.rendering.guides import LAYERS as GUIDES
+from wrt.rendering.reading import window_of
 from wrt.scene.layers import CATCHER
 from wrt.studio.framing import with_camera
 from wrt.upload.memory import SceneMemory
@@ -89,7 +90,7 @@ def device_memory(
     of_scenes = [
         SceneMemory(PreparedScene(each), is_cpu=device == "cpu", texture_coordinates=coordinates) for each in scenes
     ]
-    x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
+    x0, y0, x1, y1 = window_of(settings)
     pixels, of_layers = (x1 - x0) * (y1 - y0), [bytes_per_pixel(film, scene.light_groups) for film in films]
     film = pixels * BYTES_PER_PIXEL * len(films) * (1 + settings.denoise)
     of_layers_and_guides = pixels * (sum(of_layers) + len(films) * settings.denoise * bytes_per_pixel(GUIDES))

@@ -84,10 +84,10 @@ def build(level: str, kernels: list[tuple[Any, int]]) -> None:
 
 
 def publish(level: str) -> int:
-    """Copy what this process has compiled into the package's folder of a level; return the bytes that are there.
+    """Copy what this process has compiled into the package's folder of a level; return the folder's size in bytes.
 
     Raises:
-        InputError: if the code has changed meanwhile.
+        InputError: if the code has changed since.
     """
     artefacts = current_backend().artefacts
     if digest_of_code(artefacts.warp_version) != artefacts.code:

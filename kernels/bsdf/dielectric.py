@@ -42,7 +42,8 @@ def seen_from(inside_over_outside: float, front: bool) -> float:
 @wp.func
 def refracted(wo: wp.vec3, eta: float) -> wp.vec3:
     """Return the refracted direction, unless there is total internal reflection; eta = n_t / n_i."""
-    cos_t = wp.sqrt(wp.max(0.0, cos_transmitted_squared(wo[2], eta)))
+    # Not 0, where the adjoint of the root is not finite.
+    cos_t = wp.sqrt(wp.max(1.0e-12, cos_transmitted_squared(wo[2], eta)))
     scale = 1.0 / eta
     return wp.vec3(-wo[0] * scale, -wo[1] * scale, -cos_t)
 

@@ -26,8 +26,8 @@ class PhotonMap:
     """The photons of a set by buckets: those of bucket b are `starts[b]` to `starts[b + 1]` − 1 of `photons`.
 
     Cells of a grid, twice `radius` wide, are hashed into buckets; the number of buckets is a power of two. `places` has
-    the position of each photon and the square of the radius over which it is spread, at most that of the map. Spread by
-    `crowd` on average, photons would each cover so many others.
+    the position of each photon and the square of the radius over which it is spread, at most `radius`. That radius is
+    chosen so that a photon covers `crowd` others on average.
     """
 
     photons: wp.array(dtype=Photon)

@@ -294,6 +294,10 @@ NEEDS_SIDES = wp.constant(8)
 """Some shape is single-sided or unlit."""
 NEEDS_ATTENUATION = wp.constant(16)
 """Some surface lets a part of the light pass."""
+NEEDS_EXACT = wp.constant(32)
+"""Some shape is exact."""
+NEEDS_BODIES = wp.constant(64)
+"""Some body contains a medium or has a priority."""
 
 
 @wp.struct
@@ -339,7 +343,7 @@ class SceneData:
     light_aliases: wp.array(dtype=int)
     light_tree: LightTree  # if Features.light_tree; the table above then has the lights at infinity
     light_shapes: wp.array(dtype=LightShape)  # the ones that rays can hit, suns, spots
-    light_boxes: wp.array(dtype=LightBox)  # around those that rays can hit, in depth-first order
+    light_boxes: wp.array(dtype=LightBox)  # around the ones that rays can hit, in depth-first order
     solid_light_shapes: int
     sun_light_shapes: int  # index of the first one after the suns
     light_groups: wp.array(dtype=int)  # of what is no light of the table, of each light there, and of the environment

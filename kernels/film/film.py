@@ -27,29 +27,108 @@ def is_finite_color(c: wp.vec3) -> bool:
     return wp.isfinite(c[0]) and wp.isfinite(c[1]) and wp.isfinite(c[2])
 
 
+@wp.struct
+class FilmReading:
+    """How a film is read, see `wrt/rendering/reading.py`.
+
+    `width` is that of the film, in pixels. The picture is `picture_width` wide and begins at the column `left` and the
+    row `top` of the film. `share` of a pixel's mean goes to each neighbour.
+    """
+
+    width: int
+    picture_width: int
+    left: int
+    top: int
+    share: wp.float64
+
+
+@wp.func
+def _mean(total: wp.array(dtype=wp.vec3d), count: wp.array(dtype=wp.int32), pixel: int) -> wp.vec3d:
+    return total[pixel] / wp.float64(wp.max(count[pixel], 1))
+
+
+@wp.func
+def _mean_down(
+    total: wp.array(dtype=wp.vec3d), count: wp.array(dtype=wp.int32), reading: FilmReading, x: int, y: int
+) -> wp.vec3d:
+    """Return the mean of a pixel, blended with those of the pixels above and below it."""
+    pixel = y * reading.width + x
+    mean = _mean(total, count, pixel)
+    if reading.share == wp.float64(0.0):
+        return mean
+    own = wp.float64(1.0)
+    others = wp.vec3d()
+    if y > 0:
+        others += _mean(total, count, pixel - reading.width)
+        own -= reading.share
+    if y < count.shape[0] // reading.width - 1:
+        others += _mean(total, count, pixel + reading.width)
+        own -= reading.share
+    return others * reading.share + own * mean
+
+
+@wp.func
+def _variance(film: FilmData, pixel: int) -> wp.vec3d:
+    """Return the variance of a pixel's mean; 0 below two samples."""
+    n = wp.float64(film.count[pixel])
+    variance = wp.vec3d()
+    if n > wp.float64(1.0):
+        mean = film.total[pixel] / n
+        spread = film.total_of_squares[pixel] / n - wp.cw_mul(mean, mean)
+        variance = wp.max(spread, wp.vec3d()) / (n - wp.float64(1.0))
+    return variance
+
+
+@wp.func
+def _variance_down(film: FilmData, reading: FilmReading, x: int, y: int) -> wp.vec3d:
+    """Return the variance of what `_mean_down` returns."""
+    pixel = y * reading.width + x
+    variance = _variance(film, pixel)
+    if reading.share == wp.float64(0.0):
+        return variance
+    own = wp.float64(1.0)
+    others = wp.vec3d()
+    if y > 0:
+        others += _variance(film, pixel - reading.width)
+        own -= reading.share
+    if y < film.count.shape[0] // reading.width - 1:
+        others += _variance(film, pixel + reading.width)
+        own -= reading.share
+    return others * (reading.share * reading.share) + (own * own) * variance
+
+
 @wp.kernel(enable_backward=False)
 def film_noise(
     first_row: int,
-    width: int,
+    reading: FilmReading,
     film: FilmData,
     mean_out: wp.array(dtype=wp.float64),
     error_out: wp.array(dtype=wp.float64),
 ):
-    """Sum the pixels' means, and the standard errors of these, over each row and all channels."""
+    """Sum the pixels' means, and the standard errors of these as they are read, over each row and all channels."""
     row = first_row + wp.tid()
     mean = wp.float64(0.0)
     error = wp.float64(0.0)
-    for x in range(width):
-        pixel = row * width + x
+    before = wp.vec3d()
+    here = _variance_down(film, reading, 0, row)
+    for x in range(reading.width):
+        pixel = row * reading.width + x
         n = wp.float64(film.count[pixel])
+        own = wp.float64(1.0)
+        after = wp.vec3d()
+        if x > 0:
+            own -= reading.share
+        if x < reading.width - 1:
+            own -= reading.share
+            after = _variance_down(film, reading, x + 1, row)
+        variance = (before + after) * (reading.share * reading.share) + (own * own) * here
         if n > wp.float64(1.0):
             total = film.total[pixel]
-            squares = film.total_of_squares[pixel]
             for c in range(3):
-                m = total[c] / n
-                mean += m
-                variance = wp.max(squares[c] / n - m * m, wp.float64(0.0)) / (n - wp.float64(1.0))
-                error += wp.sqrt(variance)
+                mean += total[c] / n
+                error += wp.sqrt(variance[c])
+        before = here
+        here = after
     mean_out[row] = mean
     error_out[row] = error
 
@@ -59,13 +138,25 @@ def film_mean(
     first_thread: int,
     total: wp.array(dtype=wp.vec3d),
     count: wp.array(dtype=wp.int32),
+    reading: FilmReading,
     mean_out: wp.array(dtype=wp.vec3),
 ):
-    """Write the mean of each pixel's samples; black where there are none."""
-    pixel = first_thread + wp.tid()
-    n = wp.float64(wp.max(count[pixel], 1))
-    mean = total[pixel] / n
-    mean_out[pixel] = wp.vec3(float(mean[0]), float(mean[1]), float(mean[2]))
+    """Write the picture, of means of each pixel's samples; black where there are none."""
+    place = first_thread + wp.tid()
+    x = reading.left + place % reading.picture_width
+    y = reading.top + place // reading.picture_width
+    mean = _mean_down(total, count, reading, x, y)
+    if reading.share > wp.float64(0.0):
+        own = wp.float64(1.0)
+        others = wp.vec3d()
+        if x > 0:
+            others += _mean_down(total, count, reading, x - 1, y)
+            own -= reading.share
+        if x < reading.width - 1:
+            others += _mean_down(total, count, reading, x + 1, y)
+            own -= reading.share
+        mean = others * reading.share + own * mean
+    mean_out[place] = wp.vec3(float(mean[0]), float(mean[1]), float(mean[2]))
 
 
 PIXELS_OF_TALLY = 256

@@ -1,9 +1,8 @@
 """Adjoints of all functions below one that `wp.grad` differentiates, whoever has the module compiled.
 
-Warp 1.19 generates an adjoint for that function and those that are first called below it. A function that its kernel
-has called before gets an empty one, which compiles, and derivatives are 0 without a word. For kernels that are
-differentiated as a whole Warp marks the callees once more when it knows all calls. The same is done here from the
-functions of `wp.grad`.
+Warp 1.19 generates an adjoint for that function and for functions first called below it. If the kernel has called a
+function before, its adjoint is empty: it compiles, and derivatives are silently 0. For kernels that are differentiated
+as a whole, Warp marks the callees again when it knows all calls. The same is done here from the functions of `wp.grad`.
 """
 
 from typing import Any

@@ -48,14 +48,21 @@ def differentiable(names: tuple[str, ...]) -> tuple[str, ...]:
 def slots_without_derivative(name: str) -> tuple[int, ...]:
     """Return the slots of a model that have no derivative here.
 
-    The index of a smooth boundary decides where refracted light goes, and so all that a path finds from there on. With
-    dispersion a row of the slots is overwritten for each channel, whose adjoint Warp 1.19 gets wrong.
+    With dispersion a row of the slots is overwritten for each channel, whose adjoint Warp 1.19 gets wrong.
     """
     model = model_of(name)
     if not differentiable((name,)):
         return tuple(range(model.slots))
-    has_fixed_index = model.index_slot >= 0 and (model.delta or model.channels_slot >= 0)
-    return (model.index_slot,) if has_fixed_index else ()
+    return (model.index_slot,) if model.channels_slot >= 0 else ()
+
+
+def bending_slot(name: str) -> int:
+    """Return the slot of the index of a smooth boundary, −1 for other models.
+
+    It decides where refracted light goes, and so all that a path finds from there on: see `tangents.py`.
+    """
+    model = model_of(name)
+    return model.index_slot if model.delta and model.channels_slot < 0 else -1
 
 
 @specialised()

@@ -32,17 +32,19 @@ def of_gradients(function: Callable[..., None]) -> Callable[..., None]:
 
 @specialised()
 def make_gradient_kernel(
-    features: Features, part: Literal["both", "radiance", "replay", "vertices"] = "both"
+    features: Features, part: Literal["both", "radiance", "replay", "vertices", "index"] = "both"
 ) -> wp.Kernel:
     """Return the kernel for scenes with these features, of a path tracer without clamping.
 
-    Its arguments are those of a render kernel, but for the first and the last sample, and in place of the film
+    It takes the arguments of a render kernel, except the first and the last sample. In place of the film it takes
     `upstream`, the derivative of the loss by the radiance of each sample, and `radiances`. Wide kernels do one `part`
     each: "radiance" writes what paths find to `radiances`, those of a pixel side by side, and "replay" reads it.
-    "vertices" does both, and has derivatives by vertices and normals as well.
+    "vertices" does both, and has derivatives by vertices and normals as well, and "index" that by the index of one
+    smooth glass.
     """
     camera_sample, sampler_of_pixel = make_camera_sample(features), make_sampler_of_pixel(features.sampler)
-    trace_path, replay_path = make_trace_path(features), make_replay_path(features, vertices=part == "vertices")
+    by = part if part in ("vertices", "index") else "values"
+    trace_path, replay_path = make_trace_path(features), make_replay_path(features, by=by)
     module = wp.get_module(f"{make_gradient_kernel.module_name(features)}.{part}")
     traces, replays = part != "replay", part != "radiance"
 

@@ -15,6 +15,7 @@ from wrt.kernels.core.scene_data import (
     LIGHT_TRIANGLE,
     WRAP_CLAMP,
     WRAP_REPEAT,
+    EnvironmentData,
     SceneData,
 )
 from wrt.kernels.core.specialise import specialised
@@ -26,7 +27,8 @@ from wrt.kernels.lights.choice import NO_LIGHT, make_light_choice
 from wrt.kernels.lights.environment import point_towards
 from wrt.kernels.lights.record import LightSample
 from wrt.kernels.lights.shapes import are_textured, make_light_model, shape_number
-from wrt.kernels.textures.textures import make_slot_color, neighbors
+from wrt.kernels.sampling.warps import PI, TWO_PI
+from wrt.kernels.textures.textures import bilinear, make_slot_color, neighbors
 
 
 @wp.func
@@ -42,6 +44,33 @@ def add_to_environment_texels(sums: GradientSums, scene: SceneData, direction: w
     rows = neighbors(int(row), environment.height, WRAP_CLAMP)
     share = wp.vec2(x - column, y - row)
     add_bilinear(sums.environment_texels, 0, environment.width, columns, rows, share, gradient)
+
+
+@wp.func
+def environment_change(environment: EnvironmentData, direction: wp.vec3, change: wp.vec3) -> wp.vec3:
+    """Return the derivative of the radiance in a direction by what `change` is the derivative of the direction by."""
+    local = environment.rotation * direction
+    turn = environment.rotation * change
+    point = point_towards(environment, direction)
+    sine = wp.max(point.sine, 1.0e-6)
+    by_sine = (local[0] * turn[0] + local[2] * turn[2]) / sine
+    u = (local[0] * turn[2] - local[2] * turn[0]) / (sine * sine * TWO_PI)
+    v = (local[1] * by_sine - sine * turn[1]) / PI
+    x = point.uv[0] * float(environment.width) - 0.5
+    y = point.uv[1] * float(environment.height) - 0.5
+    column = wp.floor(x)
+    row = wp.floor(y)
+    columns = neighbors(int(column), environment.width, WRAP_REPEAT)
+    rows = neighbors(int(row), environment.height, WRAP_CLAMP)
+    found = wp.vec3(0.0)
+    for k in range(2):
+        # The interpolation is linear along each axis, so differences of its ends are exact.
+        end = float(k)
+        sign = 2.0 * end - 1.0
+        across = bilinear(environment.texels, 0, environment.width, columns, rows, wp.vec2(end, y - row))
+        down = bilinear(environment.texels, 0, environment.width, columns, rows, wp.vec2(x - column, end))
+        found += across * (sign * u * float(environment.width)) + down * (sign * v * float(environment.height))
+    return found
 
 
 class LightGradients(NamedTuple):

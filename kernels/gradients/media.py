@@ -47,9 +47,9 @@ def mean_free_length_slope(extinction: float, distance: float) -> float:
 def make_add_to_medium(features: Features) -> wp.Function:
     """Return the device function that adds the derivatives by the medium in which a segment of a path lies.
 
-    Its arguments are (sums, scene, stack, hit, length, throughput, scatters, distance, upstream, later). The throughput
-    is that before the segment, `length` that of the way to the hit, and `later` the radiance that the path finds after
-    the segment, without the medium's own emission.
+    Its arguments are (sums, scene, stack, hit, length, throughput, scatters, distance, upstream, later). `throughput`
+    is the path's before the segment, `length` the distance to the hit, and `later` the radiance that the path finds
+    after the segment, without the medium's own emission.
     """
     extinction_of, add_to_extinction = make_extinction(features.media), make_add_to_extinction(features.media)
 
@@ -79,7 +79,7 @@ def make_add_to_medium(features: Features) -> wp.Function:
                 extinction = extinction_of(scene, stack)
                 if wp.max(record.emission) > 0.0:
                     for c in range(3):
-                        # A channel without extinction shines nowhere, or not without end.
+                        # The emission of a channel without extinction grows with the length, which must be finite.
                         if extinction[c] > 0.0 or length < 0.5 * INFINITE_DISTANCE:
                             seen = upstream[c] * throughput[c]
                             slope = mean_free_length_slope(extinction[c], length)

@@ -6,6 +6,8 @@ that comes through the scattering at hand, whose derivative is thus that light t
 BSDF. Sampling stays as it is: densities, weights of MIS, roulette and the choice among materials have no derivative.
 """
 
+from typing import Literal
+
 import warp as wp
 
 from wrt.kernels.accel.intersect import make_intersect
@@ -13,7 +15,7 @@ from wrt.kernels.bsdf import make_bsdf, model_of, models_with
 from wrt.kernels.core.bsdf import slot_values
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import NO_HIT
-from wrt.kernels.core.rays import Ray, to_local
+from wrt.kernels.core.rays import Ray, to_local, to_world
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import path_function
@@ -23,6 +25,7 @@ from wrt.kernels.gradients.materials import make_add_to_material
 from wrt.kernels.gradients.media import make_add_to_medium
 from wrt.kernels.gradients.shadows import dims_shadows, make_add_to_shadow
 from wrt.kernels.gradients.sums import GradientSums
+from wrt.kernels.gradients.tangents import RayTangent, make_index_gradients
 from wrt.kernels.gradients.vertices import PathPoint, PointAdjoint, make_vertex_gradients, point_of
 from wrt.kernels.integrators.next_event import make_light_at_surface, make_light_in_medium
 from wrt.kernels.integrators.path import make_begin_path
@@ -46,13 +49,13 @@ from wrt.kernels.sampling.sampler import BLOCK_BSDF, BLOCK_LIGHT, Sampler, make_
 
 
 @specialised()
-def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Function:
+def make_replay_path(features: Features, *, by: Literal["values", "vertices", "index"] = "values") -> wp.Function:
     """Return the device function that adds the derivatives of the radiance of a path.
 
     Its arguments are (sums, scene, camera_ray, pixel_footprint, sampler, settings, radiance, upstream). It follows the
     path from its begin, as `make_follow_path` does, with the same random numbers. `radiance` is what the path finds in
-    all, and `upstream` the derivative of the loss by that. The result is how many surfaces scattered it. With
-    `vertices` it adds derivatives by these and by normals, too.
+    all, and `upstream` the derivative of the loss by that. The result is how many surfaces scattered it. There are
+    derivatives by values, and by vertices and normals, or by the index of one smooth glass, too.
     """
     begin_path = make_begin_path(features)
     sample_4d, escape = make_sample_4d(features.sampler), make_escape(features)
@@ -73,7 +76,9 @@ def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Functi
     add_to_material, add_to_medium = make_add_to_material(features), make_add_to_medium(features)
     place_in_medium, light_in_medium = make_place_in_medium(features), make_light_in_medium(features, factors=True)
     shadows, add_to_shadow = dims_shadows(features), make_add_to_shadow(features)
-    by_vertices, by_corners = make_vertex_gradients(features), vertices and is_smooth
+    by_corners, by_index = by == "vertices" and is_smooth, by == "index"
+    moves = by_corners or (by_index and is_smooth)
+    by_vertices, of_index = make_vertex_gradients(features, ends=not by_index), make_index_gradients(features)
 
     @wp.func
     @path_function
@@ -91,6 +96,8 @@ def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Functi
         if wp.static(by_corners):
             previous = PathPoint()
             previous.triangle = NO_HIT
+        if wp.static(by_index):
+            tangent = RayTangent()
         while path.depth < settings.max_depth:
             vertex_number = path.depth + path.medium_scatterings + 1
             u_light = sample_4d(sampler, vertex_block(vertex_number, BLOCK_LIGHT))
@@ -157,6 +164,8 @@ def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Functi
                         path.scatter_pdf,
                         settings.strategy,
                     )
+                    if wp.static(by_index):
+                        of_index.escaped(sums, scene, tangent, path.ray, wp.cw_mul(upstream, path.throughput))
                 path = escape(scene, path, hit, settings)
                 if path.is_done:
                     break
@@ -172,12 +181,15 @@ def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Functi
                     if path.is_done:
                         break
                     continue
-            if wp.static(by_corners):
+            if wp.static(by_corners or by_index):
                 came = path.ray.direction
                 point = point_of(vertex.hit, vertex.surface.position)
+                by = PointAdjoint()
+            if wp.static(by_corners):
                 if previous.triangle < 0:
                     point.direction = came
-                by = PointAdjoint()
+            if wp.static(by_index):
+                moved = of_index.met(scene, tangent, vertex.surface, vertex.hit, path.ray)
             weight_of_emission = emission_weight(scene, path, vertex, settings.strategy)
             if weight_of_emission >= 0.0:
                 by_emission = wp.cw_mul(upstream, path.throughput) * weight_of_emission
@@ -185,6 +197,8 @@ def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Functi
                 if wp.static(by_corners):
                     if previous.triangle < 0:
                         by_vertices.emitted(sums, scene, vertex.surface, point, by_emission)
+                if wp.static(by_index):
+                    of_index.emitted(sums, scene, vertex.surface, vertex.hit, moved, by_emission)
             path = surface_emission(scene, path, vertex, settings.strategy)
             if wp.static(not panes):
                 if path.depth + 1 >= settings.max_depth:
@@ -214,7 +228,7 @@ def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Functi
                 if wp.max(wp.abs(arriving)) > 0.0:
                     by_value, _0, _1, _2 = wp.grad(weighted_value)(vertex.bsdf, vertex.wo, light.wi, arriving)
                     gradients = by_value.slots
-                    if wp.static(by_corners):
+                    if wp.static(moves):
                         received = wp.dot(arriving, light.value)
                         by = by_vertices.towards_light(
                             sums, scene, by, point, vertex.surface.frame, light.light, _0, _1, received
@@ -231,17 +245,26 @@ def make_replay_path(features: Features, *, vertices: bool = False) -> wp.Functi
                         weights = lobe_weights(vertex.bsdf, vertex.wo, wi, later)
                         by_lobes, _3, _4, _5 = wp.grad(weighted_lobes)(vertex.bsdf, vertex.wo, weights[0], weights[1])
                         gradients = gradients + by_lobes.slots
+                        if wp.static(by_index):
+                            by.viewer += to_world(vertex.surface.frame, _3)
                 if wp.static(is_smooth):
                     if not is_delta:
                         weight = over(later, evaluate(vertex.bsdf, vertex.wo, wi))
                         by_sample, _6, _7, _8 = wp.grad(weighted_value)(vertex.bsdf, vertex.wo, wi, weight)
                         gradients = gradients + by_sample.slots
-                        if wp.static(by_corners):
+                        if wp.static(moves):
                             if wp.max(wp.abs(later)) > 0.0:
                                 total = later[0] + later[1] + later[2]
                                 by = by_vertices.towards_next(
                                     sums, scene, by, point, vertex.surface.frame, path.ray, _6, _7, total
                                 )
+            if wp.static(by_index):
+                of_index.leave(sums, scene, moved, vertex, came, gradients, by)
+                tangent = RayTangent()
+                tangent.origin = moved.position
+                tangent.point_stays = True
+                if path.scatter_pdf == 0.0 and not path.is_done:
+                    tangent = of_index.turned(sums, moved, vertex, came, path.ray)
             if wp.static(by_corners):
                 by_vertices.leave(sums, scene, previous, point, vertex, came, gradients, by)
                 previous = point

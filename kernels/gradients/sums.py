@@ -32,7 +32,8 @@ class GradientSums:
 
     `emission` belongs to `shapes`; `lights` to the values of lights that are no triangles; `environment` has one entry,
     for a constant one, and `environment_texels` is for an image. `vertices` belongs to `points`; both it and `normals`
-    are read by kernels of derivatives by vertices alone.
+    are read by kernels of derivatives by vertices alone. `index` has one number, the derivative by the index of the
+    smooth glass with the number `material`, of kernels for that alone.
     """
 
     slots: ExactSums
@@ -46,6 +47,8 @@ class GradientSums:
     media_emission: ExactSums
     vertices: ExactSums
     normals: ExactSums
+    index: ExactSums
+    material: int
 
 
 @wp.func_native("""

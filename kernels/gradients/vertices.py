@@ -129,6 +129,22 @@ def add_to_corners(sums: GradientSums, scene: SceneData, point: PathPoint, by: P
 
 
 @wp.func
+def normal_scale(scene: SceneData, hit: Hit, surface: Surface, direction: wp.vec3) -> float:
+    """Return what the sum of the corners' normals is to be multiplied by; 0 where the triangle's own normal is taken.
+
+    The surface is met in a direction.
+    """
+    normal = wp.vec3()
+    if scene.shapes[surface.shape].smooth != 0:
+        normal = normal_of_mesh(scene, hit, 0)
+    side = wp.where(wp.dot(normal, surface.normal) < 0.0, -1.0, 1.0)
+    scale = float(0.0)
+    if wp.dot(normal, direction) * side < 0.0:  # as `make_surface_at` decides
+        scale = side / wp.length(normal)
+    return scale
+
+
+@wp.func
 def with_normal(
     scene: SceneData, point: PathPoint, surface: Surface, direction: wp.vec3, gradient: wp.vec3, by: PointAdjoint
 ) -> PointAdjoint:
@@ -141,12 +157,9 @@ def with_normal(
     edges = edges_of(scene, point.triangle)
     flat = wp.cross(edges[1], edges[2])
     tangential = across(surface.frame.n, gradient)
-    normal = wp.vec3()
-    if scene.shapes[surface.shape].smooth != 0:
-        normal = normal_of_mesh(scene, hit, 0)
-    side = wp.where(wp.dot(normal, surface.normal) < 0.0, -1.0, 1.0)
-    if wp.dot(normal, direction) * side < 0.0:  # as `make_surface_at` decides
-        by.normal = tangential * (side / wp.length(normal))
+    scale = normal_scale(scene, hit, surface, direction)
+    if scale != 0.0:
+        by.normal = tangential * scale
         n = scene.normals[i[0]]
         by.weights += wp.vec2(wp.dot(by.normal, scene.normals[i[1]] - n), wp.dot(by.normal, scene.normals[i[2]] - n))
     else:
@@ -176,8 +189,8 @@ class VertexGradients(NamedTuple):
 
 
 @specialised("models", "textured", "uv2_alpha", "mipmapped", "instances", "exact")
-def make_vertex_gradients(features: Features) -> VertexGradients:
-    """Return the functions for scenes with these features."""
+def make_vertex_gradients(features: Features, *, ends: bool = True) -> VertexGradients:
+    """Return the functions for scenes with these features; without `ends` the ends of segments get no derivatives."""
     intersect = make_intersect(features.geometry)
     by_place, slot_count = make_by_place(features.mipmapped), make_slot_count(features.models)
     own_slots = make_own_slots(features.models)
@@ -205,11 +218,12 @@ def make_vertex_gradients(features: Features) -> VertexGradients:
             edges = edges_of(scene, to.triangle)
             n = wp.cross(edges[1], edges[2])
             share = gradient / wp.dot(n, d)
-            at_end = PointAdjoint()
-            at_end.area = d * share
             by_end += n * share - wi * (3.0 * gradient / distance)
-            at_end.position = by_end
-            add_to_corners(sums, scene, to, at_end)
+            if wp.static(ends):
+                at_end = PointAdjoint()
+                at_end.area = d * share
+                at_end.position = by_end
+                add_to_corners(sums, scene, to, at_end)
         else:
             by_end -= wi * (2.0 * gradient / distance)
         by.position -= by_end

@@ -3,8 +3,8 @@
 A model is a `LightModel` (see `kernels/lights/record.py`). To add one, write it, name its module in `_MODULES`, and
 describe it in `wrt/scene/lights/`; `LIGHT_SHAPES.register` adds one from outside the package.
 
-Those that rays can hit have a tree of their own, through which a ray goes after the tree of triangles. A hit names one
-by a triangle number below NO_HIT.
+Lights that rays can hit have a tree of their own, through which a ray goes after the tree of triangles. In a hit, a
+triangle number below NO_HIT names such a light.
 """
 
 from typing import NamedTuple

@@ -14,7 +14,7 @@ from wrt.kernels.materials.choice import leaves_of, make_next_leaf
 from wrt.kernels.textures.textures import VALUES, make_slot_value
 
 MOST_LINKS = 3
-"""The most models of which each has a piece of code of its own to load its values."""
+"""The most models of a scene for which each has its own code to load its values."""
 
 
 @specialised()

@@ -12,8 +12,8 @@ struct LightBox {
     int behind, shape;
 };
 
-// Whether lines meet a box before `reach`. Boxes are padded by the host for the errors that grow with their
-// coordinates, and here for those that grow with the ray's: more than those of the test of any light, which decides.
+// Whether lines meet a box before `reach`. The host pads boxes for errors that grow with their coordinates. Here they are
+// padded for errors that grow with the ray's: by more than the test of any light is wrong, as that test decides.
 template<class V> struct LineToBoxes {
     V inverse[3], shift[3], error[3];
 };

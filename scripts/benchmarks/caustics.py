@@ -188,7 +188,7 @@ class Renderers:
         return self.sessions[renderer]
 
     def picture(self, renderer: str, seconds: float, seed: int) -> tuple[Array, float, int]:
-        """Return a picture that takes so many seconds of CPU, the seconds it took, and its samples."""
+        """Return a picture that takes about `seconds` of CPU, the seconds it took, and its samples."""
         session, file = self.session(renderer), self.folder / f"{renderer}.npy"
 
         def render(spp: int, seed: int) -> tuple[float, Array]:

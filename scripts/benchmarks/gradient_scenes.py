@@ -1,4 +1,4 @@
-"""Scenes of which derivatives are compared with those of Mitsuba's `prb`, and what each renderer calls them."""
+"""Scenes whose derivatives are compared with Mitsuba's `prb`, and the names of parameters in each renderer."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class ComparedScene(Compared):
     """A scene of wrt's: the derivatives by its parameters."""
 
     def __init__(self, name: str, folder: Path, size: int, depth: int) -> None:
-        """Write it for wrt; with so many pixels on each side, and at most so many segments of a path."""
+        """Write it for wrt, with `size` pixels on each side and paths of at most `depth` segments."""
         make, names = CASES[name]
         self.scene, self._folder = make(), folder
         self.scene.settings = wrt.RenderSettings(width=size, height=size, max_depth=depth, filter="box")
@@ -226,7 +226,7 @@ class ComparedFile(Compared):
         return names[1:]
 
     def _slopes_of(self, read: Callable[[dict[str, str]], dict[str, Any]]) -> dict[str, dict[str, NDArray[np.float64]]]:
-        """Return the derivatives of a renderer's parameters by each of the file's, without those that are 0."""
+        """Return the derivatives of a renderer's parameters by each of the file's, if they are not 0."""
         slopes = {}
         for key, ends in self._changes.items():
             less, more = (read({key: end}) for end in ends)

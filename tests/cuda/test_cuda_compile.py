@@ -178,11 +178,16 @@ def test_render_kernels_with_a_distance_function_compile(tmp_path):
         DISTANCES.forget("own_ball")
 
 
+GLASS = Features(("dielectric", "diffuse", "plastic"), True, "image")
+
+
 @pytest.mark.machinery
-@pytest.mark.parametrize("features", THREE[:2], ids=("loop", "one-loop"))
-def test_gradient_kernels_compile(features, tmp_path):
+@pytest.mark.parametrize(
+    ("features", "part"), [(THREE[0], "both"), (THREE[1], "both"), (GLASS, "index")], ids=("loop", "one-loop", "index")
+)
+def test_gradient_kernels_compile(features, part, tmp_path):
     """The sums are of 64-bit integers, added atomically."""
-    kernel = make_gradient_kernel(replace(features, clamped=False, aovs=False))
+    kernel = make_gradient_kernel(replace(features, clamped=False, aovs=False), part)
     text = compile_for_cuda(kernel.module, tmp_path, mode="debug")
     assert f".visible .entry {kernel.get_mangled_name()}" in text
     assert re.search(r"(atom|red)\.(global\.)?add\.u64", text)

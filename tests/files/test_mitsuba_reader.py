@@ -60,6 +60,8 @@ def test_settings(tmp_path):
     settings = loaded(tmp_path, path + sensor(sampler, film='<rfilter type="tent"/>') + BALL).settings
     assert (settings.width, settings.height, settings.spp) == (320, 200, 16)
     assert (settings.max_depth, settings.filter, settings.sampler) == (7, "tent", "sobol")
+    for film in ("", '<rfilter type="gaussian"/>'):
+        assert loaded(tmp_path, sensor(film=film) + BALL).settings.filter == "shared"
     # As Mitsuba 0.6 wrote it.
     old = (path + sensor()).replace("max_depth", "maxDepth") + BALL
     assert wrt.load(written(tmp_path, old, version="0.6.0")).settings.max_depth == 7

@@ -15,6 +15,12 @@ from wrt.upload.camera import filter_table
 
 N = 2**20
 
+
+def window(x):
+    """Return the ends of a pixel around x within a window from -1 to 1, three quarters of a pixel."""
+    return np.clip((x + 0.5) / 0.75, -1.0, 1.0), np.clip((x - 0.5) / 0.75, -1.0, 1.0)
+
+
 # Half widths in pixels and profiles, written down here a second time on purpose.
 PROFILES = {
     "box": (0.5, lambda x: 1.0),
@@ -26,6 +32,11 @@ PROFILES = {
     "blackman-harris": (
         1.5,
         lambda x: np.cos(2.0 * np.pi / 3.0 * x * np.arange(4)) @ [0.35875, 0.48829, 0.14128, 0.01168],
+    ),
+    # A raised cosine of one and a half pixels, over the pixel around x.
+    "shared": (
+        1.25,
+        lambda x: sum(s * (t + np.sin(np.pi * t) / np.pi) for s, t in zip((1, -1), window(x), strict=True)),
     ),
 }
 

@@ -263,7 +263,7 @@ def code_of(module: wp.Module) -> str:
 def test_adjoint_code_is_in_the_modules_of_gradients_alone() -> None:
     """Warp leaves adjoints empty that no `wp.grad` is the first to need, and would keep marks in all modules.
 
-    Nobody has to ask for them: what Warp compiles by itself has them, too.
+    They are there without being asked for, also in what Warp compiles by itself.
     """
     initialize_warp()
     features = Features(("oren_nayar",), False, "none")

@@ -12,9 +12,7 @@ WHY_NOT = {
     "it is no number": ("name", "group", "distribution", "masking", "fresnel", "falloff", "metal", "measurement"),
     "it chooses a kernel or what a body is": ("multiple_bounces", "nonlinear", "thin_walled", "two_sided", "priority"),
     "it is the probability of a choice": ("opacity", "mix.weight"),
-    "it moves directions, and so all that a path finds after them": (
-        *("normal_map", "coat_normal_map", "dielectric.ior", "dielectric.exterior_ior", "medium.g"),
-    ),
+    "it moves directions, and so all that a path finds after them": (*("normal_map", "coat_normal_map", "medium.g"),),
     "a row of slots is overwritten for each channel, whose adjoint Warp gets wrong": ("dispersion",),
     "a table is made from it": (
         *("rough-plastic.alpha", "rough-plastic.ior", "rough-plastic.exterior_ior"),

@@ -18,6 +18,7 @@ SMALL = {"width": 24, "height": 18, "sampler": "independent", "max_depth": 6}
 
 def rich_scene(
     grey=0.7,
+    ior=1.4,
     tint=(0.5, 0.2, 0.1),
     checks=CODES / 255.0,
     roughness=0.4,
@@ -45,7 +46,7 @@ def rich_scene(
     scene.add(wrt.quad((-3.0, 0.0, 3.0), (6.0, 0.0, 0.0), (0.0, 0.0, -6.0)), material=floor, name="floor")
     scene.add(wrt.quad((-2.0, 0.0, -2.0), (2.0, 0.0, 0.0), (0.0, 2.0, 0.0)), material=wall, name="wall")
     scene.add(wrt.quad((0.0, 0.0, -2.0), (2.0, 0.0, 0.0), (0.0, 2.0, 0.0)), material=wall, name="other")
-    jar = wrt.Dielectric(1.4, specular_transmittance=grey, interior=wrt.Medium(absorption=fog))
+    jar = wrt.Dielectric(ior, specular_transmittance=grey, interior=wrt.Medium(absorption=fog))
     scene.add(wrt.sphere((0.0, 0.5, 0.0), 0.4), material=jar, name="jar")
     painted = wrt.Diffuse(image(np.full((3, 5, 3), base)))
     scene.add(wrt.quad((1.0, 0.0, 0.5), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), material=painted, name="board")
@@ -60,6 +61,7 @@ def rich_scene(
 
 CHANGES = {
     "jar.specular_transmittance": ("grey", (0.9, 0.8, 0.3)),
+    "jar.ior": ("ior", 1.25),
     "wall.first.reflectance": ("tint", (0.1, 0.6, 0.7)),
     "floor.base_color.texels": ("checks", np.random.default_rng(4).random((40, 33, 3))),
     "floor.roughness.texels": ("roughness", np.full((3, 5), 0.125)),
@@ -192,9 +194,9 @@ def shared_renderer():
 
 
 def test_what_has_no_derivative_has_no_name():
-    """How far smooth glass bends light, and the indices of channels that part."""
+    """The indices of channels that part."""
     scene = wrt.Scene()
-    for material in (wrt.Dielectric(1.5), wrt.RoughDielectric(1.5, alpha=0.3, dispersion=4.0)):
+    for material in (wrt.Dielectric(1.5, dispersion=4.0), wrt.RoughDielectric(1.5, alpha=0.3, dispersion=4.0)):
         scene.add(wrt.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), material=material, name=type(material).__name__)
     names = set(wrt.parameters(scene))
     assert "Dielectric.specular_transmittance" in names

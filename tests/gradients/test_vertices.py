@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.grids import grid, with_bumps
 
 import wrt
 from wrt.gradients.places import Points
@@ -11,23 +12,6 @@ from wrt.scene.normals import following_normals, through_normals
 
 Z = 4.5
 """The greatest z of a dozen numbers: a right program exceeds it once in 10,000 runs."""
-
-
-def grid(corner, u, v, count=4, **attributes):
-    """Return a parallelogram of count x count vertices, with texture coordinates."""
-    a, b = (each.reshape(-1, 1) for each in np.meshgrid(*[np.linspace(0, 1, count)] * 2, indexing="ij"))
-    i = (count * np.arange(count - 1)[:, None] + np.arange(count - 1)).reshape(-1, 1)
-    faces = np.vstack([i + (0, count, count + 1), i + (0, count + 1, 1)])
-    vertices = np.asarray(corner) + a * np.asarray(u) + b * np.asarray(v)
-    return wrt.Mesh(vertices.astype(np.float32), faces, uvs=np.hstack([a, b]), **attributes)
-
-
-def with_bumps(mesh, height, axis):
-    bumps = np.random.default_rng(5).uniform(-height, height, (len(mesh.vertices), 1))
-    moved = dataclasses.replace(mesh, vertices=mesh.vertices + (bumps * axis).astype(np.float32))
-    return dataclasses.replace(
-        moved, normals=following_normals(dataclasses.replace(moved, normals=moved.vertices), moved.vertices)
-    )
 
 
 def test_derivatives_through_normals_are_difference_quotients():
@@ -76,7 +60,7 @@ RAMP = np.linspace(0.2, 0.8, 8)[None, :, None] * np.ones((8, 1, 3))
 
 
 def floor_under(light, colors, *, by_mirror, emission=0.0):
-    """Return a renderer of a floor of changing reflectance, of which one point is seen, straight or by a mirror."""
+    """Return a renderer that sees one point of a floor of changing reflectance, directly or in a mirror."""
     value = wrt.ImageTexture(RAMP.astype(np.float32), wrap="clamp") if colors is None else wrt.VertexColor()
     origin, target = ((1, 3, 0.02), (0.03, 3, 0.02)) if by_mirror else ((0.03, 2, 0.02), (0.03, 0, 0.02))
     scene = wrt.Scene(camera=wrt.PerspectiveCamera(origin, target, up=(0, 0, 1), fov_degrees=0.001))

@@ -106,6 +106,15 @@ def test_the_film_is_that_of_one_machine_and_goes_on_from_a_checkpoint(client, o
     assert renderer.noise() == one.noise()
 
 
+def test_a_crop_whose_pixels_share_samples(client):
+    """Its film has pixels beside the crop, which workers render, too."""
+    options = {"crop": (3, 0, 15, 29), "filter": "shared"}
+    renderer, one = spread(client, **options), wrt.Renderer(block_scene(), **{**SIZE, **options})
+    assert_same_arrays(film_of(renderer, 3), film_of(one, 3))
+    np.testing.assert_array_equal(renderer.image(), one.image())
+    assert_same_arrays(renderer.layers(), one.layers())
+
+
 def test_shadow_catchers_have_a_second_film_on_the_cluster(client):
     scene = block_scene()
     scene.add(wrt.quad((-2, -0.5, 2), (4, 0, 0), (0, 0, -4)), shadow_catcher=True)
@@ -176,7 +185,7 @@ def test_a_worker_of_another_kind_renders_nothing(client, one, monkeypatch):
 
 
 def test_a_worker_that_builds_a_scene_mutes_no_other_thread(monkeypatch):
-    """Workers may be threads of the head's process, which tells meanwhile of a worker that renders nothing."""
+    """Workers may be threads of the head's process, which can warn of an idle worker at the same time."""
 
     def build(scene, **_):
         wrt.errors.warn("of the scene")
@@ -288,7 +297,7 @@ def test_what_a_worker_raises_is_an_error_of_the_cluster(client, monkeypatch):
         def fail(*_, error=error, **__):
             raise error
 
-        monkeypatch.setattr(wrt.Renderer, "sharing", fail)
+        monkeypatch.setattr(wrt.Renderer, "of_window", fail)
         with pytest.raises(wrt.distributed.ClusterError, match=message) as caught:
             film_of(renderer, 64)
         assert caught.value.renderer is film

@@ -25,7 +25,7 @@ FILM = "wrt.kernels.film.film"
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """Return a folder of prebuilt kernels, with that of the film, which a process with an empty cache uses."""
+    """Return a folder with the prebuilt film kernel, which a process with an empty cache uses."""
     compiler = Backend()
     compiler.flags = wp.config.cpu_compiler_flags  # with those of tests as well, it is put into the table
     compiler.load(compiler.kernels(FILM).film_noise, "cpu")

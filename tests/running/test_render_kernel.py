@@ -89,7 +89,7 @@ def kernel_of(renderer: wrt.Renderer) -> WideKernel:
 
 
 def test_it_is_compiled_once_and_only_for_long_renders(cache, renderer, requested, monkeypatch):
-    """A shorter render on many cores has it compiled for the next, where that saves three times what it takes."""
+    """After a short render on many cores it is compiled for the next one, if that saves three times its cost."""
     monkeypatch.setattr(renderer.device, "threads", 16)
     kernel = kernel_of(renderer)
     worth = later.WORTH * COMPILING_SECONDS / 16 * 2.0  # half of it is saved

@@ -1,9 +1,9 @@
 """Where caustics lie and how bright they are: lenses, mirrors, prisms and tinted glass by geometrical optics.
 
-A sun shines straight down through optics onto a dark screen, which a camera between them sees from straight above or
-below; what paths find alone is subtracted. Paths of four segments leave light with inner reflections out. Photons blur
-a picture by FIRST_RADIUS pixels at most, so the light within a circle lies between what two circles should get that are
-so much smaller and larger.
+The sun is straight above optics and a dark screen, which a camera between them sees from straight above or below; what
+paths find alone is subtracted. Paths of four segments leave out light with inner reflections. Photons blur a picture by
+FIRST_RADIUS pixels at most. So the light within a circle lies between the expected light of two circles, one smaller
+and one larger by that radius.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ def with_wide_kernels(name: str, monkeypatch: pytest.MonkeyPatch, **changes: Any
     monkeypatch.setenv("WRT_WIDE", str(LANES))
     renderer = renderer_of(name, **changes)
     Backward(renderer).compile()
-    assert renderer._kernel.gradients[False].lanes == LANES
+    assert renderer._kernel.gradients["values"].lanes == LANES
     return renderer
 
 
@@ -63,7 +63,7 @@ def test_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also with other threads, and if a launch takes fewer samples."""
     renderer = renderer_of(name)
     scalar = sums(renderer)
-    assert renderer._kernel.gradients[False].lanes == 1
+    assert renderer._kernel.gradients["values"].lanes == 1
     renderer = with_wide_kernels(name, monkeypatch)
     wide = sums(renderer)
     monkeypatch.setattr(kernels, "PER_LAUNCH", 7 * renderer.film.pixels)

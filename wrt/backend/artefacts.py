@@ -121,7 +121,7 @@ class Artefacts:
         return kernel is not None and any(self._builds(kernel[0]))
 
     def _builds(self, module: str) -> Iterator[dict[str, Any]]:
-        """Return the entries of a module whose files are there: that of the cache, and that of the package."""
+        """Return the entries of a module, of the cache and of the package, if their files exist."""
         for table in (self.table, self.prebuilt):
             entry = table["files"].get(module)
             with contextlib.suppress(OSError):

@@ -70,7 +70,7 @@ def compile_code(backend: Backend, code: Code) -> None:
 
 
 class _GeneratedBuild(Build):
-    """A module of which only the code is known."""
+    """A module whose code alone is known."""
 
     def __init__(self, code: Code) -> None:
         context: Any = sys.modules["warp._src.context"]

@@ -1,4 +1,4 @@
-"""Faults in device functions of users, in one line, where Warp repeats each function on the way to them."""
+"""Faults in device functions of users, in one line; Warp's message repeats every function that leads to them."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class AnimationRender:
             interrupts.disarm()
         seconds, renderer, count = time.monotonic() - started, self._renderer, len(files.numbers)
         assert renderer is not None
-        width, height, spp = renderer.film.width, renderer.film.height, renderer.spp
+        (width, height), spp = renderer.film.picture_size, renderer.spp
         report(
             self._source,
             options,

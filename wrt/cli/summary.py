@@ -53,9 +53,10 @@ def report_picture(
 
     seconds_total = time.perf_counter() - started
     seconds, noise = renderer.seconds_render, renderer.noise()
+    width, height = renderer.film.picture_size
     paths, rays = ((count / seconds if seconds > 0.0 else 0.0) for count in (renderer.paths, renderer.rays))
     line = [
-        f"{renderer.film.width}x{renderer.film.height}",
+        f"{width}x{height}",
         f"{renderer.spp} spp",
         f"{seconds:.1f} s",
         f"{rate_text(paths)} paths/s",
@@ -68,8 +69,8 @@ def report_picture(
         renderer,
         output,
         line,
-        width=renderer.film.width,
-        height=renderer.film.height,
+        width=width,
+        height=height,
         spp=renderer.spp,
         seconds_total=seconds_total,
         seconds_compile=renderer.seconds_compile,

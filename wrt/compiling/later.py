@@ -1,4 +1,4 @@
-"""Compile a wide kernel for the next render, after one that is too short to wait for it, where that pays.
+"""Compile a wide kernel for the next render, after one too short to wait for it, if that saves time.
 
 A render writes a request into a folder beside the table of artefacts, and starts a process that compiles what is
 requested there. One such process runs at a time: it holds a lock on the folder, and others that find the lock taken end

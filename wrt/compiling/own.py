@@ -1,7 +1,7 @@
 """Wide kernels with models from outside, whose code this process generates and another compiles.
 
 The other process cannot import the models: they may be in a program, or in a cell of a notebook. Code is generated in a
-thread, which takes a second; kernels that render meanwhile do not hold Python's lock.
+thread, which takes a second; kernels that render at the same time do not hold Python's lock.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Compiler:
             self._process.kill()
 
     def _begun(self) -> subprocess.Popen[bytes]:
-        """Return the process, which is started once the code is there: the system ends it with this thread."""
+        """Return the process, started when the code exists: the system ends it with this thread."""
         if self._process is None:
             path = Path(cache_folders.work_folder(), f"code-{id(self)}.json")
             path.write_text(self._code.result(), encoding="utf-8")

@@ -122,11 +122,11 @@ class DistributedRenderer(Renderer):
 
     def _launch(self, target: int, seconds_left: float) -> None:
         job = Job(self._digest, {**self._options, **self._workers}, self.camera)
-        samples = max(target - int(self.film.counts.min()), 1)
+        samples = max(target - self.film.tally().least, 1)
         try:
-            self.spread.run(Pass(self.film, self.crop, job, target, seconds_left, samples))
+            self.spread.run(Pass(self.film, self.window, job, target, seconds_left, samples))
         except Exception as error:  # of wrt, of Dask, or of a worker
-            if isinstance(error, InputError) and not self.film.counts.any():
+            if isinstance(error, InputError) and not self.film.tally().samples:
                 raise
             has_message = isinstance(error, (InputError, OSError)) and str(error)
             raise ClusterError(str(error) if has_message else f"a worker failed: {error!r}", self) from error

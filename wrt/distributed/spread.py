@@ -74,7 +74,7 @@ class Pass:
 
     Attributes:
         film: the film of the picture, which gets the samples.
-        crop: the window of the whole picture that the film shows.
+        crop: the window of the whole picture that the film has.
         job: the values that all windows share.
         spp: samples per pixel at the end.
         seconds_left: estimated time until the picture is finished, including this pass.

@@ -109,7 +109,7 @@ def render_window(
         _renderers.move_to_end(job.digest)
         if built.scene.camera != job.camera:
             built.set_camera(job.camera)
-        renderer = built.sharing(crop=window)
+        renderer = built.of_window(window)
         if state is not None:
             renderer.film.restore(state)
         began = time.process_time()

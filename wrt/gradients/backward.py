@@ -14,15 +14,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wrt.errors import InputError
-from wrt.gradients.kernels import GradientKernels
+from wrt.gradients.kernels import By, GradientKernels
 from wrt.upload.materials import vary_by_place
 from wrt.values import array, integer
 
 KEYS = (
     *("slots", "texels", "emission", "lights", "environment", "environment_texels"),
-    *("media_absorption", "media_scattering", "media_emission", "vertices", "normals"),
+    *("media_absorption", "media_scattering", "media_emission", "vertices", "normals", "index"),
 )
 """What has derivatives: arrays of colours parallel to those of SceneData; see `kernels/gradients/sums.py`."""
+
+REASONS = {
+    "vertices": ("by vertices and normals", "wrt.kernels.gradients.vertices"),
+    "index": ("by the index of smooth glass", "wrt.kernels.gradients.tangents"),
+}
+"""What there are derivatives by in some scenes only, in words, and where the reasons against are."""
 
 LARGEST = 2.0**42
 """The largest sum in units, as the first sample of each pixel foretells it: a 500,000th of what fits."""
@@ -54,39 +60,40 @@ class Backward:
         rejected: summands of the last run that were not finite and were left out.
     """
 
-    def __init__(self, renderer: Any, *, vertices: bool = False) -> None:
-        """Take a renderer, and declare the kernels for its scene; with `vertices` there are derivatives by these, too.
+    def __init__(self, renderer: Any, by: By = "values") -> None:
+        """Take a renderer, and declare the kernels for its scene; see `By`.
 
         Raises:
             InputError: for an integrator other than "path", "volpath" and "direct", with clamped indirect light, or
-                with caustics by photons; and of `vertices`, for scenes with what has no such derivatives.
+                with caustics by photons; and of more than values, for scenes with what has no such derivatives.
         """
         require_gradients(renderer)
         self._renderer, self._device = renderer, renderer.device
         features = dataclasses.replace(
             renderer._kernel.features, aovs=False, guides=False, edges="none", light_groups=False
         )
-        if vertices:
-            call = "wrt.kernels.gradients.vertices", "reason_against", features
-            if reason := self._device.backend.call(*call):
-                raise InputError(f"there are no derivatives by vertices and normals in scenes with {reason}")
-        kernel, self._vertices = renderer._kernel, vertices
-        if vertices not in kernel.gradients:
-            kernel.gradients[vertices] = GradientKernels(self._device, features, kernel.records, vertices=vertices)
-        self._kernels: GradientKernels = kernel.gradients[vertices]
+        if by in REASONS:
+            words, module = REASONS[by]
+            if reason := self._device.backend.call(module, "reason_against", features):
+                raise InputError(f"there are no derivatives {words} in scenes with {reason}")
+        kernel, self._by = renderer._kernel, by
+        if by not in kernel.gradients:
+            kernel.gradients[by] = GradientKernels(self._device, features, kernel.records, by)
+        self._kernels: GradientKernels = kernel.gradients[by]
         self.rejected = 0
 
     def compile(self) -> None:
         """Compile the wide kernels if necessary, and load them if possible."""
         self._kernels.wait()
 
-    def run(self, d_image: ArrayLike, spp: int, seed: int) -> dict[str, NDArray[np.float64]]:
+    def run(self, d_image: ArrayLike, spp: int, seed: int, material: int = -1) -> dict[str, NDArray[np.float64]]:
         """Return the derivatives of a loss by the values of the scene.
 
         Args:
             d_image: (H, W, 3), the derivative of the loss by the mean radiance of each pixel.
             spp: samples per pixel.
             seed: 0 to 2³² − 1. With the picture's own seed and samples the random numbers are those of the picture.
+            material: the number of the material whose index has a derivative.
 
         Returns:
             Arrays (N, 3) by the names in KEYS, each parallel to an array of the scene on the device. A value that is
@@ -99,26 +106,30 @@ class Backward:
         seed = integer(seed, "seed", minimum=0, maximum=2**32 - 1)
         film = self._renderer.film
         upstream: NDArray[np.float32] = np.ascontiguousarray(array(d_image, "d_image", np.float32))
-        if upstream.shape != (film.height, film.width, 3):
-            raise InputError(f"d_image must have the shape ({film.height}, {film.width}, 3), not {upstream.shape}")
+        width, height = film.picture_size
+        if upstream.shape != (height, width, 3):
+            raise InputError(f"d_image must have the shape ({height}, {width}, 3), not {upstream.shape}")
         if not np.isfinite(upstream).all():
             raise InputError("d_image must be finite")
+        upstream = film.reading.spread(upstream)
         total = float(np.abs(upstream).sum(dtype=np.float64))
         if total == 0.0:
             return {key: np.zeros((count, 3)) for key, count in self._counts().items()}
         upstream = upstream.reshape(-1, 3) / np.float32(spp)
-        scales = self._choose_scales(upstream, total, spp, seed)
-        sums, overflowed = self._sum(upstream, spp, seed, scales)
+        scales = self._choose_scales(upstream, total, spp, seed, material)
+        sums, overflowed = self._sum(upstream, spp, seed, scales, material)
         if overflowed:
             raise InputError("the derivatives are too large for their sums: single samples are far above the mean")
         return sums
 
-    def _choose_scales(self, upstream: NDArray[np.float32], total: float, spp: int, seed: int) -> dict[str, float]:
+    def _choose_scales(
+        self, upstream: NDArray[np.float32], total: float, spp: int, seed: int, material: int
+    ) -> dict[str, float]:
         """Return a scale for each array, a power of two, from one sample per pixel."""
         for change in PILOT:
             unit = 2.0 ** (math.floor(math.log2(LARGEST / total)) + change)
             scales = dict.fromkeys(KEYS, unit)
-            first, overflowed = self._sum(upstream, 1, seed, scales)
+            first, overflowed = self._sum(upstream, 1, seed, scales, material)
             if not overflowed:
                 break
         largest = {key: float(np.abs(values).max(initial=0.0)) * spp for key, values in first.items()}
@@ -140,14 +151,14 @@ class Backward:
             "media_absorption": data.media,
             "media_scattering": data.media,
             "media_emission": data.media,
-            "vertices": data.points if self._vertices else None,
-            "normals": data.normals if self._vertices else None,
+            "vertices": data.points if self._by == "vertices" else None,
+            "normals": data.normals if self._by == "vertices" else None,
         }
         counts = {key: 0 if array is None else len(array) for key, array in arrays.items()}
-        return {key: 1 if key == "environment" else counts[key] for key in KEYS}
+        return {key: counts.get(key, 1) for key in KEYS}
 
     def _sum(
-        self, upstream: NDArray[np.float32], spp: int, seed: int, scales: dict[str, float]
+        self, upstream: NDArray[np.float32], spp: int, seed: int, scales: dict[str, float], material: int
     ) -> tuple[dict[str, NDArray[np.float64]], bool]:
         """Run the kernel; return the sums, and whether any overflowed."""
         backend, name = self._device.backend, self._device.name
@@ -159,6 +170,7 @@ class Backward:
         for key, integers in arrays.items():
             each = getattr(sums, key)
             each.sums, each.faults, each.scale = integers, faults, scales[key]
+        sums.material = material
         weights = backend.array(upstream, "vec3", name)
         shared = self._renderer.arguments_for(self._renderer.film)[1:5]
         film = self._renderer.film

@@ -8,16 +8,19 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 from wrt.backend.device import Device
 from wrt.rendering.wide_kernel import WideKernel, threads_of
+
+By: TypeAlias = Literal["values", "vertices", "index"]
+"""What there are derivatives by: values alone, or vertices and normals, or the index of one smooth glass as well."""
 
 PER_LAUNCH = 1 << 20
 """Samples of a launch, between which an interrupt takes effect, and whose radiance is kept: 12 MB."""
 
 MULTIPLE = 16
-"""Samples of a pixel of which a wide kernel takes any multiple at once. Of fewer it takes a power of two."""
+"""A wide kernel takes any multiple of this number of samples of a pixel at once, or else a power of two."""
 
 STILL_TO_COME = 5.0
 """How much longer gradients are expected to take than so far, as few descents end after some steps."""
@@ -39,17 +42,17 @@ def portions(spp: int, most: int) -> Iterator[tuple[int, int]]:
 class GradientKernels:
     """The kernels for the gradients of one picture."""
 
-    def __init__(self, device: Device, features: Any, records: tuple[Any, ...], *, vertices: bool = False) -> None:
+    def __init__(self, device: Device, features: Any, records: tuple[Any, ...], by: By = "values") -> None:
         """Declare the kernels for these features, and load the wide ones if they are compiled.
 
-        `records` are the arguments of the render kernel that hold arrays. With `vertices` there are derivatives by
-        these, too, and no wide kernels.
+        `records` are the arguments of the render kernel that hold arrays. By more than values there are no wide
+        kernels.
         """
         self._device = device
         self._scalar = device.backend.call(
-            "wrt.kernels.gradients.gradient_pass", "make_gradient_kernel", features, *["vertices"] * vertices
+            "wrt.kernels.gradients.gradient_pass", "make_gradient_kernel", features, *[by] * (by != "values")
         )
-        parts = () if vertices else ("radiance", "replay")
+        parts = ("radiance", "replay") if by == "values" else ()
         self._wide = [WideKernel(device, features, records, part) for part in parts]
         self._seconds = 0.0
         for wide in self._wide:

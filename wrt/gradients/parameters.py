@@ -15,6 +15,7 @@ from wrt.backend import current_backend
 from wrt.errors import InputError, did_you_mean
 from wrt.gradients.edits import AMOUNTS, Edits
 from wrt.gradients.places import (
+    BendingIndex,
     Coefficient,
     Emission,
     EnvironmentField,
@@ -65,7 +66,7 @@ def parameters(scene: Any) -> dict[str, NDArray[np.float32]]:
     read or a grey image is the number. Colours and pixels are linear.
 
     Not among them are values whose derivative a kernel does not have: opacity and masks, weights of a Mix,
-    normal maps, vertex colours, suns and skies, grids of densities, the indices of smooth glass; values that choose
+    normal maps, vertex colours, suns and skies, grids of densities, indices with dispersion; values that choose
     another kernel, such as a coat of 0; and those from which tables are made, such as `alpha` of a RoughPlastic.
 
     Args:
@@ -210,7 +211,7 @@ class _Names:
                         self._add_image(name, value, (material, slot), is_number=_is_number(material, field.name))
                         break
             elif field.name in _fields_of(material, self._is_nested):
-                self.places[name] = MaterialField(material, field.name)
+                self.places[name] = _place_of(material, field.name)
 
     def _add_unlit(self, owner: str, number: int, shape: Shape) -> None:
         """Add the colour of an unlit material, or one more shape that it has, unless the shape has an emission."""
@@ -281,6 +282,15 @@ def _is_differentiable(place: MaterialField, is_nested: bool) -> bool:
     return (
         same_indices and _beside_slots(material) == _beside_slots(changed) and (before[without] == after[without]).all()
     )
+
+
+def _place_of(material: Material, field: str) -> MaterialField:
+    """Return the place of a field that is a parameter."""
+    call = "wrt.kernels.gradients.bsdf", "bending_slot", model_name(material)
+    place, slot = MaterialField(material, field), int(current_backend().call(*call))
+    if slot >= 0 and place.value.ndim == 0 and place.derivative(())[slot].any():
+        return BendingIndex(material, field, slot)
+    return place
 
 
 def _beside_slots(material: Material) -> tuple[Any, ...]:

@@ -91,6 +91,16 @@ class MaterialField:
         return result
 
 
+@dataclass(frozen=True)
+class BendingIndex(MaterialField):
+    """An index of smooth glass, on either side of it, which also bends light; `slot`: that of their ratio."""
+
+    slot: int
+
+    def gradient(self, sums: DeviceSums) -> Floats:
+        return np.asarray(self.derivative(())[self.slot, 0] * sums.of_index(self.material))
+
+
 def slot_values(material: Material) -> Floats:
     """Return the constants of a material's slots, (S, 3): the factors of textures."""
     values = [np.broadcast_to(np.asarray(getattr(slot, "factor", slot), np.float64), 3) for slot in material.slots]

@@ -13,7 +13,7 @@ from wrt.errors import InputError, warn
 from wrt.gradients.backward import Backward, require_gradients
 from wrt.gradients.parameters import edited as edited
 from wrt.gradients.parameters import known, mapping_of, parameters, places_of, require_shape
-from wrt.gradients.places import Points, Texels
+from wrt.gradients.places import BendingIndex, Points, Texels
 from wrt.gradients.sums import DeviceSums
 from wrt.rendering.renderer import Renderer
 from wrt.scene.scene import MAX_SPP
@@ -25,7 +25,7 @@ def gradients(
 ) -> dict[str, NDArray[np.float32]]:
     """Return the derivatives of a loss by parameters; see `Renderer.gradients`."""
     places = places_of(renderer.scene)
-    of_values = [name for name, place in places.items() if not isinstance(place, Points)]
+    of_values = [name for name, place in places.items() if not isinstance(place, (Points, BendingIndex))]
     wanted = of_values if names is None else [names] if isinstance(names, str) else names
     if not isinstance(wanted, Iterable):
         raise InputError(f"names must be names of parameters, not {names!r}")
@@ -37,12 +37,19 @@ def gradients(
         places[name] = dataclasses.replace(place, normals_follow=place.number not in with_normals)
     if moved and renderer.has_updated_vertices:
         raise InputError("vertices were updated, so that the scene lacks them; set them by set_parameters")
-    backward = Backward(renderer, vertices=bool(moved))
+    glasses = [place.material for name in chosen if isinstance(place := places[name], BendingIndex)]
+    backward = Backward(renderer, "index" if glasses else "vertices" if moved else "values")
     if any(isinstance(places[name], Texels) for name in chosen):
         renderer.make_texels_editable()
-    arrays = backward.run(d_image, spp, renderer.seed if seed is None else seed)
+    seed = renderer.seed if seed is None else seed
     built = renderer._built
-    sums = DeviceSums(built.values, built.data, arrays, built.world.first_vertices)
+    numbers = sorted({built.values.materials.number_of(glass) for glass in glasses})
+    of_glasses = {number: backward.run(d_image, spp, seed, number) for number in numbers}
+    if moved and glasses:
+        backward = Backward(renderer, "vertices")
+    arrays = of_glasses[numbers[0]] if numbers and not moved else backward.run(d_image, spp, seed)
+    indices = {number: float(each["index"][0, 0]) for number, each in of_glasses.items()}
+    sums = DeviceSums(built.values, built.data, arrays, built.world.first_vertices, indices)
     found = {name: np.asarray(places[name].gradient(sums), np.float32) for name in chosen}
     if names is not None and np.any(d_image) and (without := [name for name in chosen if not found[name].any()]):
         warn(f"the picture does not depend on {', '.join(without)}: all derivatives are 0")
@@ -80,7 +87,8 @@ class Differentiable:
     @property
     def shape(self) -> tuple[int, int, int]:
         """The shape of the picture."""
-        return self._renderer.film.height, self._renderer.film.width, 3
+        width, height = self._renderer.film.picture_size
+        return height, width, 3
 
     def render(self, values: Mapping[str, Any]) -> None:
         """Have the renderer's film hold the picture."""

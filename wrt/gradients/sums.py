@@ -17,7 +17,7 @@ from wrt.upload.textures.pyramid import summed_levels
 
 Floats = NDArray[np.float64]
 
-NO_VERTICES: Mapping[int, int] = MappingProxyType({})
+NO_NUMBERS: Mapping[int, int] = MappingProxyType({})
 
 
 class DeviceSums:
@@ -26,7 +26,7 @@ class DeviceSums:
     Their arrays, by name, are parallel to those of SceneData: "slots" (S, 3), "texels" (T, 3), "lights" (L, 3),
     "emission" (shapes, 3), "environment" (3,), "environment_texels" (N, 3), "media_absorption", "media_scattering" and
     "media_emission" (media, 3), "vertices" and "normals" (points, 3). Those of lights with triangles are in "emission",
-    not in "lights".
+    not in "lights". `indices` are the derivatives by the indices of smooth glasses, by the number of the material.
     """
 
     def __init__(
@@ -34,13 +34,15 @@ class DeviceSums:
         values: SceneValues,
         data: Any,
         arrays: Mapping[str, Floats],
-        first_vertices: Mapping[int, int] = NO_VERTICES,
+        first_vertices: Mapping[int, int] = NO_NUMBERS,
+        indices: Mapping[int, float] = NO_NUMBERS,
     ) -> None:
         """Keep the arrays of a scene's values, which are those of a SceneData struct.
 
         `first_vertices` are the numbers of the first vertices of shapes.
         """
         self._values, self._data, self._arrays, self._first = values, data, arrays, first_vertices
+        self._indices = indices
         self._fetched: dict[str, NDArray[Any]] = {}
 
     def __getitem__(self, name: str) -> Floats:
@@ -60,6 +62,10 @@ class DeviceSums:
         """Return the derivatives by the slots of a material, (S, 3)."""
         first = self._first_slot(material)
         return self["slots"][first : first + len(material.slots)]
+
+    def of_index(self, material: Material) -> float:
+        """Return the derivative by the index of a smooth glass, inside over outside."""
+        return self._indices[self._values.materials.number_of(material)]
 
     def of_texels(self, user: tuple[Material, int] | int) -> Floats:
         """Return the derivative by the pixels of an image, (H, W, 3), by what reads it: see `Texels.user`."""

@@ -140,23 +140,27 @@ class Catchers:
     def caught(self, *, denoised: bool = False) -> Caught:
         """Return the picture so far."""
         alone, film = self._up_to_date(), self._renderer.film
-        total, layers = film.mean(), film.aovs.arrays(film.counts, names=("alpha", CATCHER))
-        lit, unshaded = layers[CATCHER], alone.film.aovs.arrays(alone.film.counts, names=(CATCHER,))[CATCHER]
+        blended = not denoised  # see `Renderer.denoised`
+        layers = film.aovs.arrays(film.fetch("count"), names=("alpha", CATCHER), blended=blended)
+        lit = layers[CATCHER]
+        unshaded = alone.film.aovs.arrays(alone.film.fetch("count"), names=(CATCHER,), blended=blended)[CATCHER]
         if not denoised:
-            return caught(total, layers["alpha"], lit, unshaded)
-        guides, threads = self._renderer.denoising_guides(), self._renderer._denoising_threads
+            return caught(film.mean(), layers["alpha"], lit, unshaded)
+        total = film.means().astype(np.float32)
+        guides, threads = self._renderer._film_guides(), self._renderer._denoising_threads
         foreground = denoise(np.maximum(total - lit[..., :3], 0.0), **guides, threads=threads)
         lit = _denoised(lit, guides, threads)
-        unshaded = _denoised(unshaded, alone.denoising_guides(), threads)
-        return caught(foreground + lit[..., :3], layers["alpha"], lit, unshaded)
+        unshaded = _denoised(unshaded, alone._film_guides(), threads)
+        read = film.reading.picture
+        return caught(read(foreground + lit[..., :3]), read(layers["alpha"]), read(lit), read(unshaded))
 
     def _up_to_date(self) -> Renderer:
         """Return the renderer of the second film, each of whose pixels has as many samples as in the picture."""
         alone = self.prepare()
         if alone.camera != self._camera:
             alone.set_camera(self._camera)
-        counts = self._renderer.film.counts.ravel().copy()
-        if (alone.film.counts.ravel() > counts).any():  # the picture has restarted
+        counts = self._renderer.film.fetch("count").copy()
+        if (alone.film.fetch("count") > counts).any():  # the picture has restarted
             alone.film.clear()
         for target in np.unique(counts[counts > 0]).tolist():
             fewer = counts < target

@@ -14,6 +14,7 @@ from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.picture import Picture
+from wrt.rendering.reading import Reading, crop_of
 from wrt.scene.camera import Camera, require_camera
 from wrt.scene.scene import Scene, Shape
 from wrt.upload.camera import CropWindow, build_camera, outside_cameras
@@ -42,6 +43,7 @@ class EditablePicture(Picture):
     _catchers: Catchers | None
     _photons: Photons | None
     _guides: Guides | None
+    _reading: Reading
 
     @property
     def camera(self) -> Camera:
@@ -62,7 +64,13 @@ class EditablePicture(Picture):
     @property
     def crop(self) -> CropWindow:
         """The rendered part of the picture: first column and row, and those after the last."""
-        return self.settings.crop or (0, 0, self.width, self.height)
+        return crop_of(self.settings)
+
+    @property
+    def window(self) -> CropWindow:
+        """The pixels of the film: the rendered part of the picture, and those beside it that the filter reads."""
+        (x0, y0, x1, y1), (left, top, right, bottom) = self.crop, self._reading.margins
+        return x0 - left, y0 - top, x1 + right, y1 + bottom
 
     def set_camera(self, camera: Camera) -> None:
         """Restart the picture with another camera; nothing is built again.
@@ -147,7 +155,8 @@ class EditablePicture(Picture):
 
         Args:
             d_image: (H, W, 3), derivative of the loss by the mean radiance of each pixel; see `image`.
-            names: parameters, as `wrt.parameters` names them; by default all but vertices and normals.
+            names: parameters, as `wrt.parameters` names them; by default all but vertices, normals and indices
+                of smooth glass.
             spp: samples per pixel.
             seed: 0 to 2³² − 1; by default the picture's, whose first `spp` samples are then differentiated.
 
@@ -156,7 +165,7 @@ class EditablePicture(Picture):
 
         Raises:
             InputError: on an array of another shape or with values that are not finite, unknown names, or what has no
-                derivatives: an integrator, caustics; for vertices also some surfaces and lights.
+                derivatives: an integrator, caustics; for vertices and smooth glass also some surfaces and lights.
         """
         found: dict[str, NDArray[np.float32]] = _above.gradients().gradients(self, d_image, names, spp, seed)
         return found
@@ -197,7 +206,7 @@ class EditablePicture(Picture):
             self._guides.clear()
 
     def _device_camera(self) -> Any:
-        return build_camera(self.camera, self.width, self.height, self.crop, device=self.device.name)
+        return build_camera(self.camera, self.width, self.height, self.window, device=self.device.name)
 
     @abstractmethod
     def _start_kernel(self) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wrt.backend.device import Device
 from wrt.errors import InputError
 from wrt.rendering.film_aovs import FilmAovs, bytes_per_pixel
+from wrt.rendering.reading import PLAIN, Reading
 
 STATE_ARRAYS = ("total", "total_of_squares", "count", "rejected")
 """The arrays of a film's state, without the count of rays, which is only a statistic of this run."""
@@ -60,18 +61,24 @@ class Film:
     """Sums of samples and of their squares, and sample counts, for each pixel of a picture."""
 
     def __init__(
-        self, width: int, height: int, device: Device, layers: tuple[str, ...] = (), groups: tuple[str, ...] = ()
+        self,
+        width: int,
+        height: int,
+        device: Device,
+        layers: tuple[str, ...] = (),
+        groups: tuple[str, ...] = (),
+        reading: Reading = PLAIN,
     ) -> None:
         """Start an empty film of width x height pixels on a device, with `layers` besides radiance.
 
-        `groups` are the light groups of the scene.
+        `groups` are the light groups of the scene. By `reading` the film becomes a picture, which may be smaller.
         """
-        self.width, self.height = width, height
+        self.width, self.height, self.reading = width, height, reading
         self.pixels = width * height
         self._per_pixel = bytes_per_pixel(layers, groups)
         self.device, backend = device, device.backend
         self.require_memory(BYTES_PER_PIXEL + self._per_pixel)
-        self.aovs = FilmAovs(layers, width, height, device, groups)
+        self.aovs = FilmAovs(layers, width, height, device, groups, reading)
         self._count_before: Any = None
         self._chosen: tuple[NDArray[np.bool_], Any] | None = None
         self._kept: dict[str, Any] = {}
@@ -83,6 +90,12 @@ class Film:
         self.data.count = backend.zeros(self.pixels, "int32", device.name)
         self.data.rejected = backend.zeros(self.pixels, "int32", device.name)
         self.data.rays = backend.zeros(self.pixels, "int64", device.name)
+
+    @property
+    def picture_size(self) -> tuple[int, int]:
+        """Width and height of the picture that the film becomes, pixels."""
+        left, top, right, bottom = self.reading.margins
+        return self.width - left - right, self.height - top - bottom
 
     def require_memory(self, new: int = 0) -> None:
         """Raise InputError unless memory suffices for `new` bytes a pixel and for the copies that saving makes."""
@@ -200,8 +213,8 @@ class Film:
 
     @property
     def counts(self) -> NDArray[np.int32]:
-        """(H, W) int32 samples in each pixel."""
-        counts: NDArray[np.int32] = self.fetch("count").reshape(self.height, self.width)
+        """(H, W) int32 samples in each pixel of the picture."""
+        counts: NDArray[np.int32] = self.reading.cut(self.fetch("count").reshape(self.height, self.width))
         return counts
 
     @property
@@ -214,24 +227,28 @@ class Film:
         """Samples that were not finite and counted as black."""
         return int(self.fetch("rejected").sum())
 
+    def means(self) -> NDArray[np.float64]:
+        """Return (H, W, 3) float64, the mean of each pixel's own samples, with margins; 0 without samples."""
+        n = np.maximum(self.fetch("count"), 1)[:, None]
+        means: NDArray[np.float64] = self.fetch("total") / n
+        return means.reshape(self.height, self.width, 3)
+
     def mean(self) -> NDArray[np.float32]:
         """Return (H, W, 3) float32 linear radiance; pixels without samples are black."""
-        n = np.maximum(self.fetch("count"), 1)[:, None]
-        mean: NDArray[np.float32] = (self.fetch("total") / n).astype(np.float32)
-        return mean.reshape(self.height, self.width, 3)
+        return self.reading.picture(self.means()).astype(np.float32)
 
     def snapshot(self) -> Callable[[], NDArray[np.float32]]:
-        """Keep `mean` as it is now, and return a function that fetches it.
+        """Keep `means` as they are now, and return a function that fetches them, float32; `reading` makes the picture.
 
         On a GPU it is copied there. Another thread can fetch the copy while passes go on, which do not wait for that.
         Once the function is gone the next snapshot takes the memory of the copy.
         """
         backend, images = self.device.backend, self._images
         if self.device.is_cpu:
-            image = self.mean()
+            image = self.means().astype(np.float32)
             return lambda: image
         copy = images.pop() if images else backend.empty(self.pixels, "vec3", self.device.name)
-        self._write_mean(copy)
+        self._write_mean(copy, PLAIN)
         shape = (self.height, self.width, 3)
 
         def fetch() -> NDArray[np.float32]:
@@ -253,14 +270,22 @@ class Film:
 
     def device_mean(self) -> Any:
         """Return `mean` as (H, W) wp.array of vec3 on the device."""
-        backend = self.device.backend
-        mean = backend.empty(self.pixels, "vec3", self.device.name)
-        self._write_mean(mean)
-        return backend.to_warp(backend.view(mean, "vec3", (self.height, self.width)), "vec3")
+        backend, (width, height) = self.device.backend, self.picture_size
+        mean = backend.empty(width * height, "vec3", self.device.name)
+        self._write_mean(mean, self.reading)
+        return backend.to_warp(backend.view(mean, "vec3", (height, width)), "vec3")
 
-    def _write_mean(self, mean_out: Any) -> None:
-        """Write `mean` to a (pixels,) array of vec3 on the device."""
-        self.device.launch(self._kernels().film_mean, self.pixels, [self.data.total, self.data.count, mean_out])
+    def _write_mean(self, mean_out: Any, reading: Reading) -> None:
+        """Write the picture by a reading to a (pixels,) array of vec3 on the device."""
+        arguments = [self.data.total, self.data.count, self._device_reading(reading), mean_out]
+        self.device.launch(self._kernels().film_mean, len(mean_out), arguments)
+
+    def _device_reading(self, reading: Reading) -> Any:
+        left, top, right, _ = reading.margins
+        data = self._kernels().FilmReading()
+        data.width, data.picture_width = self.width, self.width - left - right
+        data.left, data.top, data.share = left, top, reading.share
+        return data
 
     def variance(self) -> NDArray[np.float64]:
         """Return (H, W, 3) float64 variance of the mean; NaN below two samples."""
@@ -269,7 +294,8 @@ class Film:
             mean = self.fetch("total") / n
             spread = np.maximum(self.fetch("total_of_squares") / n - mean * mean, 0.0)
             variance = np.where(n > 1.0, spread / (n - 1.0), np.nan)
-        return variance.reshape(self.height, self.width, 3)
+        blended = self.reading.blended(variance.reshape(self.height, self.width, 3), squared=True)
+        return self.reading.cut(blended)
 
     def noise(self) -> float | None:
         """Return the relative noise of the picture: the mean standard error of its pixels over their mean radiance.
@@ -282,6 +308,11 @@ class Film:
             mean = self._keep("mean of rows", self.height, "float64")
             error = self._keep("error of rows", self.height, "float64")
             launch = self.device.launch
-            launch(self._kernels().film_noise, self.height, [self.width, self.data, mean, error], least=rows)
+            launch(
+                self._kernels().film_noise,
+                self.height,
+                [self._device_reading(self.reading), self.data, mean, error],
+                least=rows,
+            )
             total, errors = float(fetch(mean).sum()), float(fetch(error).sum())
         return errors / total if total > 0.0 else None

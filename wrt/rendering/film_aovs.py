@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from wrt.backend.device import Device
 from wrt.errors import InputError
+from wrt.rendering.reading import PLAIN, Reading
 from wrt.scene.cryptomatte import RANKS, TYPES, ids_of
 from wrt.scene.layers import CATCHER, FILM_LAYERS, LIGHT_GROUPS, NAMED, NUMBERS, REST, group_layer
 from wrt.scene.scene import Shape
@@ -80,14 +81,20 @@ class FilmAovs:
     """The selected layers of a film; without any it takes no memory."""
 
     def __init__(
-        self, names: tuple[str, ...], width: int, height: int, device: Device, groups: tuple[str, ...] = ()
+        self,
+        names: tuple[str, ...],
+        width: int,
+        height: int,
+        device: Device,
+        groups: tuple[str, ...] = (),
+        reading: Reading = PLAIN,
     ) -> None:
-        """Start empty layers for a picture of width x height pixels on a device, of a scene with these light groups."""
+        """Start empty layers of a film of width x height pixels on a device, of a scene with these light groups."""
         backend = device.backend
         aovs = backend.kernels("wrt.kernels.integrators.aovs")
 
         self.names, self.width, self.height, self.device = names, width, height, device
-        self._groups = groups
+        self._groups, self._reading = groups, reading
         self.data = aovs.AovData()
         self._first: dict[str, int] = {}
         counts = {True: 0, False: 0}
@@ -160,41 +167,53 @@ class FilmAovs:
                 raise InputError("a pixel has more samples of its objects than samples")
 
     def arrays(
-        self, counts: NDArray[np.int32], labels: Labels = NO_LABELS, *, names: Sequence[str] | None = None
+        self,
+        counts: NDArray[np.int32],
+        labels: Labels = NO_LABELS,
+        *,
+        names: Sequence[str] | None = None,
+        blended: bool = True,
     ) -> dict[str, NDArray[Any]]:
         """Return each layer, (H, W, channels), (H, W) for one channel, or (H, W, ranks, 2) ids and coverage.
 
         There is a layer for each light group.
 
         Args:
-            counts: (H, W) samples in each pixel.
+            counts: (pixels,) samples in each pixel of the film.
             labels: what its numbers stand for; needed for layers of materials and of ranked coverage alone.
             names: the layers that are wanted; by default all of the film.
+            blended: whether means are those of the picture, not of each pixel's own samples, with margins.
         """
-        samples = np.maximum(counts.reshape(-1, 1), 1)
+        samples = np.maximum(counts[:, None], 1)
         fetch = functools.cache(lambda name: self.device.backend.fetch(getattr(self.data, name)))
+        shape, cut = (self.height, self.width), self._reading.cut
         result: dict[str, NDArray[Any]] = {}
+
+        def means(first: int, channels: int) -> NDArray[np.float32]:
+            values = (fetch("sums")[:, first : first + channels] / samples).reshape(*shape, channels)
+            return (self._reading.picture(values) if blended else values).astype(np.float32)
+
         for name in self.names if names is None else names:
             if name == LIGHT_GROUPS:
-                lights = (fetch("sums")[:, self.data.light_groups :] / samples).astype(np.float32)
                 for number, group in (*enumerate(self._groups, 1), (0, REST)):
-                    radiance = lights[:, 3 * number : 3 * number + 3]
-                    result[group_layer(group)] = radiance.reshape(self.height, self.width, 3)
+                    result[group_layer(group)] = means(self.data.light_groups + 3 * number, 3)
                 continue
             if name in NUMBERS:
                 objects = fetch("object_number")
                 values = objects if name == "object" else np.array([0, *labels.materials])[objects]
-                result[name] = values.astype(np.uint32).reshape(self.height, self.width)
+                result[name] = cut(values.astype(np.uint32).reshape(shape))
                 continue
             if name in TYPES:
-                ranked = self._ranked(labels.ids(name), counts.reshape(-1))
-                result[name] = ranked.reshape(self.height, self.width, RANKS, 2)
+                rank = self._ranked_after_blending if self._reading.share else self._ranked
+                result[name] = cut(rank(labels.ids(name), counts).reshape(*shape, RANKS, 2))
                 continue
             layer = FILM_LAYERS[name]
             first, count = self._first[name], len(layer.channels)
-            values = fetch("sums" if layer.averaged else "nearest")[:, first : first + count]
-            values = (values / samples if layer.averaged else values).astype(np.float32)
-            result[name] = values.reshape((self.height, self.width, count) if count > 1 else (self.height, self.width))
+            if layer.averaged:
+                values = means(first, count)
+            else:
+                values = cut(fetch("nearest")[:, first : first + count].reshape(*shape, count)).astype(np.float32)
+            result[name] = values if count > 1 else values[..., 0]
         return result
 
     def _ranked(self, ids: NDArray[np.uint32], counts: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -218,4 +237,35 @@ class FilmAovs:
             found, samples = (np.take_along_axis(values, order, axis=1) for values in (found, samples))
             result[part, :, 0] = np.where(samples > 0, found, np.uint32(0)).view(np.float32)
             result[part, :, 1] = samples / np.maximum(counts[part, None], 1)
+        return result
+
+    def _ranked_after_blending(self, ids: NDArray[np.uint32], counts: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Return what `_ranked` does, of coverage that is blended as the picture is; equal ones by their ids."""
+        pairs = self.device.backend.fetch(self.data.coverage).reshape(self.height, self.width, _SLOTS, 2)
+        samples = np.maximum(counts, 1).reshape(self.height, self.width, 1)
+        weights = np.array([self._reading.share, 1.0 - 2.0 * self._reading.share, self._reading.share])
+        columns = np.clip(np.arange(-1, self.width + 1), 0, self.width - 1)
+        result = np.empty((self.height, self.width, RANKS, 2), np.float32)
+        band = max(_RANKED_AT_ONCE // (9 * self.width), 1)
+        for start in range(0, self.height, band):
+            end = min(start + band, self.height)
+            around = np.ix_(np.clip(np.arange(start - 1, end + 1), 0, self.height - 1), columns)
+            shares = pairs[around][..., 1] / samples[around]
+            found, shares = (
+                np.lib.stride_tricks.sliding_window_view(values, (3, 3), axis=(0, 1))
+                for values in (ids[pairs[around][..., 0]], shares)
+            )
+            found = found.reshape(-1, 9 * _SLOTS)
+            shares = (shares * np.outer(weights, weights)).reshape(found.shape)
+            order = np.argsort(found, axis=1, kind="stable")
+            found, shares = (np.take_along_axis(values, order, axis=1) for values in (found, shares))
+            is_first = np.ones(found.shape, bool)
+            is_first[:, 1:] = found[:, 1:] != found[:, :-1]
+            sums = np.zeros(found.shape)
+            sums[is_first] = np.bincount(np.cumsum(is_first) - 1, weights=shares.ravel())
+            order = np.argsort(-sums, axis=1, kind="stable")[:, :RANKS]
+            found, sums = (np.take_along_axis(values, order, axis=1) for values in (found, sums))
+            shape = (end - start, self.width, RANKS)
+            result[start:end, ..., 0] = np.where(sums > 0.0, found, np.uint32(0)).view(np.float32).reshape(shape)
+            result[start:end, ..., 1] = sums.reshape(shape)
         return result

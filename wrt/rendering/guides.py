@@ -42,17 +42,20 @@ class Guides:
         of_picture = {"sampler": settings.sampler, "cameras": outside_cameras(renderer.camera)}
         features = guide_features(dataclasses.replace(built.features, **of_picture), settings)
         self._renderer = renderer
-        self._film = Film(renderer.film.width, renderer.film.height, device, LAYERS)
+        self._film = Film(renderer.film.width, renderer.film.height, device, LAYERS, reading=renderer.film.reading)
         self._kernel = RenderKernel(device, features, self._film.width, self._film.height, read=built.read)
         with device.compiling(self._kernel.to_compile()):
             self._kernel.start((built.data, self._film.data, self._film.aovs.data))
 
     def layers(self) -> dict[str, NDArray[Any]]:
-        """Return albedo and normals by name, (H, W, 3) float32, after as many samples as the picture has by now."""
+        """Return means of albedo and normals in the film's pixels by name, (H, W, 3) float32.
+
+        They have as many samples as the picture has by now.
+        """
         target = min(max(self._renderer.spp, 1), MOST_SAMPLES)
         if self._film.tally().least < target:
             self._kernel.launch([target, *self._renderer.arguments_for(self._film)], 0.0)
-        arrays = self._film.aovs.arrays(self._film.counts)
+        arrays = self._film.aovs.arrays(self._film.fetch("count"), blended=False)
         return {name: np.ascontiguousarray(arrays[name]) for name in LAYERS}
 
     def clear(self) -> None:

@@ -19,6 +19,7 @@ from wrt.rendering.film import Film
 from wrt.rendering.film_aovs import Labels
 from wrt.rendering.part import Part
 from wrt.rendering.picture import Picture
+from wrt.rendering.reading import Reading
 from wrt.rendering.windows import write_windows
 from wrt.scene.developing import DEVELOPED_SUFFIXES, Exposure, names_file
 
@@ -41,20 +42,21 @@ class Merged(Picture):
         """Start with an empty film for the picture of a part."""
         self.settings, self._identity = first.settings, first.header["identity"]
         self.integrator, self.seed = str(self._identity["integrator"]), int(self._identity["seed"])
-        x0, y0, x1, y1 = first.crop
-        self.film = Film(x1 - x0, y1 - y0, device, self.settings.film_layers, tuple(self._identity["light_groups"]))
+        x0, y0, x1, y1 = first.window
+        layers, groups = self.settings.film_layers, tuple(self._identity["light_groups"])
+        self.film = Film(x1 - x0, y1 - y0, device, layers, groups, Reading.of(self.settings))
         self.seconds_render = 0.0
         self._label = first.labels
 
     @property
     def width(self) -> int:
         """Width of the rendered part of the picture, pixels."""
-        return self.film.width
+        return self.film.picture_size[0]
 
     @property
     def height(self) -> int:
         """Height of the rendered part of the picture, pixels."""
-        return self.film.height
+        return self.film.picture_size[1]
 
     def denoised(self) -> NDArray[np.float32]:
         """Raise InputError, since denoising needs the scene."""
@@ -126,7 +128,7 @@ def merge(parts: Iterable[PathLike | Part]) -> Merged:
         except InputError as error:
             raise InputError(f"{part.name}: damaged, {error}") from None
         for name, array in state.items():
-            write_windows(array, first.crop, part.windows, part.arrays[name])
+            write_windows(array, first.window, part.windows, part.arrays[name])
         merged.seconds_render += float(part.header["seconds"])
     merged.film.restore(state)
     return merged

@@ -183,8 +183,7 @@ class NoiseEstimate:
         """Note the film's state if the pixels that go on have `spp` samples and this is the next power of two."""
         if spp & (spp - 1) or 2 * spp < FIRST or spp <= self.spp:
             return
-        counts = np.maximum(self.film.fetch("count"), 1)
-        mean = np.asarray(self.film.fetch("total"), np.float64).reshape(-1, 3) / counts[:, None]
+        mean = self.film.reading.blended(self.film.means()).reshape(-1, 3)
         if self._mean is not None and spp == 2 * self.spp:
             self._earlier = self._changes
             self._changes = np.where(self.stopped, 0.0, self.tiles.sums(np.abs(mean - self._mean).sum(axis=1)))

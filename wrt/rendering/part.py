@@ -31,6 +31,7 @@ from wrt.rendering.checkpoint import (
 )
 from wrt.rendering.film_aovs import Labels, labels_of
 from wrt.rendering.passes import LONGEST_PASS, Progress
+from wrt.rendering.reading import window_of
 from wrt.rendering.windows import pixels_of, windows_of_part
 from wrt.scene.description import group_name
 from wrt.scene.scene import MAX_SPP, RenderSettings
@@ -87,10 +88,9 @@ class Part:
         return RenderSettings(**stored, **{name: self.header["developing"][name] for name in DEVELOPING})
 
     @property
-    def crop(self) -> CropWindow:
-        """The window that all parts cover."""
-        settings = self.settings
-        return settings.crop or (0, 0, settings.width, settings.height)
+    def window(self) -> CropWindow:
+        """The window of the film that all parts cover."""
+        return window_of(self.settings)
 
     @property
     def labels(self) -> Labels:
@@ -100,7 +100,7 @@ class Part:
     @property
     def windows(self) -> tuple[CropWindow, ...]:
         """The windows of its pixels, in pixels of the whole picture."""
-        return windows_of_part(self.crop, self.number, self.of)
+        return windows_of_part(self.window, self.number, self.of)
 
     def save(self, path: PathLike) -> None:
         """Write the part; an existing file is replaced only if it is a part.
@@ -205,7 +205,7 @@ def render_part(
     if spp is None and renderer.settings.noise is not None:
         raise InputError("the scene sets a target of noise, which is for whole pictures; give the samples of a part")
     spp = integer(renderer.settings.spp if spp is None else spp, "spp", minimum=1, maximum=MAX_SPP)
-    windows = windows_of_part(renderer.crop, number, of)
+    windows = windows_of_part(renderer.window, number, of)
     header: dict[str, Any] = {
         "part": [number, of],
         "wrt": __version__,
@@ -227,7 +227,7 @@ def render_part(
     films: list[dict[str, NDArray[Any]]] = []
     first = 0
     for index, window in enumerate(windows):
-        one = renderer.sharing(crop=window)
+        one = renderer.of_window(window)
         if begun is not None:
             one.film.restore({name: array[first : first + one.film.pixels] for name, array in begun.arrays.items()})
         first += one.film.pixels

@@ -162,11 +162,11 @@ class Picture(ABC):
 
     def _share(self, name: str) -> NDArray[np.float32]:
         """Return (H, W), the layer "alpha" or "edges", without the work for all others."""
-        share: NDArray[np.float32] = self.film.aovs.arrays(self.film.counts, names=(name,))[name]
+        share: NDArray[np.float32] = self.film.aovs.arrays(self.film.fetch("count"), names=(name,))[name]
         return share
 
     def _film_layers(self) -> dict[str, NDArray[Any]]:
-        return self.film.aovs.arrays(self.film.counts, self._labels())
+        return self.film.aovs.arrays(self.film.fetch("count"), self._labels())
 
     @abstractmethod
     def _labels(self) -> Labels:
@@ -246,8 +246,7 @@ def check_contents(path: Path, picture: Picture) -> None:
         raise InputError(f"{path}: layers go into OpenEXR files; give it a name that ends in .exr")
     require_room(
         path,
-        picture.film.width,
-        picture.film.height,
+        *picture.film.picture_size,
         alpha=picture.settings.transparent and picture.settings.paper is None and has_light,
     )
 

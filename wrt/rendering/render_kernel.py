@@ -37,8 +37,8 @@ class RenderKernel:
         records: its arguments that hold arrays, from `start` on.
         wide: the scene's own wide kernel, from `start` on.
         seconds_after: time that other pictures of the same kernel take after this one.
-        gradients: the kernels of the picture's gradients, without and with those by vertices (see
-            `wrt.gradients.kernels`), once there are some.
+        gradients: the kernels of the picture's gradients, by what these are by (`wrt.gradients.kernels.By`), once there
+            are some.
     """
 
     def __init__(self, device: Device, features: Any, width: int, height: int, *, read: Any = None) -> None:
@@ -53,7 +53,7 @@ class RenderKernel:
         """
         self.records: tuple[Any, ...] = ()
         self.seconds_after = 0.0
-        self.gradients: dict[bool, Any] = {}
+        self.gradients: dict[str, Any] = {}
         self._device, self.features = device, features
         self._width, self._height = width, height
         self._stand_in: WideKernel | None = None

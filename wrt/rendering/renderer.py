@@ -24,12 +24,13 @@ from wrt.rendering.guides import Guides
 from wrt.rendering.noise import NoiseEstimate
 from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
 from wrt.rendering.photons import Photons
+from wrt.rendering.reading import PLAIN, Reading
 from wrt.rendering.render_kernel import RenderKernel
 from wrt.rendering.wide_kernel import WideKernel
 from wrt.scene.layers import CATCHER, LIGHT_GROUPS, SHADOW
 from wrt.scene.scene import RenderSettings, Scene, require_scene
 from wrt.studio.framing import with_camera
-from wrt.upload.camera import filter_table, outside_cameras
+from wrt.upload.camera import CropWindow, filter_table, outside_cameras
 from wrt.upload.integrators import (
     WITH_PHOTONS,
     choose_integrator,
@@ -165,12 +166,22 @@ class Renderer(EditablePicture):
             InputError: on unusable settings, on `caustics` if this renderer has none, or when memory does not suffice
                 for the film.
         """
+        return self._sharing(settings)
+
+    def of_window(self, window: CropWindow) -> Renderer:
+        """Return a renderer that shares the scene, whose film has the pixels of a window alone.
+
+        Its film is a piece of this one's: without the pixels beside it, its picture differs at the border.
+        """
+        return self._sharing({"crop": window}, PLAIN)
+
+    def _sharing(self, settings: dict[str, Any], reading: Reading | None = None) -> Renderer:
         renderer = Renderer.__new__(Renderer)
         for name in ("scene", "seed", "strategy", "light_choice", "has_updated_vertices", "device", "_built"):
             setattr(renderer, name, getattr(self, name))
         if (settings.get("integrator") or WITH_PHOTONS[0]) not in WITH_PHOTONS:
             settings = {"caustics": False, **settings}
-        renderer._use(self.scene, dataclasses.replace(self.settings, **settings))
+        renderer._use(self.scene, dataclasses.replace(self.settings, **settings), reading)
         if "edges" in renderer.settings.film_layers and not self._built.has_edges:
             raise InputError("the scene was built without its edges; make a new Renderer")
         if renderer.settings.caustics and not self.settings.caustics:
@@ -183,8 +194,9 @@ class Renderer(EditablePicture):
         renderer._kernel.share_wide(self._kernel)
         return renderer
 
-    def _use(self, scene: Scene, settings: RenderSettings) -> None:
+    def _use(self, scene: Scene, settings: RenderSettings, reading: Reading | None = None) -> None:
         self.settings = settings
+        self._reading = Reading.of(settings) if reading is None else reading
         self.integrator = choose_integrator(scene, settings)
         self._has_catchers = self.renders_light and any_catchers(scene)
         if self._has_catchers:
@@ -197,9 +209,9 @@ class Renderer(EditablePicture):
             raise InputError(f"a picture of {self.width}x{self.height} has more than the 2^31 pixels that are possible")
 
     def _start_film(self) -> None:
-        x0, y0, x1, y1 = self.crop
+        x0, y0, x1, y1 = self.window
         layers = (*self.settings.film_layers, *((CATCHER,) if self._has_catchers else ()))
-        self.film = Film(x1 - x0, y1 - y0, self.device, layers, self.scene.light_groups)
+        self.film = Film(x1 - x0, y1 - y0, self.device, layers, self.scene.light_groups, self._reading)
         self.film.aovs.data.edge_width = self.settings.edge_width
         self.seconds_render, self.paths = 0.0, 0
         self.noise_estimate = NoiseEstimate(self.film)
@@ -384,8 +396,13 @@ class Renderer(EditablePicture):
             InputError: when Open Image Denoise is not installed, or there is no picture of radiance.
         """
         require_denoiser()
-        guides, picture = self.denoising_guides(), self._caught(denoised=True)
-        return denoise(self.image(), **guides, threads=self._denoising_threads) if picture is None else picture.image
+        guides, picture = self._film_guides(), self._caught(denoised=True)
+        if picture is not None:
+            return picture.image
+        self._require_samples()
+        # A denoiser takes noise that pixels share for a part of the picture, so they are blended afterwards.
+        means = denoise(self.film.means(), **guides, threads=self._denoising_threads)
+        return self._reading.picture(means)
 
     @property
     def _denoising_threads(self) -> int | None:
@@ -401,6 +418,10 @@ class Renderer(EditablePicture):
         Raises:
             InputError: when there is no picture of radiance.
         """
+        return {name: self._reading.picture(means) for name, means in self._film_guides().items()}
+
+    def _film_guides(self) -> dict[str, NDArray[np.float32]]:
+        """Return `denoising_guides` for the film's pixels, before they are blended."""
         if not self.renders_light:
             raise InputError(f"integrator {self.integrator} renders only layers, which are not denoised")
         if self._guides is None:
@@ -421,6 +442,7 @@ class Renderer(EditablePicture):
     def device_film(self) -> dict[str, Any]:
         """Return the film itself as (H, W) Warp arrays on the renderer's device, without a copy; only read them.
 
+        With the filter "shared" a crop has further pixels beside it, and means are not blended yet.
         They change with each pass, and hold the next picture after `update_vertices` or `set_camera`. Other frameworks
         share them as `device_image`; dividing `total` by `count` gives the picture, in double precision.
 

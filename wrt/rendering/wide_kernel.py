@@ -196,7 +196,7 @@ class WideKernel:
             self._say_refused()
 
     def _say_refused(self) -> None:
-        """Say what in a model from outside keeps the kernel from being translated."""
+        """Warn of what in a model from outside the translator cannot take."""
         refused = own.models_from_outside(self._features) and self._part == compiler.RENDER
         if refused and (why := own.refusal(self._features, self._lanes)):
             self._possible = False

@@ -33,8 +33,8 @@ from wrt.scene.motion import Motion, affine_matrix
 from wrt.scene.textures import shines
 from wrt.values import FLOAT32_MAX, ColorLike, Vec3, color, integer, number
 
-FILTERS = ("box", "tent", "gaussian", "blackman-harris")
-"""Reconstruction filters by name; `kernels/camera/models.py` defines them."""
+FILTERS = ("box", "tent", "gaussian", "blackman-harris", "shared")
+"""Reconstruction filters by name; `wrt/upload/camera.py` and `wrt/rendering/reading.py` define them."""
 
 SAMPLERS = ("independent", "stratified", "sobol", "blue-noise")
 """Samplers by name; docs/sampling.md compares them."""

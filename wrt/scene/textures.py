@@ -233,7 +233,7 @@ VARYING = (ImageTexture, VertexColor, Texture)
 
 
 def checked_texture(texture: Varying, check: Callable[[Any], Any]) -> Varying:
-    """Return a texture of which `check` accepts all known values."""
+    """Return a texture after `check` has accepted all its known values."""
     for color_or_number in texture.bounds if isinstance(texture, Texture) else ():
         check(np.multiply(color_or_number, texture.factor).tolist())
     return texture

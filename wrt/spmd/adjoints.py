@@ -1,8 +1,8 @@
 """Adjoint functions for several lanes: Warp's own, line by line.
 
-Such a function first computes its variables once more, until it would return. From there it jumps to a label in its
-reverse part, which stands where that `return` is, and goes back from it, adding to the adjoint of each variable. In
-lanes the reverse part begins with none active, and those that returned at a label join there.
+Such a function first computes its variables again, until it would return. It then jumps to the label of that `return`
+in its reverse part, and goes back from there, adding to adjoints of variables. With lanes the reverse part begins
+with none active; a lane joins at the label of the `return` that it took.
 """
 
 import re
@@ -56,7 +56,7 @@ class Adjoints:
         for f in functions:
             if f.native_func not in self._functions or f.adj.custom_reverse_mode:
                 self._functions[f.native_func] = f
-        self._code: dict[str, str] = {}  # by name of the function, each after those that it calls
+        self._code: dict[str, str] = {}  # by name of the function, callees first
 
     def code(self, names: Iterable[str]) -> str:
         """Return the C++ of functions `wide_grad_NAME`: derivatives by the first argument, of a result's sum."""
@@ -98,11 +98,11 @@ class Adjoints:
 """
 
     def _add(self, f: Any) -> None:
-        """Add the adjoint of a function, and those that it calls."""
+        """Add the adjoint of a function and of its callees."""
         name = f.native_func
         if name not in self._code:
             code = self._by_hand(f) if f.adj.custom_reverse_mode else _Reversed(self._types, self, f).code()
-            self._code[name] = code  # after those that it calls
+            self._code[name] = code  # after its callees
 
     def called(self, name: str) -> Any:
         """Return a function whose adjoint another one calls."""
@@ -233,7 +233,7 @@ static inline void wide_adj_{f.native_func}({", ".join(parameters)}, const lanes
             return f"wide_adj_{name}({', '.join(passed)}, exec);" if is_needed else ""
         kept = [n for n in adjoints if self._counts(n)]
         if kept[-1:] != adjoints[-1:] or len(kept) < 2:
-            return ""  # the result, or all of which it is made, has no derivative
+            return ""  # neither the result nor any operand has a derivative
         passed = [self._emitter.operand(self._named[n]) for n in values]
         return f"lanes::adj_{_OTHER_NAMES.get(name, name)}({', '.join([*passed, *kept])}, exec);"
 

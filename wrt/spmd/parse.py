@@ -157,7 +157,7 @@ class _Parser:
     def update(self, name: str, fields: str, value: str) -> ir.Statement:
         return ir.Update(self.variables[name], tuple(fields.split(".")[1:]), self.variables[value])
 
-    # Of `wp.grad`, whose function Warp calls after it has set all adjoints to zero, and that of the result to one.
+    # Of `wp.grad`. Warp calls its function after setting the result's adjoint to one and all others to zero.
 
     def gradient(self, function: str, arguments: str) -> ir.Statement:
         names = arguments.split(", ")

@@ -102,12 +102,23 @@ def _blackman_harris(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return 0.35875 - 0.48829 * np.cos(t) + 0.14128 * np.cos(2.0 * t) - 0.01168 * np.cos(3.0 * t)
 
 
+def _shared(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    # A box of 1 pixel, so that all points count alike, smoothed by a raised cosine of 1.5 pixels.
+    def sum_of_cosine(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = np.clip(x / 0.75, -1.0, 1.0)
+        result: NDArray[np.float64] = 0.5 * x + 0.5 / np.pi * np.sin(np.pi * x)
+        return result
+
+    return sum_of_cosine(x + 0.5) - sum_of_cosine(x - 0.5)
+
+
 # Name -> (half width in pixels, profile along one axis); a filter is the product over both axes.
 _PROFILES: dict[str, tuple[float, Callable[[NDArray[np.float64]], NDArray[np.float64]]]] = {
     "box": (0.5, np.ones_like),
     "tent": (1.0, lambda x: 1.0 - np.abs(x)),
     "gaussian": (2.0, lambda x: np.exp(-0.5 * (x / 0.5) ** 2) - np.exp(-8.0)),
     "blackman-harris": (1.5, _blackman_harris),
+    "shared": (1.25, _shared),  # and then blended, see `wrt/rendering/reading.py`
 }
 
 

@@ -15,6 +15,7 @@ from wrt.develop.denoise import denoise
 from wrt.develop.exposure import stops
 from wrt.develop.picture import covered
 from wrt.develop.picture import develop as develop_parts
+from wrt.rendering.reading import PLAIN, Reading
 from wrt.view.controls import Look
 from wrt.view.picture import MOVING_QUALITY, RESTING_QUALITY, develop, jpeg
 
@@ -39,11 +40,12 @@ class Source:
     """An image to make frames of.
 
     Attributes:
-        fetch: returns the image.
+        fetch: returns the image, before it is read by `reading`.
         is_radiance: whether a look applies to it.
         header: the header of its frames.
         guides: albedo and normal, to denoise the image with; None to show it as it is.
         composed: arguments of `wrt.develop.picture.develop` for an image with lines or over a background.
+        reading: how the image becomes the picture.
     """
 
     fetch: Callable[[], NDArray[np.float32]]
@@ -51,11 +53,17 @@ class Source:
     header: dict[str, Any] = field(default_factory=dict)
     guides: dict[str, NDArray[np.float32]] | None = None
     composed: dict[str, Any] | None = None
+    reading: Reading = PLAIN
 
     @cached_property
     def image(self) -> NDArray[np.float32]:
-        """The image, fetched on first use."""
-        return self.fetch()
+        """The picture, fetched on first use."""
+        return self.reading.picture(self.fetch())
+
+    def denoised(self) -> NDArray[np.float32]:
+        """Return the picture without most of its noise."""
+        guides = self.guides or {}
+        return self.reading.picture(denoise(self.fetch(), guides.get("albedo"), guides.get("normal")))
 
     def codes(self, look: Look) -> NDArray[np.uint8]:
         """Return the image as 8-bit codes."""
@@ -108,8 +116,7 @@ class Encoder:
     def _denoise(self, source: Source) -> None:
         """Denoise an image, and then the newest one until no newer one has come."""
         while True:
-            guides = source.guides or {}
-            image = denoise(source.image, guides.get("albedo"), guides.get("normal"))
+            image = source.denoised()
             with self._waiting:
                 newest = self._source
                 if self.look.denoise and source.shows_same(newest):

@@ -52,7 +52,8 @@ def _table() -> NDArray[np.uint8]:
 def shown_image(renderer: Renderer, layer: str) -> tuple[Callable[[], NDArray[np.float32]], bool]:
     """Return a function for the (H, W, 3) linear colours of a layer, and whether they are radiance.
 
-    The function returns the present picture, whenever another thread calls it.
+    The function returns the present picture, whenever another thread calls it; radiance is yet to be read by the
+    `reading` of the film.
 
     Args:
         renderer: the renderer, which has the layer.

@@ -13,6 +13,7 @@ from typing import Any
 
 from wrt.errors import InputError, one_line
 from wrt.rendering.passes import Progress
+from wrt.rendering.reading import PLAIN
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera
 from wrt.values import number
@@ -356,8 +357,9 @@ class Session:
     def _put(self, renderer: Renderer, settings: Settings, serial: Any, progress: Progress | None) -> None:
         fetch, is_radiance = shown_image(renderer, settings.layer)
         self._progress = progress or self._progress
+        width, height = renderer.film.picture_size
         guided = renderer.renders_light and progress is not None and self._encoder.look.denoise
-        guides = renderer.denoising_guides() if guided else None
+        guides = renderer._film_guides() if guided else None
         header = {
             "serial": serial,
             "moving": progress is None,
@@ -366,7 +368,8 @@ class Session:
             "noise": None if progress is None else progress.noise,
             "paths_per_second": None if progress is None else progress.paths_per_second,
             "seconds": renderer.seconds_render,
-            "width": renderer.film.width,
-            "height": renderer.film.height,
+            "width": width,
+            "height": height,
         }
-        self._encoder.put(Source(fetch, is_radiance, header, guides, composed(renderer) if is_radiance else None))
+        reading, parts = (renderer.film.reading, composed(renderer)) if is_radiance else (PLAIN, None)
+        self._encoder.put(Source(fetch, is_radiance, header, guides, parts, reading))

@@ -89,7 +89,7 @@ def _as_it_is(bsdf: Bsdf, w: wp.vec3, sign: float) -> wp.vec3:
 def make_about(row: int) -> wp.Function:
     """Return the device function (bsdf, w, sign) -> vec3: w in a frame about the normal in a row, or with −1 back.
 
-    The row has x and y of the normal as its second and third numbers. The frame is that of a normal map: its x is the
+    The row has x and y of the normal as its second and third numbers. The frame is as for a normal map: its x is the
     projection of x. Without a row, which is −1, it is the frame of w.
     """
     if row < 0:

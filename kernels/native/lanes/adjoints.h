@@ -185,7 +185,7 @@ LANES_ADJ_OF_PAIRS(adj_max)
 LANES_VECTOR void adj_abs(const Vector<N, T>& a, LANES_ADJ(a), const Vector<N, T>& adj, Mask exec) {
     LANES_FOR adj_abs(a.c[k], adj_a.c[k], adj.c[k], exec);
 }
-// The first of the largest elements, without those that are no numbers.
+// The first of the largest elements, NaN left out.
 LANES_VECTOR void adj_max(const Vector<N, T>& a, LANES_ADJ(a), same<T> adj, Mask exec) {
     const T most = max(a);
     Mask left = exec;

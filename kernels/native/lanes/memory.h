@@ -255,7 +255,7 @@ template<class T> LANES_INLINE Wide<T> atomic_add(const wp::array_t<T>& a, Ints 
     LANES_EACH(l, exec) before.v[l] = wp::atomic_add(a, i.v[l], x.v[l]);
     return before;
 }
-// Lanes that add to one sum do so at once, unless that may overflow unnoticed. What the sum was is that of all then.
+// Lanes that add to one sum do so at once, unless that may overflow unnoticed. All of them then return the same old sum.
 LANES_INLINE Longs add_exactly(const wp::array_t<wp::int64>& sums, Ints i, Longs x, Mask exec) {
     Longs before;
     const Mask large = exec & ~(abs(x) < Longs(1ll << 57));

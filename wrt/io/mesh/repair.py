@@ -33,7 +33,7 @@ def to_shapes(
         path: the file, for messages.
         parts: the output of the reader.
         smooth_degrees: the largest fold that is smooth in parts without normals (see `wrt.scene.normals.with_normals`);
-            0 leaves meshes as they are, None is what the file says.
+            0 leaves meshes as they are, None follows the file.
         point_radius: the radius of points; by default it follows from their distances.
 
     Raises:

@@ -28,7 +28,7 @@ _SAMPLERS = {
 _FILTERS = {
     "box": "box",
     "tent": "tent",
-    "gaussian": "gaussian",
+    "gaussian": "shared",
     "mitchell": "blackman-harris",
     "catmullrom": "blackman-harris",
     "lanczos": "blackman-harris",
@@ -58,7 +58,7 @@ def settings_of(sensor: Plugin | None, integrator: Plugin | None) -> RenderSetti
 
 def _film(film: Plugin | None) -> dict[str, Any]:
     if film is None:
-        return {"width": 768, "height": 576, "filter": "gaussian"}
+        return {"width": 768, "height": 576, "filter": "shared"}
     width, height = film.integer("width", 768), film.integer("height", 576)
     values: dict[str, Any] = {"width": width, "height": height, "filter": _filter(film.only("rfilter"))}
     names = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
@@ -74,11 +74,11 @@ def _film(film: Plugin | None) -> dict[str, Any]:
 
 def _filter(plugin: Plugin | None) -> str:
     if plugin is None:
-        return "gaussian"
-    name = _FILTERS.get(plugin.type, "gaussian")
-    if name != plugin.type:
+        return "shared"
+    name = _FILTERS.get(plugin.type, "shared")
+    if plugin.type not in _FILTERS or name == "blackman-harris":
         plugin.warn_of_all(f"{name!r} stands in for this filter")
-    elif name in _WIDTHS and plugin.number(*_WIDTHS[name]) != _WIDTHS[name][1]:
+    elif plugin.type in _WIDTHS and plugin.number(*_WIDTHS[plugin.type]) != _WIDTHS[plugin.type][1]:
         plugin.warn("the width of a filter is left out: 'gaussian' has a stddev of 0.5, 'tent' a radius of 1")
     plugin.ignore("radius")
     return name
