@@ -5,7 +5,10 @@ from dataclasses import dataclass, fields, replace
 
 _LONGEST_NAME = 100
 
-_COVERING_FLAGS = ("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided", "grid_media")
+_COVERING_FLAGS = (
+    *("textured", "mipmapped", "tangents", "light_tree", "uv2_alpha", "single_sided", "grid_media"),
+    "clamped",  # with a limit that may be infinite
+)
 _COVERING_KINDS = {"media": ("none", "absorbing", "scattering"), "exact": ("none", "spheres", "quadrics")}
 _COVERING = ("sampler", "models", "light_shapes", "environment", "composite", *_COVERING_FLAGS, *_COVERING_KINDS)
 """Features of a kernel that a scene need not have, or less of: the kernel decides at run time."""

@@ -294,6 +294,10 @@ NEEDS_SIDES = wp.constant(8)
 """Some shape is single-sided or unlit."""
 NEEDS_ATTENUATION = wp.constant(16)
 """Some surface lets a part of the light pass."""
+NEEDS_EXACT = wp.constant(32)
+"""Some shape is exact."""
+NEEDS_BODIES = wp.constant(64)
+"""Some body contains a medium or has a priority."""
 
 
 @wp.struct

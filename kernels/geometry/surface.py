@@ -6,12 +6,13 @@ from wrt.kernels.core.features import distances_of, has_exact, has_quadrics, ide
 from wrt.kernels.core.motion import key_at
 from wrt.kernels.core.ray_tree import Hit, make_instance_placement
 from wrt.kernels.core.rays import Frame, Ray, make_frame
-from wrt.kernels.core.scene_data import NEEDS_MORE_COORDINATES, SceneData
+from wrt.kernels.core.scene_data import NEEDS_EXACT, NEEDS_MORE_COORDINATES, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import shading_point
 from wrt.kernels.geometry.distances import make_point_on_volume, make_volume_of
 from wrt.kernels.geometry.quadrics import (
     NO_QUADRIC,
+    Quadric,
     by_coordinate,
     clearance_of_quadric,
     front_of,
@@ -21,6 +22,7 @@ from wrt.kernels.geometry.quadrics import (
     quadric_coordinates,
 )
 from wrt.kernels.geometry.spheres import (
+    Sphere,
     along_meridian,
     along_turn,
     clearance_of_sphere,
@@ -236,7 +238,9 @@ def _make_surface_or_exact_at(geometry: str) -> wp.Function:
                 on_surface.e2 = seen.e2
                 return on_surface
         if wp.static(quadrics):
-            quadric = quadric_of(scene, hit.triangle, hit.instance, ray.time)
+            quadric = Quadric()
+            if scene.needs & NEEDS_EXACT != 0:
+                quadric = quadric_of(scene, hit.triangle, hit.instance, ray.time)
             if quadric.kind != NO_QUADRIC:
                 point = point_on_quadric(quadric, ray, hit.t)
                 normal = front_of(quadric, point.place)
@@ -248,7 +252,9 @@ def _make_surface_or_exact_at(geometry: str) -> wp.Function:
                 on_quadric.e2 = by_coordinate(quadric, point.place, 1)
                 return on_quadric
         surface = Surface()
-        sphere = sphere_of(scene, hit.triangle, hit.instance, ray.time)
+        sphere = Sphere()
+        if scene.needs & NEEDS_EXACT != 0:
+            sphere = sphere_of(scene, hit.triangle, hit.instance, ray.time)
         if sphere.radius > 0.0:
             on_sphere = point_on_sphere(sphere, ray, hit.t)
             sphere_position = sphere.center + on_sphere.out * sphere.radius

@@ -9,7 +9,7 @@ from wrt.kernels.bsdf import make_bsdf, models_with
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import INFINITE_DISTANCE
 from wrt.kernels.core.rays import Ray, to_local
-from wrt.kernels.core.scene_data import NEEDS_ATTENUATION, BodyStack, SceneData
+from wrt.kernels.core.scene_data import NEEDS_ATTENUATION, NEEDS_BODIES, BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.integrators.path_state import PathState, SurfaceVertex
@@ -211,10 +211,11 @@ def make_light_at_surface(features: Features, *, factors: bool = False) -> wp.Fu
                             if wp.static(factors):
                                 result.weight = weight
                             if wp.static(features.media != "none"):
-                                share = shadow_in_media(scene, shadow_ray, 0.0, t_max, shadow_stack, u_light, 0)
-                                result.radiance = wp.cw_mul(arriving, share)
-                                if wp.static(factors):
-                                    result.weight = wp.cw_mul(weight, share)
+                                if scene.needs & NEEDS_BODIES != 0:
+                                    share = shadow_in_media(scene, shadow_ray, 0.0, t_max, shadow_stack, u_light, 0)
+                                    result.radiance = wp.cw_mul(arriving, share)
+                                    if wp.static(factors):
+                                        result.weight = wp.cw_mul(weight, share)
                             result.shadow_ray = shadow_ray
                             result.t_max = t_max
                     if wp.static(factors):

@@ -12,7 +12,7 @@ from wrt.kernels.bsdf import make_gathers, make_is_caster, models_with
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import NO_HIT
 from wrt.kernels.core.rays import Ray
-from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.scene_data import NEEDS_BODIES, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage, path_function
 from wrt.kernels.integrators.gathering import make_gather
@@ -21,6 +21,7 @@ from wrt.kernels.integrators.next_event import make_light_at_surface
 from wrt.kernels.integrators.path_escape import make_escape
 from wrt.kernels.integrators.path_media import make_scatter_in_medium, make_traverse_medium
 from wrt.kernels.integrators.path_state import (
+    UNCLAMPED,
     PathSettings,
     PathState,
     make_begin_indirect,
@@ -80,7 +81,8 @@ def make_follow_path(features: Features, *, in_rounds: bool = False) -> wp.Funct
             if wp.static(features.single_sided):
                 hit = hit_shown(scene, path.ray, hit, not path.was_blurred)
             if wp.static(scattering):
-                hit = hit_or_skin(path.skin, path.ray, hit)
+                if scene.needs & NEEDS_BODIES != 0:
+                    hit = hit_or_skin(path.skin, path.ray, hit)
             path.rays += 1
             u_more = wp.vec4()
             if wp.static(draws_more):
@@ -219,6 +221,9 @@ def make_trace_path(features: Features) -> wp.Function:
         scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
     ) -> Result:
         path = begin_path(scene, camera_ray, pixel_footprint)
+        if wp.static(features.clamped):
+            # Without a limit all radiance is in one sum, as in kernels that do not clamp.
+            path.is_indirect = settings.clamp_indirect == UNCLAMPED
         path = follow_path(scene, path, sampler, settings)
         result = path_result(path, settings.clamp_indirect)
         return result

@@ -8,7 +8,7 @@ import warp as wp
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import NO_HIT, Hit
 from wrt.kernels.core.rays import RECEIVES_ANYWHERE
-from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.scene_data import NEEDS_BODIES, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.integrators.light_groups import make_add_to_chosen_group
@@ -50,7 +50,9 @@ def make_traverse_medium(features: Features) -> wp.Function:
         segment = MediumSegment()
         segment.radiance = path.radiance
         segment.throughput = path.throughput
-        medium = medium_of(scene, path.medium_stack)
+        medium = int(-1)
+        if scene.needs & NEEDS_BODIES != 0:
+            medium = medium_of(scene, path.medium_stack)
         if medium >= 0:
             record = scene.media[medium]
             segment_length = path.origin_gap + hit.t

@@ -21,6 +21,10 @@ BEHIND_LIGHT = wp.constant(1.00001)
 """Factor on the distance to a hidden light, by which a ray begins behind it; several times its rounding error."""
 
 
+UNCLAMPED = wp.constant(wp.inf)
+"""The limit of indirect radiance that is not clamped."""
+
+
 @wp.struct
 class PathSettings:
     """Settings that need no kernel of their own, and the photons that paths gather if `Features.caustics`."""
@@ -32,7 +36,7 @@ class PathSettings:
     jittered_rays: int  # of ray trees: rays sent on from the first glossy surface
     ambient: wp.vec3  # of ray trees: radiance that rough surfaces receive from all directions
     ao_distance: float  # length of the rays of ambient occlusion
-    clamp_indirect: float  # upper bound on indirect radiance, per channel
+    clamp_indirect: float  # upper bound on indirect radiance, per channel, or UNCLAMPED
     widening: float  # variance that slopes of rough surfaces gain once the path was scattered by what is not smooth
     is_sobol: int  # which of the two samplers a kernel takes that has both
     hides_lights: int  # whether camera rays do not see the environment and lights without triangles

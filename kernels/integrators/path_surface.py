@@ -15,7 +15,7 @@ from wrt.kernels.core.bsdf import Bsdf, BsdfSample
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import RECEIVES_BOTH, RECEIVES_FRONT, Ray, to_local, to_world
-from wrt.kernels.core.scene_data import NEEDS_COORDINATES, NEEDS_LEVELS, BodyStack, SceneData
+from wrt.kernels.core.scene_data import NEEDS_BODIES, NEEDS_COORDINATES, NEEDS_LEVELS, BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.geometry.surface import (
@@ -76,7 +76,7 @@ def make_vertex_at(features: Features) -> wp.Function:
         hit = nearest
         surface = surface_at(scene, ray, hit)
         if wp.static(bodies):
-            if scene.shapes[surface.shape].body >= 0:
+            if scene.needs & NEEDS_BODIES != 0 and scene.shapes[surface.shape].body >= 0:
                 surface.clearance = surface.clearance * WIDELY
         vertex.origin_in_front = leave_in_front(surface, ray.origin, ray.direction)
         vertex.origin_behind = leave(surface, -1.0)
@@ -84,12 +84,13 @@ def make_vertex_at(features: Features) -> wp.Function:
         # Bodies: of several surfaces in one place, the one that decides
         vertex.is_solid = True
         if wp.static(bodies):
-            meeting = meet(scene, ray, hit, surface, medium_stack)
-            hit = meeting.hit
-            surface = meeting.surface
-            vertex.medium_stack_behind = meeting.stack_behind
-            if wp.static(features.nested):
-                vertex.is_solid = is_there(scene, surface, medium_stack, meeting.stack_behind)
+            if scene.needs & NEEDS_BODIES != 0:
+                meeting = meet(scene, ray, hit, surface, medium_stack)
+                hit = meeting.hit
+                surface = meeting.surface
+                vertex.medium_stack_behind = meeting.stack_behind
+                if wp.static(features.nested):
+                    vertex.is_solid = is_there(scene, surface, medium_stack, meeting.stack_behind)
 
         # Texture coordinates
         if wp.static(has_coordinates):

@@ -9,8 +9,12 @@ paths from the camera but by chance. The first surface stores it, and the one wh
 The path tracer finds the same paths by itself, from the other end, and leaves them out (`follow_path`).
 """
 
+import inspect
+from collections.abc import Callable
+
 import warp as wp
 
+from wrt.kernels.accel.intersect import make_intersect
 from wrt.kernels.bsdf import make_gathers, make_is_matt, models_with
 from wrt.kernels.camera.camera import Camera
 from wrt.kernels.camera.models import make_camera_time
@@ -21,6 +25,7 @@ from wrt.kernels.core.ray_tree import NO_HIT
 from wrt.kernels.core.rays import RECEIVES_BOTH, Ray, Receiver, make_frame, to_world
 from wrt.kernels.core.scene_data import BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import path_function, pixel_kernel
 from wrt.kernels.geometry.quadrics import DISK, NO_QUADRIC, disk_area, front_of, make_quadric_of, point_of
 from wrt.kernels.geometry.spheres import make_sphere_of
 from wrt.kernels.geometry.triangles import make_triangle_of, triangle_normal, twice_area
@@ -37,7 +42,7 @@ from wrt.kernels.integrators.path_surface import (
 from wrt.kernels.lights.choice import make_light_choice
 from wrt.kernels.lights.lights import make_lights
 from wrt.kernels.lights.mesh_lights import place_on_disk
-from wrt.kernels.lights.shapes import make_closest_hit
+from wrt.kernels.lights.shapes import make_light_shapes
 from wrt.kernels.sampling.sampler import (
     BLOCK_BSDF,
     BLOCK_LIGHT,
@@ -232,50 +237,41 @@ def make_depart(features: Features) -> wp.Function:
 
 
 @specialised()
-def make_photon_kernel(features: Features) -> wp.Kernel:
-    """Return the kernel that follows the photons of a set, at the time of the samples that gather them."""
-    depart, closest_hit, begin_path = make_depart(features), make_closest_hit(features), make_begin_path(features)
+def make_follow_photon(features: Features) -> wp.Function:
+    """Return the device function that follows photon i of a set, and the result of which is how often it was stored.
+
+    Its arguments are (scene, settings, photons_out, keys_out, departure, sampler, i).
+    """
+    intersect, light_shapes = make_intersect(features.geometry), make_light_shapes(features.light_shapes)
+    begin_path = make_begin_path(features)
     surface_vertex, prepare_bsdf = make_surface_vertex(features), make_prepare_bsdf(features)
     sample_bsdf, traverse_medium = make_sample_bsdf(features, of_photons=True), make_traverse_medium(features)
     gathers, nearly_smooth = make_gathers(features.models), bool(models_with(features.models, "is_caster"))
-    is_matt, camera_time = make_is_matt(features.models), make_camera_time(features)
-    sample_4d = make_sample_4d("sobol")
+    is_matt, sample_4d = make_is_matt(features.models), make_sample_4d("sobol")
 
-    @wp.kernel(module=wp.get_module(make_photon_kernel.module_name(features)), enable_backward=False)
-    def trace_photons(
-        first: int,
-        set_number: int,
-        seed: wp.uint32,
-        camera: Camera,
+    @wp.func
+    @path_function
+    def follow_photon(
         scene: SceneData,
         settings: PathSettings,
-        casters: Casters,
         photons_out: wp.array(dtype=Photon),
         keys_out: wp.array(dtype=wp.int64),
-    ):
-        i = first + wp.tid()
+        departure: Departure,
+        sampler: Sampler,
+        i: int,
+    ) -> int:
         traced = photons_out.shape[0] // 2
-        keys_out[i] = NO_PHOTON
-        keys_out[traced + i] = NO_PHOTON
         stored = int(0)
         was_scattered = bool(False)
-        sampler = Sampler()
-        sampler.seed = seed
-        time = camera.shutter_open
-        if wp.static(features.shares_times):  # and then each sample has a set of its own
-            sampler.index = wp.uint32(set_number)
-            time = camera_time(camera, sampler)
-        sampler.pixel = FIRST_PIXEL + wp.uint32(set_number)
-        sampler.index = wp.uint32(i)
-        departure = depart(scene, casters, sampler, time)
         path = begin_path(scene, departure.ray, wp.vec2(0.0))
         path.medium_stack = BodyStack()
         path.origin_gap = departure.gap
-        path.is_done = not (wp.max(departure.power) > 0.0)
         # The photon, the surface that gathers it and that surface's own path make `turns` + 2 segments at least.
-        while not path.is_done and path.depth + 2 <= settings.max_depth:
+        while path.depth + 2 <= settings.max_depth:
             vertex_number = path.depth + 1
-            hit = closest_hit(scene, path.ray)
+            hit = intersect.closest_hit(scene, path.ray)
+            if wp.static(bool(features.light_shapes)):
+                hit = light_shapes.nearer(scene, path.ray, hit)
             if hit.triangle <= NO_HIT:
                 break
             u_more = sample_4d(sampler, passed_block(vertex_number, path.surfaces_passed))
@@ -289,6 +285,8 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
             if wp.static(features.has_holes or features.nested):
                 if not vertex.is_solid:
                     path = pass_through(path, vertex)
+                    if path.is_done:
+                        break
                     continue
             vertex = prepare_bsdf(scene, path, vertex, settings.widening)
             off = vertex.surface.position - departure.position
@@ -337,5 +335,48 @@ def make_photon_kernel(features: Features) -> wp.Kernel:
                 break
             path.throughput = path.throughput / goes_on
             was_scattered = was_scattered or is_scattered
+        return stored
+
+    return follow_photon
+
+
+def of_set(function: Callable[..., None]) -> Callable[..., None]:
+    """Annotate the arguments of a kernel of a set of photons, or of a function that does its work, with their types."""
+    types = (int, int, int, wp.uint32, Camera, SceneData, PathSettings, Casters)
+    types += (wp.array(dtype=Photon), wp.array(dtype=wp.int64))
+    function.__annotations__ = dict(zip(inspect.signature(function).parameters, types, strict=True))
+    return function
+
+
+@specialised()
+def make_photon_kernel(features: Features) -> wp.Kernel:
+    """Return the kernel that follows the photons of a set, at the time of the samples that gather them.
+
+    Each thread follows `share` photons.
+    """
+    depart, follow_photon, camera_time = make_depart(features), make_follow_photon(features), make_camera_time(features)
+
+    @wp.kernel(module=wp.get_module(make_photon_kernel.module_name(features)), enable_backward=False)
+    @pixel_kernel
+    @of_set
+    def trace_photons(first_thread, share, set_number, seed, camera, scene, settings, casters, photons_out, keys_out):
+        first = (first_thread + wp.tid()) * share
+        traced = photons_out.shape[0] // 2
+        sampler = Sampler()
+        sampler.seed = seed
+        time = camera.shutter_open
+        if wp.static(features.shares_times):  # and then each sample has a set of its own
+            sampler.index = wp.uint32(set_number)
+            time = camera_time(camera, sampler)
+        sampler.pixel = FIRST_PIXEL + wp.uint32(set_number)
+        for number in range(0, share):
+            i = first + number
+            if i < traced:
+                keys_out[i] = NO_PHOTON
+                keys_out[traced + i] = NO_PHOTON
+                sampler.index = wp.uint32(i)
+                departure = depart(scene, casters, sampler, time)
+                if wp.max(departure.power) > 0.0:
+                    follow_photon(scene, settings, photons_out, keys_out, departure, sampler, i)
 
     return trace_photons

@@ -38,6 +38,7 @@ def test_what_they_cover():
         ({"sampler": "stratified"}, [False, False, False]),
         ({"instances": "still"}, [False, False, False]),
         ({"exact": "spheres"}, [False, False, True]),
+        ({"clamped": True}, [False, False, True]),
         ({"media": "absorbing", "exact": "quadrics"}, [False, False, True]),
         ({"media": "scattering", "grid_media": True}, [False, False, True]),
         ({"media": "absorbing", "grid_media": True}, [False, False, False]),
@@ -78,8 +79,8 @@ def test_the_best_that_is_compiled_is_chosen(monkeypatch):
 
 
 CASES = cases()
-FEW_USE = ("clamp_indirect", "regularization")
-"""Options of cases for which there are no general kernels."""
+NOT_COVERED = "regularization"
+"""The option of cases for which there are no general kernels."""
 NAMES = (
     *("plain-perspective", "models-perspective", "textures-perspective", "picture-light-shapes"),
     *("picture-light-sky-evening", "picture-city", "picture-tutorial-light", "built-in-teapot"),
@@ -92,7 +93,7 @@ INDEPENDENT = ("plain-perspective", "picture-media-fog")
 @pytest.mark.machinery
 @pytest.mark.parametrize("name", NAMES)
 def test_films_have_the_bits_of_the_scenes_kernel(name, monkeypatch):
-    options = {key: value for key, value in CASES[name].options.items() if key not in FEW_USE}
+    options = {key: value for key, value in CASES[name].options.items() if key != NOT_COVERED}
     sampler = "independent" if name in INDEPENDENT else "sobol"
     case = dataclasses.replace(CASES[name], options={**options, "sampler": sampler})
     expected = rendered(case)

@@ -81,9 +81,9 @@ def materials() -> list[Material]:
 def tiers() -> tuple[Tier, ...]:
     """Return what the general kernels have, from the one that is compiled and runs fastest.
 
-    They are for files of meshes, for nearly all other scenes, and for media and exact shapes as well. Compiling takes
-    21, 42 and 49 s of CPU; they have 0.88 to 0.90, 0.79 to 0.94 and 0.68 to 0.82 of the speed of a scene's own wide
-    kernel. A denoiser's guides take few samples, so they have the first and the last.
+    They are for files of meshes, for nearly all other scenes, and for media, exact shapes and clamped light as well.
+    Compiling takes 21, 42 and 49 s of CPU; they have 0.88 to 0.90, 0.79 to 0.94 and 0.68 to 0.82 of the speed of a
+    scene's own wide kernel. A denoiser's guides take few samples, so they have the first and the last.
     """
     models = {material.model for material in materials() if not material.parts}
     every = tuple(sorted(models))
@@ -99,16 +99,17 @@ def general_features(features: Any) -> list[Any]:
 
     if not features.guides and not has_wide(features):
         return []
-    if features.clamped or features.regularized or features.cameras or features.caustics:
+    if features.regularized or features.cameras or features.caustics:
         return []
     general: dict[str, Any] = dict.fromkeys(_GENERAL, True)
-    everything: dict[str, Any] = {"exact": "quadrics"}
+    everything: dict[str, Any] = {"exact": "quadrics", "clamped": not features.guides}
     if not features.guides:
         shapes = current_backend().kernels("wrt.kernels.lights.shapes").BUILT_IN
         general |= {"environment": "image", "light_shapes": shapes}
         everything |= {"media": "scattering", "grid_media": True}
     sampler = EITHER if features.sampler in OF_EITHER else features.sampler
-    plain = dataclasses.replace(features, sampler=sampler, media="none", grid_media=False, exact="none")
+    least: dict[str, Any] = {"media": "none", "grid_media": False, "exact": "none", "clamped": False}
+    plain = dataclasses.replace(features, sampler=sampler, **least)
     kernels = [
         dataclasses.replace(
             plain,

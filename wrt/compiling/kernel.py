@@ -32,12 +32,17 @@ def has_wide(features: Any) -> bool:
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h
 
 
-RENDER = "render"
-"""What most kernels do. Those of gradients are called "radiance" and "replay": see `wrt.gradients.kernels`."""
+RENDER, PHOTONS = "render", "photons"
+"""What most kernels do, and what one that follows photons does. Those of gradients are called "radiance" and "replay":
+see `wrt.gradients.kernels`."""
 
 
 def declaration(features: Any, lanes: int, part: str = RENDER) -> tuple[Any, ...]:
     """Return the module, the name and the arguments of the function that declares a kernel."""
+    if part == PHOTONS:
+        if lanes == SCALAR:
+            return "wrt.kernels.integrators.photons", "make_photon_kernel", features
+        return "wrt.spmd.kernel", "make_wide_photon_kernel", features, lanes
     if part != RENDER:
         return "wrt.spmd.kernel", "make_wide_gradient_kernel", features, part, lanes
     if lanes == SCALAR:

@@ -26,6 +26,7 @@ from wrt.rendering.passes import LONGEST_PASS, Limits, Progress, Schedule
 from wrt.rendering.photons import Photons
 from wrt.rendering.reading import PLAIN, Reading
 from wrt.rendering.render_kernel import RenderKernel
+from wrt.rendering.wide_kernel import WideKernel
 from wrt.scene.layers import CATCHER, LIGHT_GROUPS, SHADOW
 from wrt.scene.scene import RenderSettings, Scene, require_scene
 from wrt.studio.framing import with_camera
@@ -243,7 +244,11 @@ class Renderer(EditablePicture):
         self._shared_inputs = [self._device_camera(), table, self._built.data, path]
         self._kernel.start((self._built.data, self.film.data, self.film.aovs.data))
         if self._photons is not None:
-            self._photons.forget()
+            self._photons.start(self._built.data)
+
+    @property
+    def _wide_kernels(self) -> list[WideKernel]:
+        return [self._kernel.wide, *((self._photons.wide,) if self._photons else ())]
 
     @property
     def _inputs(self) -> list[Any]:
@@ -267,7 +272,7 @@ class Renderer(EditablePicture):
     @property
     def seconds_compile_beside(self) -> float:
         """Seconds that another process has spent compiling the wide kernel during rendering."""
-        return self._kernel.wide.seconds
+        return sum(wide.seconds for wide in self._wide_kernels)
 
     @property
     def rays(self) -> int:
@@ -300,7 +305,9 @@ class Renderer(EditablePicture):
                 quarter of the time of all earlier passes, at least 0.4 s.
         """
         limits = Limits.of(self, spp, time, noise, adaptive, pass_seconds)
-        self._kernel.expect(limits.least_seconds(self.film))
+        self._kernel.expect(least := limits.least_seconds(self.film))
+        if self._photons is not None:
+            self._photons.wide.expect(least)
         return self._run(limits)
 
     def render(self, *, progress: Callable[[Progress], object] | None = None, **limits: Any) -> NDArray[np.float32]:
@@ -323,7 +330,7 @@ class Renderer(EditablePicture):
     @property
     def _passes_are_short(self) -> bool:
         """Whether passes are short, to switch soon to a wide kernel or as nothing can interrupt one on a GPU."""
-        return not self.device.is_cpu or self._kernel.wide.is_being_compiled
+        return not self.device.is_cpu or any(wide.is_being_compiled for wide in self._wide_kernels)
 
     def noise(self) -> float | None:
         """Return the relative noise: the mean standard error of the pixels over their mean radiance, or None.
@@ -354,6 +361,7 @@ class Renderer(EditablePicture):
             self._kernel.launch([target, *self._inputs], seconds_left)
             return
         camera, _, scene, path = self._shared_inputs
+        self._photons.prepare(seconds_left, self.seconds_render)
         sample = self.film.tally().least
         while sample < target:
             sample = min(self._photons.provide(sample, camera, scene, path), target)
@@ -367,13 +375,14 @@ class Renderer(EditablePicture):
         return self._kernel.lanes
 
     def compile(self) -> float:
-        """Compile the wide kernel now, which makes passes faster, and return the seconds that it took.
+        """Compile the wide kernels now, which make passes faster, and return the seconds that it took.
 
         Otherwise another process compiles it during a render that is long enough, and passes switch to it when it is
         ready. The picture is the same, bit for bit.
         """
         started = time.perf_counter()
-        self._kernel.wide.wait()
+        for wide in self._wide_kernels:
+            wide.wait()
         if self._catchers is not None:
             self._catchers.prepare().compile()
         return time.perf_counter() - started

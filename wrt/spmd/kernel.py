@@ -11,6 +11,7 @@ from wrt.kernels.bsdf import model_of
 from wrt.kernels.core.bsdf import MAX_SLOTS
 from wrt.kernels.core.features import Features
 from wrt.kernels.gradients.gradient_pass import make_gradient_kernel, of_gradients
+from wrt.kernels.integrators.photons import make_photon_kernel, of_set
 from wrt.kernels.native import at_file_level
 from wrt.kernels.render import make_render_kernel, of_pass
 from wrt.kernels.textures.procedures import model_of as procedure_of
@@ -67,6 +68,35 @@ def make_wide_gradient_kernel(features: Features, part: Literal["radiance", "rep
     def tiles(first_tile, first, last, seed, camera, filter_table, scene, settings, upstream, radiances, sums):
         number = first_tile + wp.tid()
         tile(number, first, last, seed, camera, filter_table, scene, settings, upstream, radiances, sums)
+
+    return tiles
+
+
+@functools.cache
+def make_wide_photon_kernel(features: Features, lanes: int) -> wp.Kernel:
+    """Return the kernel of 4, 8 or 16 lanes that follows photons; see `make_photon_kernel`.
+
+    Raises:
+        Unsupported: The kernel cannot be translated.
+    """
+    wide_code_h = _header(make_photon_kernel(features), features, lanes)
+
+    # Threads of the scalar kernel are the pixels of a strip, so narrow that a pool holds the photons of a tile.
+    @wp.func_native("""
+    const int width = wrt::TILE / 4, traced = (int)photons_out.shape[0] / 2;
+    const int height = (traced + width * share - 1) / (width * share);
+    render_tile(
+        tile, width, height, 0, share, set_number, seed, camera, scene, settings, casters, photons_out, keys_out);
+    """)
+    @of_set
+    def tile(tile, share, set_number, seed, camera, scene, settings, casters, photons_out, keys_out):
+        wide_code_h()
+
+    @wp.kernel(module=wp.get_module(f"wrt.photons.wide{lanes}.{features.name}"), enable_backward=False)
+    @of_set
+    def tiles(first_tile, share, set_number, seed, camera, scene, settings, casters, photons_out, keys_out):
+        number = first_tile + wp.tid()
+        tile(number, share, set_number, seed, camera, scene, settings, casters, photons_out, keys_out)
 
     return tiles
 

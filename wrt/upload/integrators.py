@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -150,7 +151,7 @@ def path_settings(scene: Scene, settings: RenderSettings, integrator: str, devic
     if integrator == "whitted":  # no other reads it, and a sky takes a tenth of a second
         path.ambient = mean_radiance(scene)
     path.ao_distance = intersect.INFINITE_DISTANCE if settings.ao_distance is None else settings.ao_distance
-    path.clamp_indirect = 0.0 if settings.clamp_indirect is None else settings.clamp_indirect
+    path.clamp_indirect = math.inf if settings.clamp_indirect is None else settings.clamp_indirect
     path.is_sobol = int(settings.sampler == "sobol")
     path.hides_lights = int(settings.transparent)
     if isinstance(settings.integrator, Integrator):

@@ -152,6 +152,8 @@ class SceneUpload:
             k.NEEDS_LEVELS: own.mipmapped,
             k.NEEDS_SIDES: own.single_sided,
             k.NEEDS_ATTENUATION: own.lets_light_pass,
+            k.NEEDS_EXACT: own.has_exact,
+            k.NEEDS_BODIES: own.bodies,
         }
         return sum(int(bit) for bit, is_needed in needs.items() if is_needed)
 
