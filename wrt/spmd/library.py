@@ -72,6 +72,8 @@ def native_function(types: Any, function: Any) -> str:
     if not all(types.is_whole(a.type) for a in arguments):
         raise Unsupported(f"{function.key}: takes arrays that differ between lanes")
     parameters = ", ".join(f"{a.ctype()} {a.label}" for a in arguments)
+    if all(types.is_shared(a.type) for a in arguments):
+        return f"static {types.wide(result.type)} {name}({parameters}, lanes::Mask) {{ {function.native_snippet} }}\n"
     passed = ", ".join(a.label if types.is_shared(a.type) else f"lanes::lane({a.label}, l)" for a in arguments)
     return f"""
 static {result.ctype()} {name}_of_one({parameters}) {{
