@@ -54,6 +54,9 @@ def traces_alone(function: F) -> F:
     """Mark a function that traces its own rays, because their number or their ends depend on what they hit.
 
     They are traced for one group of paths at a time, which is slower than a `ray_query` of the path function.
+
+    A kernel may call such a function instead of a path function. It may have any form. If it has one outermost loop of
+    its own, without a constant number of rounds, and returns once, at its end, then paths are compacted between rounds.
     """
     return _marked(function, "traces_alone")
 

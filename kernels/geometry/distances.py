@@ -3,14 +3,17 @@
 The host stores such a shape as the box around it (`wrt/scene/exact/distances.py`). The normals of the box's three
 vertices are the shape's own axes in the scene; further vertices of its mesh, which no face has, hold what the function
 needs. A ray is mapped to the shape's own space and sphere-traced there (Hart 1996, "Sphere tracing"): the absolute
-distance over its Lipschitz constant is a step that crosses no surface. Each step has a least length, and a hit is a
+distance over its Lipschitz constant is the radius of a ball that holds no surface. A step reaches to where the balls of
+both its ends just touch if the surface is plane, and is taken back if they do not (Keinert and others 2014, "Enhanced
+sphere tracing"; Bálint and Valasek 2018, "Accelerating sphere tracing"). Each step has a least length, and a hit is a
 change of sign: so a ray which starts beside a surface does not meet it again, and one that begins inside finds the far
 wall.
 
-Normals are central differences. `wp.grad` would be wrong for functions with loops that carry values, as of fractals.
+Normals are differences along the corners of a tetrahedron. `wp.grad` would be wrong for functions with loops that carry
+values, as of fractals.
 """
 
-from typing import NamedTuple, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import warp as wp
 
@@ -26,7 +29,7 @@ from wrt.kernels.geometry.triangles import clearance, slack_of
 MOST_NUMBERS = 24
 """Most numbers that a distance function takes besides the point."""
 
-NO_DISTANCE = wp.constant(-1.0)
+NO_MEETING = wp.constant(0.0)
 
 _LEAST_STEP = wp.constant(2.0**-15)
 """The least step, in diagonals of the box: thinner parts may be missed. Rounding of distances is a hundredth of it."""
@@ -35,13 +38,23 @@ _CLEARANCE = wp.constant(2.0**-15)
 """The distance from the surface at which rays leave it, in diagonals of the box."""
 
 _DIFFERENCE = wp.constant(2.0**-13)
-"""Half the distance of points for a central difference, in diagonals: rounding turns normals by 1e-4 or so."""
+"""Half the edge of the cube of points for a normal, in diagonals: rounding turns normals by 1e-4 or so."""
 
 _ROUNDINGS = wp.constant(2.0**-22)
 """How wrong the distance of a hit may be, as a share of itself."""
 
+_TOLERANCE = wp.constant(2.0**-23)
+"""The distance from the surface at which a hit is found, in diagonals: a rounding or two."""
+
 _LEAST_COSINE = wp.constant(1.0e-4)
 """The least cosine between a ray and a normal."""
+
+_CAUTION = wp.constant(0.95)
+_MOST_STRETCHED = wp.constant(2.0)
+"""Steps are this share of what would be right for a plane surface, and at most so many times the distance.
+
+Evaluations are 0.79, 0.95 and 0.73 of those of plain steps for a ball, a rounded box and a Mandelbulb.
+"""
 
 _FINE_STEPS = wp.constant(256)
 _STEPS_TO_DOUBLE = wp.constant(32)
@@ -163,40 +176,59 @@ def make_volume_of(geometry: str) -> wp.Function:
     return volume_of
 
 
-@wp.func
-def number_at(scene: SceneData, volume: Volume, k: int) -> float:
-    """Return a number that the host stored for a distance function."""
-    return scene.normals[volume.first + k // 3][k % 3]
-
-
 # --- The distance ----------------------------------------------------------------------------------
 
 
-@wp.func
-def _nowhere(scene: SceneData, volume: Volume, point: wp.vec3) -> float:
-    return 1.0e30
+@specialised()
+def make_numbers(names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (scene, volume) -> the numbers that the host stored for its function, and others."""
+    Numbers = numbers_type(names)  # noqa: N806
+
+    @wp.func
+    def numbers_of_volume(scene: SceneData, volume: Volume) -> Numbers:  # type: ignore[valid-type]
+        numbers = Numbers()
+        last = scene.normals.shape[0] - 1
+        for k in range(wp.static(Numbers._length_)):
+            numbers[k] = scene.normals[wp.min(volume.first + k // 3, last)][k % 3]
+        return numbers
+
+    return numbers_of_volume
+
+
+def numbers_type(names: tuple[str, ...]) -> Any:
+    """Return the vector type that holds the numbers of each of these functions."""
+    return wp.types.vector(length=max([1, *map(numbers_of, names)]), dtype=float)
 
 
 @specialised()
-def make_distance(names: tuple[str, ...]) -> wp.Function:
-    """Return the device function (scene, volume, point in its space) -> distance, a link of a chain for each name."""
+def make_distance(names: tuple[str, ...], all_names: tuple[str, ...]) -> wp.Function:
+    """Return the device function (model, numbers, point in its space) -> distance, a link of a chain for each name.
+
+    The numbers are those of `make_numbers` for `all_names`.
+    """
+    Numbers = numbers_type(all_names)  # noqa: N806
     if not names:
-        return _nowhere
+
+        @wp.func
+        def nowhere(model: int, numbers: Numbers, point: wp.vec3) -> float:  # type: ignore[valid-type]
+            return 1.0e30
+
+        return nowhere
     function, count = DISTANCES.model_of(names[0])
-    kind, following = number_of(names[0]), make_distance(names[1:])
-    Numbers = wp.types.vector(length=max(count, 1), dtype=float)  # noqa: N806
+    kind, following = number_of(names[0]), make_distance(names[1:], all_names)
+    Own = wp.types.vector(length=max(count, 1), dtype=float)  # noqa: N806
 
     @wp.func
-    def distance(scene: SceneData, volume: Volume, point: wp.vec3) -> float:
-        if volume.model == wp.static(kind):
-            numbers = Numbers()
+    def distance(model: int, numbers: Numbers, point: wp.vec3) -> float:  # type: ignore[valid-type]
+        if model == wp.static(kind):
+            own = Own()
             for k in range(wp.static(count)):
-                numbers[k] = number_at(scene, volume, k)
+                own[k] = numbers[k]
             if wp.static(count == 0):
                 return function(point)
             else:
-                return function(point, *numbers)
-        return following(scene, volume, point)
+                return function(point, *own)
+        return following(model, numbers, point)
 
     return distance
 
@@ -248,69 +280,87 @@ def diagonal_of(volume: Volume) -> float:
 def make_meet_volume(geometry: str) -> wp.Function:
     """Return the device function (scene, volume, ray, after, before) -> distance at which a ray meets the surface.
 
-    It is the first beyond `after` and up to `before`, or NO_DISTANCE. If `after` is not 0, a surface was met there,
-    and the next begins a few least steps behind it. Where the function returns NaN, nothing is met.
+    It is the first beyond `after` and before `before`, negative if the ray comes from inside, or NO_MEETING. If `after`
+    is not 0, a surface was met there, and the next begins a few least steps behind it. Where the function returns NaN,
+    nothing is met.
     """
-    distance = make_distance(distances_of(geometry))
+    names = distances_of(geometry)
+    distance, numbers_of_volume = make_distance(names, names), make_numbers(names)
 
     @wp.func
     def meet_volume(scene: SceneData, volume: Volume, ray: Ray, after: float, before: float) -> float:
         passage = passage_of(volume, ray)
+        numbers = numbers_of_volume(scene, volume)
         length = wp.length(passage.direction)
-        least = diagonal_of(volume) * _LEAST_STEP / length
+        diagonal = diagonal_of(volume)
+        least = diagonal * _LEAST_STEP / length
         per_distance = 1.0 / (volume.lipschitz * length)
         end = wp.min(passage.end, before) - passage.begin
         s = float(0.0)
         if after > 0.0:
             s = wp.max(after + 2.0 * least - passage.begin, 0.0)
-        met = float(NO_DISTANCE)
         if not (s < end):
-            return met
-        value = distance(scene, volume, passage.start + passage.direction * s)
+            return NO_MEETING
+        value = distance(volume.model, numbers, passage.start + passage.direction * s)
         outside = value > 0.0
+        free = wp.abs(value) * per_distance
+        stretch = float(1.0)
         steps = int(0)
+        far = float(s)
+        far_value = float(value)
+        is_met = bool(False)
         goes_on = bool(value == value)
         while goes_on:
-            following = wp.min(s + wp.max(wp.abs(value) * per_distance, least), end)
-            next_value = distance(scene, volume, passage.start + passage.direction * following)
-            if (next_value > 0.0) != outside:
-                if next_value == next_value:
-                    # Regula falsi; an end that stays halves its value (the Illinois method).
-                    last_side = int(0)
-                    turns = int(_REFINEMENTS)
-                    middle = float(following)
-                    for _turn in range(turns):
-                        middle = s + (following - s) * wp.clamp(value / (value - next_value), 0.01, 0.99)
-                        at_middle = distance(scene, volume, passage.start + passage.direction * middle)
-                        if (at_middle > 0.0) == outside:
-                            s = middle
-                            value = at_middle
-                            if last_side == 1:
-                                next_value = 0.5 * next_value
-                            last_side = 1
-                        else:
-                            following = middle
-                            next_value = at_middle
-                            if last_side == 2:
-                                value = 0.5 * value
-                            last_side = 2
-                    met = wp.max(passage.begin + middle, 1.0e-30)
+            far = wp.min(s + wp.max(free * stretch, least), end)
+            far_value = distance(volume.model, numbers, passage.start + passage.direction * far)
+            far_free = wp.abs(far_value) * per_distance
+            steps += 1
+            if steps >= _FINE_STEPS and steps % _STEPS_TO_DOUBLE == 0:
+                least = 2.0 * least
+            if stretch > 1.0 and (far - s) - (free + far_free) > least:
+                stretch = 1.0
+            elif (far_value > 0.0) != outside or far_value != far_value:
+                is_met = far_value == far_value
                 goes_on = False
             else:
-                s = following
-                value = next_value
-                steps += 1
-                if steps >= _FINE_STEPS and steps % _STEPS_TO_DOUBLE == 0:
-                    least = 2.0 * least
+                slope = (free - far_free) / (far - s)
+                stretch = wp.clamp(2.0 * _CAUTION / (1.0 + slope), 1.0, _MOST_STRETCHED)
+                s = far
+                value = far_value
+                free = far_free
                 goes_on = s < end
-        return met
+        if not is_met:
+            return NO_MEETING
+        # Regula falsi; an end that stays halves its value (the Illinois method).
+        last_side = int(0)
+        turns = int(0)
+        middle = float(far)
+        at_middle = float(far_value)
+        while wp.abs(at_middle) > diagonal * _TOLERANCE and turns < _REFINEMENTS:
+            middle = s + (far - s) * wp.clamp(value / (value - far_value), 0.01, 0.99)
+            at_middle = distance(volume.model, numbers, passage.start + passage.direction * middle)
+            if (at_middle > 0.0) == outside:
+                s = middle
+                value = at_middle
+                if last_side == 1:
+                    far_value = 0.5 * far_value
+                last_side = 1
+            else:
+                far = middle
+                far_value = at_middle
+                if last_side == 2:
+                    value = 0.5 * value
+                last_side = 2
+            turns += 1
+        met = wp.max(passage.begin + middle, 1.0e-30)
+        return wp.where(outside, met, -met)
 
     return meet_volume
 
 
 @wp.struct
 class VolumePoint:
-    """A point of a surface, and whether a ray comes to it from `outside`, where distances are above 0.
+    """A point of a surface.
 
     `position` and the unit `normal`, towards greater distances, are in the world. `clearance` is the offset along the
     normal from which rays leave. `uv` is the place in the box, 0 to 1, seen along the axis nearest to the normal; `e1`
@@ -318,7 +368,6 @@ class VolumePoint:
     """
 
     position: wp.vec3
-    outside: bool
     normal: wp.vec3
     clearance: float
     uv: wp.vec2
@@ -343,42 +392,46 @@ def to_world_normal(volume: Volume, gradient: wp.vec3) -> wp.vec4:
 
 @specialised()
 def make_point_on_volume(geometry: str) -> wp.Function:
-    """Return the device function (scene, volume, ray, t) -> VolumePoint at which a ray meets a surface.
+    """Return the device function (scene, volume, ray, t, outside) -> VolumePoint at which a ray meets a surface.
 
-    The point on the ray is moved to the surface along the gradient, so its error does not depend on t. The side from
-    which the ray comes is read just before it. Where details are finer than the difference, the normal may face away
-    from the ray, and is turned to it.
+    `outside` is whether it comes from there. The point on the ray is moved to the surface along the gradient, so its
+    error does not depend on t. Where details are finer than the difference, the normal may face away from the ray, and
+    is turned to it.
     """
-    distance = make_distance(distances_of(geometry))
+    names = distances_of(geometry)
+    distance, numbers_of_volume = make_distance(names, names), make_numbers(names)
 
     @wp.func
-    def point_on_volume(scene: SceneData, volume: Volume, ray: Ray, t: float) -> VolumePoint:
+    def point_on_volume(scene: SceneData, volume: Volume, ray: Ray, t: float, outside: bool) -> VolumePoint:
         passage = passage_of(volume, ray)
+        numbers = numbers_of_volume(scene, volume)
         local = passage.start + passage.direction * (t - passage.begin)
         diagonal = diagonal_of(volume)
         error = t * wp.length(passage.direction) * _ROUNDINGS
-        before = local - wp.normalize(passage.direction) * (0.5 * diagonal * _LEAST_STEP + error)
         h = diagonal * _DIFFERENCE
         gradient = wp.vec3()
-        axes = int(3)  # a variable, or the loop would be unrolled
-        for k in range(axes):
-            step = wp.vec3()
-            step[k] = h
-            gradient[k] = distance(scene, volume, local + step) - distance(scene, volume, local - step)
-        gradient = gradient / (2.0 * h)
+        mean = float(0.0)
+        corners = int(4)  # a variable, or the loop would be unrolled
+        for k in range(corners):
+            x = wp.where(k < 2, 1.0, -1.0)
+            y = wp.where(k % 2 == 0, 1.0, -1.0)
+            corner = wp.vec3(x, y, x * y)
+            value = distance(volume.model, numbers, local + h * corner)
+            gradient += value * corner
+            mean += 0.25 * value
+        gradient = gradient / (4.0 * h)
         slope = wp.length(gradient)
         if not (slope > 1.0e-20 and slope < 1.0e20):
             gradient = -wp.normalize(passage.direction)
             slope = 1.0
         unit = gradient / slope
         most = 0.25 * diagonal * _CLEARANCE + error
-        local -= unit * wp.clamp(distance(scene, volume, local) / slope, -most, most)
+        local -= unit * wp.clamp(mean / slope, -most, most)
         point = VolumePoint()
         point.position = point_of(volume.axes, local)
         normal = to_world_normal(volume, unit)
         point.normal = wp.vec3(normal[0], normal[1], normal[2])
-        point.outside = distance(scene, volume, before) > 0.0
-        side = wp.where(point.outside, 1.0, -1.0)
+        side = wp.where(outside, 1.0, -1.0)
         cosine = wp.dot(point.normal, ray.direction)
         if cosine * side > -_LEAST_COSINE:
             point.normal = wp.normalize(point.normal - ray.direction * (cosine + side * _LEAST_COSINE))

@@ -228,9 +228,10 @@ def _make_surface_or_exact_at(geometry: str) -> wp.Function:
         if wp.static(bool(distances_of(geometry))):
             volume = volume_of(scene, hit.triangle, hit.instance, ray.time)
             if volume.model >= 0:
-                seen = point_on_volume(scene, volume, ray, hit.t)
-                front_shown = seen.outside == (volume.axes.side > 0.0)
-                on_surface = seen_of(scene, hit, seen.position, seen.normal, seen.outside, front_shown)
+                outside = hit.u > 0.5
+                seen = point_on_volume(scene, volume, ray, hit.t, outside)
+                front_shown = outside == (volume.axes.side > 0.0)
+                on_surface = seen_of(scene, hit, seen.position, seen.normal, outside, front_shown)
                 on_surface.clearance = seen.clearance
                 on_surface.uv = seen.uv
                 on_surface.e1 = seen.e1

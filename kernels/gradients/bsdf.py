@@ -48,21 +48,24 @@ def differentiable(names: tuple[str, ...]) -> tuple[str, ...]:
 def slots_without_derivative(name: str) -> tuple[int, ...]:
     """Return the slots of a model that have no derivative here.
 
-    With dispersion a row of the slots is overwritten for each channel, whose adjoint Warp 1.19 gets wrong.
+    With dispersion a row of the slots is overwritten for each channel, whose adjoint Warp 1.19 gets wrong. For other
+    indices of smooth boundaries see `bending_slot`.
     """
     model = model_of(name)
     if not differentiable((name,)):
         return tuple(range(model.slots))
-    return (model.index_slot,) if model.channels_slot >= 0 else ()
+    has_fixed_index = model.index_slot >= 0 and (model.delta or model.channels_slot >= 0) and bending_slot(name) < 0
+    return (model.index_slot,) if has_fixed_index else ()
 
 
 def bending_slot(name: str) -> int:
     """Return the slot of the index of a smooth boundary, −1 for other models.
 
-    It decides where refracted light goes, and so all that a path finds from there on: see `tangents.py`.
+    It decides where refracted light goes, and so all that a path finds from there on: see `tangents.py`. How that turns
+    with the index is known of the directions of `Model.specular`.
     """
     model = model_of(name)
-    return model.index_slot if model.delta and model.channels_slot < 0 else -1
+    return model.index_slot if model.delta and model.specular is not None and model.channels_slot < 0 else -1
 
 
 @specialised()

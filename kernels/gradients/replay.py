@@ -14,7 +14,7 @@ from wrt.kernels.accel.intersect import make_intersect
 from wrt.kernels.bsdf import make_bsdf, model_of, models_with
 from wrt.kernels.core.bsdf import slot_values
 from wrt.kernels.core.features import Features
-from wrt.kernels.core.ray_tree import NO_HIT
+from wrt.kernels.core.ray_tree import INFINITE_DISTANCE, NO_HIT
 from wrt.kernels.core.rays import Ray, to_local, to_world
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
@@ -190,6 +190,10 @@ def make_replay_path(features: Features, *, by: Literal["values", "vertices", "i
                     point.direction = came
             if wp.static(by_index):
                 moved = of_index.met(scene, tangent, vertex.surface, vertex.hit, path.ray)
+                if wp.static(features.media != "none"):
+                    seen = wp.cw_mul(upstream, path.throughput)
+                    behind = wp.cw_mul(upstream, radiance - path.radiance)
+                    of_index.dimmed(sums, scene, path.medium_stack, moved.length, seen, behind)
             weight_of_emission = emission_weight(scene, path, vertex, settings.strategy)
             if weight_of_emission >= 0.0:
                 by_emission = wp.cw_mul(upstream, path.throughput) * weight_of_emission
@@ -223,6 +227,10 @@ def make_replay_path(features: Features, *, by: Literal["values", "vertices", "i
                 if wp.static(shadows):
                     by_shadow = wp.cw_mul(wp.cw_mul(upstream, path.throughput), light.radiance)
                     add_to_shadow(sums, scene, light.shadow_ray, light.t_max, light.medium_stack, no_skin(), by_shadow)
+                    if wp.static(by_index):
+                        if light.t_max < 0.5 * INFINITE_DISTANCE:
+                            length = -wp.dot(light.shadow_ray.direction, moved.position)
+                            of_index.dimmed(sums, scene, light.medium_stack, length, wp.vec3(0.0), by_shadow)
             gradients = slot_values()
             if wp.static(is_smooth):
                 if wp.max(wp.abs(arriving)) > 0.0:

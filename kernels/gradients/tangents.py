@@ -6,17 +6,18 @@ matt surface's sample leads to keeps its place, and the factors of a path are th
 seen have no derivative. Densities of samples stay as they are, as for all gradients.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import warp as wp
 
-from wrt.kernels.bsdf import make_by_viewer
+from wrt.kernels.bsdf import make_by_viewer, model_of
 from wrt.kernels.core.bsdf import no_lobes, slot_values
 from wrt.kernels.core.features import Features
 from wrt.kernels.core.ray_tree import Hit
 from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.registry import model_number
-from wrt.kernels.core.scene_data import SceneData
+from wrt.kernels.core.scene_data import BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
 from wrt.kernels.geometry.surface import Surface
 from wrt.kernels.gradients.bsdf import bending_slot, make_own_slots
@@ -27,11 +28,18 @@ from wrt.kernels.gradients.vertices import PointAdjoint, across, edges_of, norma
 from wrt.kernels.gradients.vertices import reason_against as reason_against_vertices
 from wrt.kernels.integrators.path_state import SurfaceVertex
 from wrt.kernels.materials.values import disperses, make_slot_count
+from wrt.kernels.media.medium import medium_of
 
 
 def reason_against(features: Features) -> str:
     """Return what in a scene of these features has no derivatives by the index of glass; "" if it has them."""
-    reasons = [reason_against_vertices(features), "dispersion" if disperses(features.models) else ""]
+    clear = replace(features, media="none") if features.media == "absorbing" and not features.grid_media else features
+    smooth = [model for model in map(model_of, features.models) if model.delta and not model.straight]
+    reasons = [
+        reason_against_vertices(clear),
+        "dispersion" if disperses(features.models) else "",
+        "smooth models without `specular`" if any(model.specular is None for model in smooth) else "",
+    ]
     return ", ".join(reason for reason in reasons if reason)
 
 
@@ -46,9 +54,13 @@ class RayTangent:
 
 @wp.struct
 class PointTangent:
-    """Derivatives of a point by an index: its place, the weights of two corners, normal and direction to the viewer."""
+    """Derivatives of a point by an index: its place, the weights of two corners, normal and direction to the viewer.
+
+    `length` is that of the way from the point before.
+    """
 
     position: wp.vec3
+    length: float
     weights: wp.vec2
     normal: wp.vec3
     viewer: wp.vec3
@@ -106,6 +118,9 @@ class IndexGradients(NamedTuple):
 
     Attributes:
         met: (scene, ray tangent, surface, hit, ray) -> PointTangent.
+        dimmed: (sums, scene, stack, length, throughput, gradient): by the length of a way through the bodies `stack`,
+            whose derivative is `length`, from the derivatives of the loss by what shines at its end and by the
+            logarithm of the light that comes along.
         emitted: (sums, scene, surface, hit, moved, gradient): by what a surface emits, whose derivative is `gradient`.
         escaped: (sums, scene, ray tangent, ray, gradient): by the environment's radiance.
         leave: (sums, scene, moved, vertex, direction, slots, by), for a vertex met in a direction, with the derivatives
@@ -114,6 +129,7 @@ class IndexGradients(NamedTuple):
     """
 
     met: wp.Function
+    dimmed: wp.Function
     emitted: wp.Function
     escaped: wp.Function
     leave: wp.Function
@@ -132,11 +148,13 @@ def make_index_gradients(features: Features) -> IndexGradients:
         moved = PointTangent()
         if tangent.point_stays:
             moved.viewer = across(ray.direction, tangent.origin) / hit.t
+            moved.length = -wp.dot(ray.direction, tangent.origin)
         else:
             moved.viewer = -tangent.direction
             beside = tangent.origin + tangent.direction * hit.t
             n = surface.normal
-            moved.position = beside - ray.direction * (wp.dot(n, beside) / wp.dot(n, ray.direction))
+            moved.length = -wp.dot(n, beside) / wp.dot(n, ray.direction)
+            moved.position = beside + ray.direction * moved.length
             edges = edges_of(scene, hit.triangle)
             e1 = edges[1]
             e2 = edges[2]
@@ -152,6 +170,16 @@ def make_index_gradients(features: Features) -> IndexGradients:
                 turn += (scene.normals[i[2]] - first) * moved.weights[1]
                 moved.normal = across(surface.frame.n, turn) * scale
         return moved
+
+    @wp.func
+    def dimmed(
+        sums: GradientSums, scene: SceneData, stack: BodyStack, length: float, throughput: wp.vec3, gradient: wp.vec3
+    ):
+        medium = medium_of(scene, stack)
+        if medium >= 0:
+            record = scene.media[medium]
+            change = wp.dot(throughput, record.emission) - wp.dot(gradient, record.absorption)
+            add_number(sums.index, 0, change * length)
 
     @wp.func
     def emitted(
@@ -214,4 +242,4 @@ def make_index_gradients(features: Features) -> IndexGradients:
             tangent.direction = refracted_tangent(direction, n, eta, -moved.viewer, moved.normal, by_eta)
         return tangent
 
-    return IndexGradients(met, emitted, escaped, leave, turned)
+    return IndexGradients(met, dimmed, emitted, escaped, leave, turned)

@@ -14,6 +14,7 @@ from wrt.kernels.core.ray_tree import NO_HIT, nowhere
 from wrt.kernels.core.rays import Ray, to_world
 from wrt.kernels.core.scene_data import BodyStack, SceneData
 from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import traces_alone
 from wrt.kernels.geometry.surface import leave_in_front
 from wrt.kernels.integrators.first_surface import make_first_surface
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
@@ -32,6 +33,7 @@ def make_trace_occlusion(features: Features) -> wp.Function:
     visibility = make_visibility(dataclasses.replace(features, models=()))
 
     @wp.func
+    @traces_alone
     def trace_occlusion(
         scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
     ) -> PathResult:

@@ -10,6 +10,7 @@ from wrt.kernels.core.rays import Ray
 from wrt.kernels.core.registry import Registry
 from wrt.kernels.core.scene_data import SceneData
 from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import inline_stage, traces_alone
 from wrt.kernels.integrators.path_state import PathResult, PathSettings
 from wrt.kernels.integrators.toolbox import Tools, make_tools
 from wrt.kernels.sampling.sampler import Sampler
@@ -70,12 +71,16 @@ def make_trace_own(features: Features) -> wp.Function:
     """Return the device function that calls the integrator of `Features.integrator`."""
     make, Numbers, _ = OWN_INTEGRATORS.model_of(features.integrator)  # noqa: N806
     trace = make(make_tools(features)._replace(Numbers=Numbers))
+    inline_stage(trace.func)  # if it returns once: see `wrt/spmd/translate.py`
+
+    @wp.func_native(f"return wp::array_t<{Numbers.native_name}>(({Numbers.native_name}*)memory.data, 1);")
+    def numbers_in(memory: wp.array(dtype=float)) -> wp.array(dtype=Numbers): ...
 
     @wp.func
+    @traces_alone
     def trace_own(
         scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
     ) -> PathResult:
-        numbers = wp.array(ptr=settings.own.ptr, shape=(1,), dtype=Numbers)
-        return trace(scene, camera_ray, pixel_footprint, sampler, settings, numbers[0])
+        return trace(scene, camera_ray, pixel_footprint, sampler, settings, numbers_in(settings.own)[0])
 
     return trace_own

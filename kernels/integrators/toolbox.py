@@ -25,6 +25,7 @@ from wrt.kernels.core.rays import to_world as to_world
 from wrt.kernels.core.scene_data import BodyStack
 from wrt.kernels.core.scene_data import SceneData as SceneData
 from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import inline_stage
 from wrt.kernels.geometry.surface import make_surface_at
 from wrt.kernels.integrators.next_event import STRATEGY_LIGHT, mis_weight
 from wrt.kernels.integrators.path_escape import make_add_lights_met
@@ -111,6 +112,7 @@ class Tools(NamedTuple):
 
 
 @wp.func
+@inline_stage
 def nothing_found() -> Found:
     """Return the result for a ray that meets nothing."""
     found = Found()
@@ -139,6 +141,7 @@ def make_tools(features: Features) -> Tools:
     share_of_light = make_visibility(dataclasses.replace(features, models=()))
 
     @wp.func
+    @inline_stage
     def find(
         scene: SceneData,
         ray: Ray,
@@ -177,10 +180,12 @@ def make_tools(features: Features) -> Tools:
         return found
 
     @wp.func
+    @inline_stage
     def first(scene: SceneData, ray: Ray, footprint: wp.vec2, sampler: Sampler) -> Found:
         return find(scene, ray, footprint, sampler, 1, wp.vec3(1.0), True)
 
     @wp.func
+    @inline_stage
     def meet_lights(scene: SceneData, ray: Ray, found: Found) -> Found:
         result = found
         if wp.static(bool(features.light_shapes)):
@@ -193,23 +198,26 @@ def make_tools(features: Features) -> Tools:
         return result
 
     @wp.func
+    @inline_stage
     def emission(
         scene: SceneData, ray: Ray, found: Found, receiver: Receiver, pdf: float, settings: PathSettings
     ) -> wp.vec3:
         hit = found.vertex.hit
         surface = found.vertex.surface
+        radiance = wp.vec3(0.0)
         if hit.triangle <= NO_HIT:
-            return add_lights_met(scene, ray, hit, wp.vec3(0.0), wp.vec3(1.0), receiver, 0.0, pdf, settings.strategy)
-        path = PathState()
-        path.ray = ray
-        path.receiver = receiver
-        path.scatter_pdf = pdf
-        path.passed_distance = found.distance - hit.t
-        path.was_blurred = not found.looks
-        weight = emission_weight(scene, path, found.vertex, settings.strategy)
-        if weight < 0.0:
-            return wp.vec3(0.0)
-        return lights.emission_at(scene, scene.shapes[surface.shape], surface) * weight
+            radiance = add_lights_met(scene, ray, hit, radiance, wp.vec3(1.0), receiver, 0.0, pdf, settings.strategy)
+        else:
+            path = PathState()
+            path.ray = ray
+            path.receiver = receiver
+            path.scatter_pdf = pdf
+            path.passed_distance = found.distance - hit.t
+            path.was_blurred = not found.looks
+            weight = emission_weight(scene, path, found.vertex, settings.strategy)
+            if weight >= 0.0:
+                radiance = lights.emission_at(scene, scene.shapes[surface.shape], surface) * weight
+        return radiance
 
     @wp.func
     def environment(scene: SceneData, ray: Ray) -> wp.vec3:

@@ -24,6 +24,7 @@ from wrt.kernels.core.ray_tree import NO_HIT
 from wrt.kernels.core.rays import Ray, Receiver, to_local
 from wrt.kernels.core.scene_data import LIGHT_ENVIRONMENT, LIGHT_TRIANGLE, LightRecord, SceneData
 from wrt.kernels.core.specialise import specialised
+from wrt.kernels.core.spmd_marks import traces_alone
 from wrt.kernels.geometry.spheres import make_sphere_of
 from wrt.kernels.geometry.surface import Surface, align_tangents
 from wrt.kernels.integrators.path_escape import make_add_lights_met
@@ -183,6 +184,7 @@ def make_trace_tree(features: Features) -> wp.Function:
     rows_type, row_of, ray_of = make_waiting_rays(features.bodies)
 
     @wp.func
+    @traces_alone
     def trace_tree(
         scene: SceneData, camera_ray: Ray, pixel_footprint: wp.vec2, sampler: Sampler, settings: PathSettings
     ) -> PathResult:

@@ -30,10 +30,10 @@ template<class Batch> struct RaysInTurn {
     WRT_MEMBER void start(BatchTraveller& t) {
         for (t.number = -1; next < end && t.number < 0; ++next) {
             const bool runs = set_up(t.ray, batch.origins.data[next], batch.directions.data[next]);
-            t.nearest = {runs ? reach_of(batch, next) : -1.0f, 0.0f, 0.0f, NOTHING_HIT};
+            t.nearest = nothing_before(runs ? reach_of(batch, next) : -1.0f);
             t.current = t.top = 0;
             if (t.nearest.t >= batch.t_min) t.number = next;
-            else write_hit(batch, next, {0.0f, 0.0f, 0.0f, NOTHING_HIT});
+            else write_hit(batch, next, nothing_before(0.0f));
         }
     }
     WRT_MEMBER bool branch(BatchTraveller&) { return false; }
@@ -80,7 +80,7 @@ static bool trace_together(const Tree& tree, const int first, const Batch& batch
 template<class Bvh, class Batch> WRT_INLINE void trace_one(const Bvh& bvh, const int i, const Batch& batch) {
     Ray ray;
     const bool runs = set_up(ray, batch.origins.data[i], batch.directions.data[i]);
-    Nearest nearest = {runs ? reach_of(batch, i) : -1.0f, 0.0f, 0.0f, NOTHING_HIT};
+    Nearest nearest = nothing_before(runs ? reach_of(batch, i) : -1.0f);
     if (nearest.t >= batch.t_min) find_hit(tree_of(bvh), ray, 0, batch.t_min, batch.any_hit != 0, nearest);
     write_hit(batch, i, nearest);
 }
@@ -88,12 +88,12 @@ template<class Bvh, class Batch> WRT_INLINE void trace_one(const Bvh& bvh, const
 template<class Placed, class Batch>
 WRT_INLINE void trace_one_in_instances(const Placed& placed, const int i, const Batch& batch) {
     const float reach = reach_of(batch, i);
-    Nearest nearest = {reach, 0.0f, 0.0f, NOTHING_HIT};
+    Nearest nearest = nothing_before(reach);
     if (reach >= batch.t_min) {
-        const wp::vec_t<5, float> found = closest_instance_hit<Instances::still>(
+        const InstanceFound found = closest_instance_hit<Instances::still>(
             placed, Axes(), batch.origins.data[i], batch.directions.data[i], 0.0f, batch.t_min, reach,
             batch.any_hit != 0);
-        if (bits_of(found[0]) >= 0) nearest = {found[2], found[3], found[4], bits_of(found[1])};
+        if (bits_of(found[0]) >= 0) nearest.set(found[2], found[3], found[4], bits_of(found[1]));
     }
     write_hit(batch, i, nearest);
 }

@@ -119,7 +119,7 @@ test_leaf(const Leaf& leaf, const Ray& ray, const float t_min, Nearest& nearest,
             const auto keep = [&](const float t, const float u, const float v) {
                 const int id = leaf.id(9 * LEAF_SIZE + first + k);
                 if (!skipped(t, id) && (t < nearest.t || (t == nearest.t && id < nearest.id)))
-                    nearest = {t + 0.0f, u, v, id};
+                    nearest.set(t + 0.0f, u, v, id);
             };
 #if defined(WRT_SPHERES)
             if (corner(0, 0) == corner(2, 0) && corner(0, 1) == corner(2, 1) && corner(0, 2) == corner(2, 2)) {
@@ -132,10 +132,13 @@ test_leaf(const Leaf& leaf, const Ray& ray, const float t_min, Nearest& nearest,
                 const auto rises = [&](int axis) { return coordinate(0, axis) < coordinate(1, axis); };
                 const auto axis_of = [&](int which, int axis) { return ray.axes.of(id, which)[axis]; };
 #if defined(WRT_BOXES)
-                if (rises(0) == rises(1) && rises(0) != rises(2))
-                    roots = roots_of_box<float>(
+                if (rises(0) == rises(1) && rises(0) != rises(2)) {
+                    // From the origin on, not from t_min: a ray may begin within a box.
+                    const float entry = entry_of<float>(
                         span_in_box<float>(coordinate, ray.inverse, ray.near_shift, ray.far_shift, 0.0f));
-                else
+                    if (!skipped.box(entry, id)) nearest.boxes.add(entry, (float)LONGEST, 0, id);
+                    continue;
+                }
 #endif
                 if (rises(0) != rises(1)) {
                     const Span<float> span =

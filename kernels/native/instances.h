@@ -89,13 +89,21 @@ WRT_INLINE void find_hit_in_mesh(
     find_hit(tree, ray, 0, t_min, any_hit, nearest, skipped);
 }
 
+// A hit as numbers: the instance, the triangle by its number through all instances, t, u and v; then the instance and
+// the number of the first box, where it is entered, and where the second is.
+#if defined(WRT_BOXES)
+typedef wp::vec_t<9, float> InstanceFound;
+#else
+typedef wp::vec_t<5, float> InstanceFound;
+#endif
+
 // Trace a ray through the upper tree and the trees of the instances that it reaches. `skipped(number)` returns a
 // predicate for the hits to skip in an instance; see `test_leaf`.
 template<Instances KIND, class Placed, class Vector, class Skipped>
-WRT_INLINE wp::vec_t<5, float> trace_instances(
+WRT_INLINE InstanceFound trace_instances(
     const Placed& placed, const Axes& axes, const Vector& world_origin, const Vector& world_direction,
     const float time, const float t_min, const float t_max, const bool any_hit, Skipped skipped) {
-    Nearest best = {t_max, 0.0f, 0.0f, -1};
+    Nearest best = nothing_before(t_max, -1);
     int best_instance = -1;
     // Of equal t the lower instance number wins: triangles of a later instance do not replace a hit of an earlier one,
     // and the other way round.
@@ -121,13 +129,16 @@ WRT_INLINE wp::vec_t<5, float> trace_instances(
         if (!set_up(ray, origin, direction)) return any_hit && best_instance >= 0;
         ray.axes = axes.from(instance.first_triangle);
         const int nothing_yet = best_instance >= 0 && best_instance < number ? -1 : NOTHING_HIT;
-        Nearest nearest = {best.t, 0.0f, 0.0f, nothing_yet};
+        Nearest nearest = nothing_before(best.t, nothing_yet);
         const auto& mesh = placed.meshes.data[instance.mesh];
         find_hit_in_mesh<KIND>(placed, mesh, ray, time, t_min, any_hit, nearest, skipped(number));
         if (nearest.id != nothing_yet) {
             best_instance = number;
-            best = nearest;
+            best.set(nearest.t, nearest.u, nearest.v, nearest.id);
         }
+#if defined(WRT_BOXES)
+        best.boxes.add(nearest.boxes.first, nearest.boxes.second, number, nearest.boxes.id);
+#endif
         return any_hit && best_instance >= 0;
     };
     Tree tree = {(const float*)placed.nodes.data, nullptr};
@@ -138,33 +149,57 @@ WRT_INLINE wp::vec_t<5, float> trace_instances(
     }
     Ray ray;
     if (set_up(ray, world_origin, world_direction)) follow(tree, ray, 0, t_min, best.t, visit);
-    wp::vec_t<5, float> found;
+    InstanceFound found;
     found[0] = float_of(best_instance);
     found[1] = float_of(
         best_instance >= 0 ? best.id + placed.instances.data[best_instance].first_triangle : -1);
     found[2] = best.t;
     found[3] = best.u;
     found[4] = best.v;
+#if defined(WRT_BOXES)
+    const bool enters = best.boxes.id != NOTHING_HIT;
+    found[5] = float_of(enters ? best.boxes.instance : -1);
+    found[6] = float_of(
+        enters ? best.boxes.id + placed.instances.data[best.boxes.instance].first_triangle : -1);
+    found[7] = best.boxes.first;
+    found[8] = best.boxes.second;
+#endif
     return found;
 }
-// The nearest hit or any: its instance, the triangle by its number through all instances, t, u and v.
+// The nearest hit or any.
 template<Instances KIND, class Placed, class Vector>
-WRT_INLINE wp::vec_t<5, float> closest_instance_hit(
+WRT_INLINE InstanceFound closest_instance_hit(
     const Placed& placed, const Axes& axes, const Vector& origin, const Vector& direction, float time, float t_min,
     float t_max, bool any_hit) {
     const auto skipped = [](int) { return NoneSkipped(); };
     return trace_instances<KIND>(placed, axes, origin, direction, time, t_min, t_max, any_hit, skipped);
 }
+// The greatest number in the mesh of an instance of what is not behind a hit at the same distance.
+template<class Placed>
+WRT_INLINE int last_in_mesh(const Placed& placed, const int number, const int last_instance, const int last_id) {
+    if (number != last_instance) return number < last_instance ? NOTHING_HIT : -1;
+    return last_id - placed.instances.data[last_instance].first_triangle;
+}
 // The hit that follows another one at t_min, ordered by distance, instance and triangle.
 template<Instances KIND, class Placed, class Vector>
-WRT_INLINE wp::vec_t<5, float> next_instance_hit(
+WRT_INLINE InstanceFound next_instance_hit(
     const Placed& placed, const Axes& axes, const Vector& origin, const Vector& direction, float time, float t_min,
     float t_max, int last_instance, int last_id) {
-    const int last_of_mesh = last_id - placed.instances.data[last_instance].first_triangle;
-    const auto skipped = [&](int number) {
-        const int id_min = number < last_instance ? NOTHING_HIT : number == last_instance ? last_of_mesh : -1;
-        return [=](float t, int id) { return t == t_min && id <= id_min; };
+    const auto skipped = [&](int number) -> SkippedUpTo {
+        return {t_min, last_in_mesh(placed, number, last_instance, last_id)};
     };
     return trace_instances<KIND>(placed, axes, origin, direction, time, t_min, t_max, false, skipped);
 }
+#if defined(WRT_BOXES)
+// The box that is entered after another one, at t_min, ordered alike; there is no hit.
+template<Instances KIND, class Placed, class Vector>
+WRT_INLINE InstanceFound next_instance_box(
+    const Placed& placed, const Axes& axes, const Vector& origin, const Vector& direction, float time, float t_min,
+    float t_max, int last_instance, int last_id) {
+    const auto skipped = [&](int number) -> AllButLaterBoxes {
+        return {t_min, last_in_mesh(placed, number, last_instance, last_id)};
+    };
+    return trace_instances<KIND>(placed, axes, origin, direction, time, t_min, t_max, false, skipped);
+}
+#endif
 } // namespace wrt

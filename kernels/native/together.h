@@ -24,6 +24,29 @@ template<class T, int N> WRT_INLINE typename RowOf<T, N>::vector& row(T (&number
     return *(typename RowOf<T, N>::vector*)numbers;
 }
 
+#if defined(WRT_BOXES)
+// The boxes that N rays enter.
+template<int N> struct alignas(64) EntriesOfRays {
+    typedef EntriesOf<typename Of<N>::floats, typename Of<N>::ints> All;
+    All all;
+
+    WRT_MEMBER Entries one(const int n) const { return {all.first[n], all.second[n], all.instance[n], all.id[n]}; }
+    WRT_MEMBER void set(const int n, const Entries& one) {
+        all.first[n] = one.first;
+        all.second[n] = one.second;
+        all.instance[n] = one.instance;
+        all.id[n] = one.id;
+    }
+    WRT_MEMBER void clear() { all.clear(); }
+};
+#else
+template<int N> struct EntriesOfRays {
+    WRT_MEMBER Entries one(int) const { return {}; }
+    WRT_MEMBER void set(int, const Entries&) {}
+    WRT_MEMBER void clear() {}
+};
+#endif
+
 // `Ray` for N rays, and their hits. A ray that is done has a negative reach.
 template<int N> struct alignas(64) Rays {
     float origins[3][N], shears[3][N];
@@ -32,6 +55,7 @@ template<int N> struct alignas(64) Rays {
     float reach[N], us[N], vs[N];
     int ids[N];
     [[no_unique_address]] Axes axes;
+    [[no_unique_address]] EntriesOfRays<N> boxes;
 
     WRT_MEMBER Ray one(const int n) const {
         Ray ray;
@@ -51,12 +75,13 @@ template<int N> struct alignas(64) Rays {
         ray.axes = axes;
         return ray;
     }
-    WRT_MEMBER Nearest nearest(const int n) const { return {reach[n], us[n], vs[n], ids[n]}; }
+    WRT_MEMBER Nearest nearest(const int n) const { return {reach[n], us[n], vs[n], ids[n], boxes.one(n)}; }
     WRT_MEMBER void set(const int n, const Nearest& nearest) {
         reach[n] = nearest.t;
         us[n] = nearest.u;
         vs[n] = nearest.v;
         ids[n] = nearest.id;
+        boxes.set(n, nearest.boxes);
     }
 };
 
@@ -96,6 +121,7 @@ set_up(Rays<N>& a, const typename Of<N>::floats* origin, const typename Of<N>::f
     row(a.flips) = flip;
     row(a.us) = row(a.vs) = (Floats)0.0f;
     row(a.ids) = (Ints)NOTHING_HIT;
+    a.boxes.clear();
     return length + 0.0f * (length + shifts) > 0.0f;
 }
 
@@ -164,8 +190,9 @@ WRT_INLINE void test_leaf(
             }
 #if defined(WRT_BOXES)
             if (is_box) {
-                keep_first(
-                    j, roots_of_box<Floats>(span_in_box<Floats>(of_box, inverse, near_shift, far_shift, 0.0f)));
+                const Floats entry =
+                    entry_of<Floats>(span_in_box<Floats>(of_box, inverse, near_shift, far_shift, 0.0f));
+                a.boxes.all.add(within ? entry : (Floats)(float)LONGEST, (Floats)(float)LONGEST, (Ints)0, (Ints)ids[j]);
                 return;
             }
 #endif

@@ -54,27 +54,54 @@ WRT_INLINE void find_hit(
 
 // `axes` is where the vectors of disks and cylinders are, as in all functions below.
 template<class Bvh, class Vector, class Skipped = NoneSkipped>
-WRT_INLINE wp::vec_t<4, float> trace_ray(
+WRT_INLINE Nearest trace_ray(
     const Bvh& bvh, const Axes& axes, const Vector& origin, const Vector& direction, const float t_min, const float t_max,
     const bool any_hit, Skipped skipped = {}) {
     Ray ray;
     ray.axes = axes;
-    Nearest nearest = {t_max, 0.0f, 0.0f, NOTHING_HIT};
+    Nearest nearest = nothing_before(t_max);
     if (set_up(ray, origin, direction)) find_hit(tree_of(bvh), ray, 0, t_min, any_hit, nearest, skipped);
-    return wp::vec_t<4, float>(float_of(nearest.id == NOTHING_HIT ? -1 : nearest.id), nearest.t, nearest.u, nearest.v);
+    return nearest;
 }
-// The nearest hit up to t_max, of equal ones that with the lowest number, or any hit: its number, t, u and v.
+// A hit as numbers: its own, t, u and v; then the number of the first box, where it is entered, and the second is.
+#if defined(WRT_BOXES)
+typedef wp::vec_t<7, float> Found;
+#else
+typedef wp::vec_t<4, float> Found;
+#endif
+WRT_INLINE Found found_of(const Nearest& nearest) {
+    Found found;
+    found[0] = float_of(nearest.id == NOTHING_HIT ? -1 : nearest.id);
+    found[1] = nearest.t;
+    found[2] = nearest.u;
+    found[3] = nearest.v;
+#if defined(WRT_BOXES)
+    found[4] = float_of(nearest.boxes.id == NOTHING_HIT ? -1 : nearest.boxes.id);
+    found[5] = nearest.boxes.first;
+    found[6] = nearest.boxes.second;
+#endif
+    return found;
+}
+// The nearest hit up to t_max, of equal ones that with the lowest number, or any hit.
 template<class Bvh, class Vector>
-WRT_INLINE wp::vec_t<4, float> closest_hit(
+WRT_INLINE Found closest_hit(
     const Bvh& bvh, const Axes& axes, const Vector& origin, const Vector& direction, float t_max, bool any_hit) {
-    return trace_ray(bvh, axes, origin, direction, 0.0f, t_max, any_hit);
+    return found_of(trace_ray(bvh, axes, origin, direction, 0.0f, t_max, any_hit));
 }
 // The nearest of the hits after (t_min, id_min), ordered by distance, then number.
 template<class Bvh, class Vector>
-WRT_INLINE wp::vec_t<4, float> next_hit(
+WRT_INLINE Found next_hit(
     const Bvh& bvh, const Axes& axes, const Vector& origin, const Vector& direction, float t_min, float t_max,
     int id_min) {
-    const auto skipped = [&](float t, int id) { return t == t_min && id <= id_min; };
-    return trace_ray(bvh, axes, origin, direction, t_min, t_max, false, skipped);
+    return found_of(trace_ray(bvh, axes, origin, direction, t_min, t_max, false, SkippedUpTo{t_min, id_min}));
 }
+#if defined(WRT_BOXES)
+// The box that is entered after the one with this number at t_min, and before t_max; there is no hit.
+template<class Bvh, class Vector>
+WRT_INLINE Found next_box(
+    const Bvh& bvh, const Axes& axes, const Vector& origin, const Vector& direction, float t_min, float t_max,
+    int id_min) {
+    return found_of(trace_ray(bvh, axes, origin, direction, t_min, t_max, false, AllButLaterBoxes{t_min, id_min}));
+}
+#endif
 } // namespace wrt

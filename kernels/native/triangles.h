@@ -1,6 +1,7 @@
 #pragma once
 // The triangle test of Woop, Benthin and Wald (2013): a ray against the triangles of a leaf, or many rays against one.
 #include "boxes.h"
+#include "exact/entries.h"
 #include "exact/quadrics.h"
 
 namespace wrt {
@@ -8,7 +9,18 @@ namespace wrt {
 struct Nearest {
     float t, u, v;
     int id;
+    [[no_unique_address]] Entries boxes;
+
+    WRT_MEMBER void set(const float at, const float new_u, const float new_v, const int number) {
+        t = at, u = new_u, v = new_v, id = number;
+    }
 };
+WRT_INLINE Nearest nothing_before(const float t, const int id = NOTHING_HIT) {
+    Nearest nearest;
+    nearest.set(t, 0.0f, 0.0f, id);
+    nearest.boxes.clear();
+    return nearest;
+}
 
 // The triangle, translated and sheared so that the ray runs along z from the origin, and its edge functions u, v and w.
 // Each vertex is transformed independently, so triangles that share an edge compute the same numbers; and products are
@@ -94,11 +106,6 @@ template<class Corner> WRT_INLINE bool is_ahead(Corner corner, const float* orig
     return height * rise > 0.0;
 }
 
-// Skips no hit.
-struct NoneSkipped {
-    WRT_MEMBER bool operator()(float, int) const { return false; }
-};
-
 #if WRT_VECTORS
 #if defined(WRT_SPHERES)
 // Test the spheres of a leaf, as `test_leaf` does its triangles; return whether there are no triangles.
@@ -119,7 +126,7 @@ test_spheres(const float* leaf, const Ray& ray, const float t_min, Nearest& near
     const auto keep = [&](const Roots<float>& meets, const int id) {
         const float t = first_of<float>(
             meets, [&](float root) { return root > 0.0f && root >= t_min && !skipped(root, id); });
-        if (t > 0.0f && (t < nearest.t || (t == nearest.t && id < nearest.id))) nearest = {t, 0.0f, 0.0f, id};
+        if (t > 0.0f && (t < nearest.t || (t == nearest.t && id < nearest.id))) nearest.set(t, 0.0f, 0.0f, id);
     };
 #if defined(WRT_QUADRICS)
     const i8 rises[3] = {corner(0, 0) < corner(1, 0), corner(0, 1) < corner(1, 1), corner(0, 2) < corner(1, 2)};
@@ -130,11 +137,10 @@ test_spheres(const float* leaf, const Ray& ray, const float t_min, Nearest& near
     unsigned boxes = some & mask_of((rises[0] == rises[1]) & (rises[0] != rises[2]));
     met &= ~boxes;
     // From the origin on, not from t_min: a box that was entered before does not count again.
-    const Roots<f8> entries =
-        roots_of_box<f8>(span_in_box<f8>(corner, ray.inverse, ray.near_shift, ray.far_shift, 0.0f));
+    const f8 entries = entry_of<f8>(span_in_box<f8>(corner, ray.inverse, ray.near_shift, ray.far_shift, 0.0f));
     for (; boxes; boxes &= boxes - 1) {
         const int k = lowest_bit(boxes);
-        keep({entries.near[k], entries.far[k]}, ids[k]);
+        if (!skipped.box(entries[k], ids[k])) nearest.boxes.add(entries[k], (float)LONGEST, 0, ids[k]);
     }
 #endif
     // Boxes first: the test of a shape takes ten times as long.
@@ -198,10 +204,8 @@ test_leaf(const float* leaf, const Ray& ray, const float t_min, Nearest& nearest
         const int k = lowest_bit(hits);
         if (skipped(ts[k], ids[k])) continue;
         if (ts[k] < nearest.t || (ts[k] == nearest.t && ids[k] < nearest.id)) {
-            nearest.t = ts[k] + 0.0f;  // not -0, which `pop_child` would take for a negative distance
-            nearest.u = us[k];
-            nearest.v = vs[k];
-            nearest.id = ids[k];
+            // Not -0, which `pop_child` would take for a negative distance.
+            nearest.set(ts[k] + 0.0f, us[k], vs[k], ids[k]);
         }
     }
 }

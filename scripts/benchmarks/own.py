@@ -8,29 +8,17 @@ import functools
 import resource
 import statistics
 import time
+from pathlib import Path
 from typing import Any, ClassVar
 
 import warp as wp
 
 import wrt
 from benchmarks.measure import Row, table
+from benchmarks.own_integrators import OwnOcclusion, PlainPaths
 from wrt.compiling.kernel import SCALAR, declaration
 from wrt.kernels.bsdf.diffuse import DIFFUSE
 from wrt.kernels.camera.projections import PERSPECTIVE
-from wrt.kernels.integrators.toolbox import (
-    BLOCK_BSDF,
-    INFINITE_DISTANCE,
-    PathResult,
-    PathSettings,
-    Ray,
-    Sampler,
-    SceneData,
-    Tools,
-    nowhere,
-    square_to_cosine_hemisphere,
-    to_world,
-    vertex_block,
-)
 from wrt.kernels.lights.area_lights import DISK
 from wrt.rendering.wide_kernel import threads_of
 from wrt.scene.description import Positive
@@ -77,50 +65,6 @@ class OwnBall(wrt.DistanceShape):
         return (-self.radius,) * 3, (self.radius,) * 3
 
 
-@dataclasses.dataclass(frozen=True)
-class OwnOcclusion(wrt.Integrator):
-    """A copy of the integrator `ao`, with its distance as a number of its own."""
-
-    reach: float = INFINITE_DISTANCE
-
-    type_name: ClassVar[str] = "own-ao"
-
-    @staticmethod
-    def make_trace(tools: Tools) -> Any:
-        """Return the device function, which does what `kernels/integrators/ambient_occlusion.py` does."""
-
-        @wp.func
-        def trace(
-            scene: SceneData,
-            camera_ray: Ray,
-            footprint: wp.vec2,
-            sampler: Sampler,
-            settings: PathSettings,
-            numbers: tools.Numbers,
-        ) -> PathResult:
-            found = tools.first(scene, camera_ray, footprint, sampler)
-            v = found.vertex
-            result = PathResult()
-            result.rays = found.rays
-            result.radiance = wp.vec3(1.0)
-            if v.hit.triangle < 0:
-                if settings.hides_lights != 0:
-                    result.radiance = wp.vec3(0.0)
-                return result
-            result.radiance = wp.vec3(0.0)
-            u = tools.random(sampler, vertex_block(1, BLOCK_BSDF))
-            ray = Ray()
-            ray.direction = to_world(v.surface.frame, square_to_cosine_hemisphere(wp.vec2(u[0], u[1])))
-            if wp.dot(ray.direction, v.surface.normal) > 0.0:
-                ray.origin = v.origin_in_front
-                ray.time = camera_ray.time
-                result.radiance = tools.visibility(scene, ray, numbers.reach, nowhere(), u)
-                result.rays = result.rays + 1
-            return result
-
-        return trace
-
-
 KINDS: dict[str, tuple[Any, Any, Any, Any, str]] = {
     "built-in": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, wrt.sphere, "path"),
     "BSDF": (OwnDiffuse, wrt.DiskLight, wrt.PerspectiveCamera, wrt.sphere, "path"),
@@ -133,7 +77,19 @@ KINDS: dict[str, tuple[Any, Any, Any, Any, str]] = {
     ),
     "shape": (wrt.Diffuse, wrt.DiskLight, wrt.PerspectiveCamera, OwnBall, "path"),
     "built-in ao": (wrt.Diffuse, wrt.PointLight, wrt.PerspectiveCamera, wrt.sphere, "ao"),
-    "ao": (wrt.Diffuse, wrt.PointLight, wrt.PerspectiveCamera, wrt.sphere, "own-ao"),
+    **{
+        name: (
+            *(wrt.Diffuse, wrt.PointLight if name.endswith("ao") else wrt.DiskLight),
+            *(wrt.PerspectiveCamera, wrt.sphere, integrator),
+        )
+        for name, integrator in {
+            "ao": "own-ao",
+            "fading ao": "depth-cue",
+            "path": "plain-paths",
+            "heat map": "heat-map",
+            "toon": "toon",
+        }.items()
+    },
 }
 """Material, light, camera, sphere and integrator of each scene: one is a copy, or what to compare it with."""
 
@@ -151,6 +107,8 @@ def benchmark(options: argparse.Namespace) -> Row:
     wrt.register_camera(OwnPerspective, PERSPECTIVE)
     wrt.register_shape(OwnBall, ball)
     wrt.register_integrator(OwnOcclusion)
+    wrt.register_integrator(PlainPaths)
+    wrt.load_models(Path(__file__).parents[1] / "sketches.py")
     renderers, rows = {}, {}
     for name, (material, light, camera, ball_of, integrator) in KINDS.items():
         scene = wrt.Scene(camera=camera((0.0, 1.0, 4.0)))
@@ -191,16 +149,17 @@ def _seconds(renderer: wrt.Renderer, spp: int, kernel: str) -> float:
 
 
 def text(result: Row) -> str:
-    """Return the speeds as shares of the built-in models' own."""
+    """Return the speeds as shares of the built-in models' own; sketches are compared with `path` or `ao`."""
     rows = result["rows"]
     of = {name: rows["built-in ao" if name.endswith("ao") else "built-in"] for name in rows}
-    head = ("a copy of", "scalar", "wide", "lanes", "until the first picture", "wide kernel")
+    head = ("a copy of", "scalar", "wide", "scalar / wide", "lanes", "until the first picture", "wide kernel")
     return table(
         head,
         (
             (
                 name,
                 *(f"{of[name][kernel] / row[kernel]:.2f}" if kernel in row else "-" for kernel in ("scalar", "wide")),
+                f"{row['scalar'] / row['wide']:.2f}" if "wide" in row else "-",
                 str(row["lanes"]),
                 *(f"{row[key]:.1f} s" for key in ("first", "compiling")),
             )

@@ -31,14 +31,14 @@ def scene() -> wrt.Scene:
     made = wrt.Scene(camera=wrt.PerspectiveCamera((0.0, 1.3, 6.2), (0.0, 0.5, 0.0), fov_degrees=33.0))
     made.environment = wrt.ConstantEnvironment(0.35)
     ball = wrt.spheres([(0.0, 0.0, 0.0)], 0.5)
-    car_paint, wood = MATERIALS["car-paint"], TEXTURES["wood"]
+    flakes, wood = MATERIALS["flakes"], TEXTURES["wood"]
     clouds = wrt.PerlinNoise(0.9, (0.1, 0.25, 0.6), scale=3.0, solid=True, octaves=5)
     cells = wrt.WorleyNoise((0.06, 0.03, 0.02), (0.75, 0.6, 0.3), scale=6.0, solid=True)
     worn = wrt.PerlinNoise(0.15, 0.6, scale=5.0, solid=True)
     for k, material in enumerate(
         (
             wrt.Diffuse(clouds),
-            car_paint((0.02, 0.05, 0.3), (0.5, 0.7, 1.0), cells=90.0),
+            wrt.Mix(wrt.Diffuse((0.02, 0.05, 0.3)), flakes((0.5, 0.7, 1.0), 90.0)),
             wrt.RoughConductor(worn, metal="gold"),
             wrt.RoughPlastic(wood(), alpha=0.2),
             wrt.Diffuse(cells),

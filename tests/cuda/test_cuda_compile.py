@@ -178,7 +178,7 @@ def test_render_kernels_with_a_distance_function_compile(tmp_path):
         DISTANCES.forget("own_ball")
 
 
-GLASS = Features(("dielectric", "diffuse", "plastic"), True, "image")
+GLASS = Features(("dielectric", "diffuse", "plastic"), True, "image", media="absorbing")
 
 
 @pytest.mark.machinery

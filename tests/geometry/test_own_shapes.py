@@ -27,7 +27,10 @@ from wrt.scene.exact.distances import SHAPES
 
 @wp.func
 def odd(point: wp.vec3, kind: float) -> float:
-    """A ball by thrice its distance, and functions that are no distances: NaN, 0, infinite, and with 10^6 signs."""
+    """A ball by thrice its distance, and functions that are no distances: NaN, 0, infinite, and with 10^6 signs.
+
+    The last kind is thrice the distance to a small ball before a thin plate.
+    """
     value = 3.0 * (wp.length(point) - 1.0)
     if kind == 1.0:
         value = 0.0 / (kind - 1.0)
@@ -37,6 +40,8 @@ def odd(point: wp.vec3, kind: float) -> float:
         value = 1.0 / (kind - 3.0)
     elif kind == 4.0:
         value = 1.0e-9 * wp.sin(1.0e6 * point[0])
+    elif kind == 5.0:
+        value = 3.0 * wp.min(wp.length(point) - 0.2, wp.abs(point[0] - 0.7) - 0.001)
     return value
 
 
@@ -186,6 +191,18 @@ def test_functions_that_are_no_distances(device: str) -> None:
     for kind in (1.0, 2.0, 3.0):
         assert (cast_rays([Odd(kind).mesh], origins, directions, device)[0] == -1).all(), kind
     assert (cast_rays([Odd(4.0).mesh], origins, directions, device)[0] >= 0).any()
+
+
+def test_long_steps_skip_nothing(device: str, report: Report) -> None:
+    """Beside a ball steps are longer than the distance to it, and would lead beyond a plate behind it."""
+    beside = np.stack(np.meshgrid(np.linspace(-0.8, 0.8, 60), np.linspace(-0.8, 0.8, 60)), axis=-1).reshape(-1, 2)
+    beside = beside[np.linalg.norm(beside, axis=1) > 0.21]
+    origins = np.insert(beside, 0, -0.9, axis=1).astype(np.float32)
+    directions = np.tile(np.float32([1.0, 0.0, 0.0]), (len(origins), 1))
+    number, ts, *_ = cast_rays([Odd(5.0).mesh], origins, directions, device)
+    report("rays that miss the plate", int((number < 0).sum()), 0)
+    assert (number >= 0).all()
+    assert np.abs(ts[:, 0] - 1.599).max() < 1e-4
 
 
 @pytest.mark.slow

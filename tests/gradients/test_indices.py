@@ -13,7 +13,11 @@ from support.grids import grid, with_bumps
 import wrt
 from wrt.backend.device import Device
 from wrt.backend.warp_start import initialize_warp
-from wrt.kernels.gradients.tangents import mirrored_tangent, refracted_tangent
+from wrt.kernels import bsdf as models
+from wrt.kernels.bsdf import model_of
+from wrt.kernels.core.features import Features
+from wrt.kernels.gradients.bsdf import bending_slot, slots_without_derivative
+from wrt.kernels.gradients.tangents import mirrored_tangent, reason_against, refracted_tangent
 
 Z = 4.5
 """The greatest z of two dozen numbers: a right program exceeds it once in 5,000 runs."""
@@ -77,9 +81,9 @@ def test_directions_turn_as_difference_quotients_tell(eta, device):
 
 def test_names_and_what_is_refused():
     """Before anything is compiled. Both sides' indices have names; without names there are no derivatives by them."""
-    fog = wrt.Medium((1.0, 2.0, 3.0))
+    milk = wrt.Medium((1.0, 2.0, 3.0), 1.0)
     scene = wrt.Scene(environment=wrt.ConstantEnvironment(1.0))
-    scene.add(wrt.sphere(subdivisions=1), material=wrt.Dielectric(1.5, interior=fog), name="jar")
+    scene.add(wrt.sphere(subdivisions=1), material=wrt.Dielectric(1.5, interior=milk), name="jar")
     assert {"jar.ior", "jar.exterior_ior"} <= set(wrt.parameters(scene))
     with pytest.raises(wrt.InputError, match=r"by the index of smooth glass in scenes with media or nested bodies"):
         wrt.Renderer(scene, width=8, height=8).gradients(np.ones((8, 8, 3)), "jar.ior", spp=1)
@@ -90,6 +94,18 @@ def test_names_and_what_is_refused():
     assert [name for name in wrt.parameters(prism) if "ior" in name] == ["0.0.ior", "0.0.exterior_ior"]
     with pytest.raises(wrt.InputError, match=r"by the index of smooth glass in scenes with dispersion"):
         wrt.Renderer(prism, width=8, height=8).gradients(np.ones((8, 8, 3)), "0.0.ior", spp=1)
+
+
+def test_own_models_must_tell_where_light_goes():
+    """A smooth one that only samples may turn light anywhere, so nothing is known of its index."""
+    own = model_of("dielectric")._replace(specular=None)
+    models.register_model("own_glass", own)
+    name = models.current_name("own_glass")
+    assert (bending_slot("dielectric"), bending_slot(name)) == (own.index_slot, -1)
+    assert (slots_without_derivative("dielectric"), slots_without_derivative(name)) == ((), (own.index_slot,))
+    assert reason_against(Features(("dielectric",), False, "none")) == ""
+    assert reason_against(Features((name,), False, "none")) == "smooth models without `specular`"
+    models.BSDFS.forget("own_glass")
 
 
 # --- Closed forms ----------------------------------------------------------------------------------
@@ -139,12 +155,15 @@ def with_glass(scene, faces, glass):
     return scene
 
 
-def through_block(tilt, wall):
-    """Return a scene of a wall at z = −3 that is seen through a block of glass."""
-    scene = with_glass(wrt.Scene(camera=eye(tilt)), faces_of_block(), wrt.Dielectric(1.6, 1.1))
+def through_block(tilt, wall, *glasses):
+    """Return a scene of a wall at z = −3 that is seen through a block of glass, or of one for each of its faces."""
+    scene = wrt.Scene(camera=eye(tilt))
+    glasses = glasses or [wrt.Dielectric(1.6, 1.1)] * 2
+    for face, glass in zip(faces_of_block(), glasses, strict=True):
+        scene.add(face, material=glass, name="glass")
     mesh = ramp((-5, -5, -3), (10, 0, 0), (0, 10, 0), 0.1, 0.9)
     if wall == "shines":
-        scene.add(mesh, material=wrt.Diffuse(0.0), emission=wrt.VertexColor())
+        scene.add(mesh, material=wrt.Diffuse(0.0), emission=wrt.VertexColor(), name="wall")
     else:
         scene.add(mesh, material=wrt.Diffuse(wrt.VertexColor()))
         scene.add_light(wrt.PointLight((0.4, 0.3, -2.0), 2.0))
@@ -199,6 +218,63 @@ def test_a_block_of_glass_dims_and_shifts_the_wall_behind_it(tilt, wall, depth, 
     ):
         expected = slope(lambda n, f=function: radiance_through_block(f(n), tilt, wall, bounces), at)
         require(report, name, found[name], expected, within=0.02)
+
+
+def all_and_each(scene, names):
+    """Return derivatives by the names, in one call and in a call for each."""
+    renderer = wrt.Renderer(scene, width=2, height=2, max_depth=5, threads=1)
+    d_image = np.ones((2, 2, 3))
+    each = {name: renderer.gradients(d_image, name, spp=16)[name] for name in names}
+    return renderer.gradients(d_image, names, spp=16), each
+
+
+def test_faces_of_two_glasses_share_the_derivative_of_one():
+    """With the same random numbers; each in a pass of its own."""
+    two = [wrt.Dielectric(1.6, 1.1), wrt.Dielectric(1.6, 1.1)]
+    found, each = all_and_each(through_block(TILT, "shines", *two), ["glass.ior", "glass#2.ior"])
+    assert found == each
+    whole, _ = all_and_each(through_block(TILT, "shines"), ["glass.ior"])
+    assert found["glass.ior"] != pytest.approx(found["glass#2.ior"], rel=0.1)
+    assert found["glass.ior"] + found["glass#2.ior"] == pytest.approx(whole["glass.ior"], rel=1e-4)
+
+
+@pytest.mark.slow
+def test_indices_go_along_with_vertices_and_values():
+    names = ["glass.ior", "wall.vertices", "glass.specular_transmittance"]
+    found, each = all_and_each(through_block(TILT, "shines"), names)
+    for name in names:
+        assert np.any(found[name])
+        np.testing.assert_allclose(found[name], each[name], rtol=1e-5, atol=1e-5 * np.abs(each[name]).max())
+
+
+@pytest.mark.slow
+def test_longer_ways_through_coloured_glass_and_haze_are_darker(report):
+    """The glass shines a little. Its two faces are one body."""
+    front, back = faces_of_block()
+    vertices, faces = np.vstack([front.vertices, back.vertices]), np.vstack([front.faces, back.faces + 4])
+    inside, haze = 0.8, 0.3
+    glass = wrt.Dielectric(1.5, interior=wrt.Medium(inside, emission=0.2))
+    scene = wrt.Scene(camera=eye(TILT), medium=wrt.Medium(haze))
+    scene.add(wrt.Mesh(vertices, faces), material=glass, name="glass")
+    scene.add(wrt.quad((-5, -5, -3), (10, 0, 0), (0, 10, 0)), material=wrt.Diffuse(0.6))
+    scene.add_light(wrt.PointLight((0.4, 0.3, -2.0), 2.0))
+
+    def radiance(eta):
+        reflected, cos_t = fresnel(eta, np.cos(TILT))
+        length = 0.5 / cos_t
+        passed, before = np.exp(-inside * length), np.exp(-haze / np.cos(TILT))
+        x = 2.5 * np.tan(TILT) + length * np.sin(TILT) / eta
+        d = np.array([0.4 - x, 0.3, 1.0])
+        r = np.linalg.norm(d)
+        wall = 0.6 * 2.0 * d[2] / r**3 / np.pi * np.exp(-haze * (r + 1.5 / np.cos(TILT)))
+        # Radiance in glass is eta² times that outside.
+        shines = 0.2 / eta**2 * (1.0 - passed) / inside * sum((reflected * passed) ** k for k in range(3))
+        return before * (1.0 - reflected) * (shines + (1.0 - reflected) * passed * wall)
+
+    renderer = wrt.Renderer(scene, width=2, height=2, max_depth=4, threads=1)
+    found = gradients_by(renderer, ["glass.ior"], 512, 16)["glass.ior"]
+    assert renderer.render(spp=4096).mean() == pytest.approx(radiance(1.5), rel=0.01)
+    require(report, "glass.ior", found, slope(radiance, 1.5), within=0.02)
 
 
 @pytest.mark.parametrize("axis", [0, 1], ids=["azimuth", "height"])

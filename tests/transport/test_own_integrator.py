@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
-from benchmarks.own import OwnOcclusion
+from benchmarks.own_integrators import OwnOcclusion, PlainPaths
 from conftest import ROOT
 from support.commands import run
 from support.small_scenes import block_scene, finish, rendered
@@ -17,21 +17,7 @@ from support.statistics import image_z_test
 import wrt
 from wrt.gradients.renderers import Differentiable
 from wrt.kernels.integrators.own import OWN_INTEGRATORS
-from wrt.kernels.integrators.toolbox import (
-    BLOCK_BSDF,
-    BLOCK_LIGHT,
-    RECEIVES_FRONT,
-    PathResult,
-    PathSettings,
-    Ray,
-    Receiver,
-    Sampler,
-    SceneData,
-    Tools,
-    to_local,
-    to_world,
-    vertex_block,
-)
+from wrt.kernels.integrators.toolbox import PathResult, PathSettings, Ray, Sampler, SceneData, Tools
 from wrt.scene.integrators import INTEGRATORS
 
 
@@ -43,73 +29,6 @@ def registers() -> Any:
     for name in set(INTEGRATORS) - before:
         del INTEGRATORS[name]
         OWN_INTEGRATORS.forget(name.replace("-", "_"))
-
-
-@dataclass(frozen=True)
-class PlainPaths(wrt.Integrator):
-    """Paths with next-event estimation, weighted by the power heuristic, without roulette."""
-
-    type_name = "plain-paths"
-
-    @staticmethod
-    def make_trace(tools: Tools) -> Any:
-        @wp.func
-        def trace(
-            scene: SceneData,
-            camera_ray: Ray,
-            footprint: wp.vec2,
-            sampler: Sampler,
-            settings: PathSettings,
-            numbers: tools.Numbers,
-        ) -> PathResult:
-            result = PathResult()
-            ray = camera_ray
-            cone = footprint
-            throughput = wp.vec3(1.0)
-            receiver = Receiver()
-            receiver.time = ray.time
-            pdf = float(0.0)
-            number = int(1)
-            while number <= settings.max_depth:
-                found = tools.find(scene, ray, cone, sampler, number, throughput, number == 1)
-                found = tools.meet_lights(scene, ray, found)
-                result.rays += found.rays
-                emission = tools.emission(scene, ray, found, receiver, pdf, settings)
-                result.radiance += wp.cw_mul(throughput, emission)
-                v = found.vertex
-                if v.hit.triangle < 0 or number == settings.max_depth:
-                    break
-                u_light = tools.random(sampler, vertex_block(number, BLOCK_LIGHT))
-                receiver.position = v.origin_in_front
-                receiver.normal = v.surface.frame.n
-                receiver.receives = RECEIVES_FRONT
-                light = tools.sample_light(scene, receiver, u_light)
-                wi = to_local(v.surface.frame, light.wi)
-                if wi[2] > 0.0 and wp.dot(light.wi, v.surface.normal) > 0.0:
-                    arriving = wp.cw_mul(tools.evaluate(v.bsdf, v.wo, wi), light.radiance)
-                    arriving = arriving * tools.light_weight(light, tools.pdf(v.bsdf, v.wo, wi), settings)
-                    if wp.max(arriving) > 0.0:
-                        shadow_ray = Ray()
-                        shadow_ray.origin = v.origin_in_front
-                        shadow_ray.direction = light.wi
-                        shadow_ray.time = ray.time
-                        share = tools.visibility(scene, shadow_ray, light.distance, light.point, u_light)
-                        result.rays += 1
-                        result.radiance += wp.cw_mul(throughput, wp.cw_mul(arriving, share))
-                u = tools.random(sampler, vertex_block(number, BLOCK_BSDF))
-                s = tools.sample(v.bsdf, v.wo, wp.vec2(u[0], u[1]), u[2])
-                throughput = wp.cw_mul(throughput, s.weight)
-                direction = to_world(v.surface.frame, s.wi)
-                if wp.max(throughput) <= 0.0 or wp.dot(direction, v.surface.normal) * s.wi[2] <= 0.0:
-                    break
-                ray.direction = wp.normalize(direction)
-                ray.origin = wp.where(s.wi[2] > 0.0, v.origin_in_front, v.origin_behind)
-                cone = wp.vec2(0.0)
-                pdf = s.pdf
-                number += 1
-            return result
-
-        return trace
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
+from conftest import ROOT
 from support import chromium
 from support.commands import CAMERA, LAMP, QUAD, run, start
 from websockets.exceptions import InvalidStatus
@@ -199,10 +200,26 @@ def test_a_watched_scene_shows_its_error_and_recovers_and_control_c_ends_it_in_o
     assert error.splitlines() == ["wrt: stopped: the view has ended"]
 
 
+@pytest.mark.slow
+def test_integrators_of_a_file_are_listed_and_can_be_chosen(tmp_path):
+    sketches = str(ROOT / "scripts" / "sketches.py")
+    with (
+        program(tmp_path, "cornell-box", *SIZE, "--spp", "1", "--with", sketches) as (_, page),
+        page.socket() as socket,
+    ):
+        listed = received(socket, lambda m: m["type"] == "state")["own_integrators"]
+        assert listed == ["heat-map", "depth-cue", "toon"]
+        before = received(socket, is_frame(moving=False))
+        send(socket, type="set", integrator="toon")
+        received(socket, lambda m: m["type"] == "state" and m["settings"]["integrator"] == "toon" and not m["error"])
+        assert received(socket, is_frame(moving=False))["bytes"] != before["bytes"]
+
+
 @pytest.mark.skipif(chromium.PROGRAM is None, reason="there is no Chromium here")
 @pytest.mark.slow
 def test_the_page_in_a_browser(tmp_path):
-    with program(tmp_path, "cornell-box", *SIZE, "--spp", "4") as (_, page), chromium.Browser() as browser:
+    more = ("--spp", "4", "--with", str(ROOT / "scripts" / "sketches.py"))
+    with program(tmp_path, "cornell-box", *SIZE, *more) as (_, page), chromium.Browser() as browser:
         tab, second = browser.tab(), browser.tab()
         for each in (tab, second):
             each.look(1000, 700)
@@ -221,6 +238,9 @@ def test_the_page_in_a_browser(tmp_path):
 
         tab.key("r")  # the scene's own camera again, and the picture of before
         tab.wait(f"wrtView.state.header.spp == 4 && !wrtView.state.header.moving && {pixels} == {json.dumps(before)}")
+
+        names = "[...wrtView.view.querySelector('select[name=integrator]').options].map((each) => each.value)"
+        assert tab.value(names)[-4:] == ["ao", "heat-map", "depth-cue", "toon"]
 
         # A broken connection is opened again; so is a page that is loaded again.
         frames = tab.value("wrtView.state.frames")

@@ -80,9 +80,9 @@ def test_the_examples_of_the_documentation(lanes: int, registers: Any, tmp_path:
     programs = {name: program_of("own", f"{name}.py") for name in ("car_paint", "wood")}
     programs |= {name: (ROOT / f"docs/own/{name}.py").read_text("utf-8") for name in ("ring", "fisheye")}
     paint, wood, ring, fisheye = (definitions(code, tmp_path / f"page_{name}.py") for name, code in programs.items())
-    assert not {name for tier in tiers() for name in tier.models} & {"car_paint"}, "general kernels are for all"
+    assert not {name for tier in tiers() for name in tier.models} & {"flakes"}, "general kernels are for all"
     light = ring["RingLight"]((0.0, 2.5, 1.0), (0.0, -1.0, 0.0), radiance=9.0)
-    shown = scene(paint["CarPaint"](), light, fisheye["StereographicCamera"](**WHERE))
+    shown = scene(wrt.Mix(wrt.Diffuse(), paint["Flakes"]()), light, fisheye["StereographicCamera"](**WHERE))
     shown.add(wrt.sphere((1.2, 0.3, 0.0), 0.5), material=wrt.Diffuse(wood["Wood"]()))
     assert differences(shown, lanes=lanes) == []
 

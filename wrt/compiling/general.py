@@ -15,7 +15,7 @@ import numpy as np
 
 from wrt.backend import current_backend
 from wrt.backend.device import Device
-from wrt.compiling.kernel import SCALAR, has_wide, is_compiled
+from wrt.compiling.kernel import SCALAR, is_compiled
 from wrt.scene.camera import FisheyeCamera, OrthographicCamera, PanoramaCamera, PerspectiveCamera
 from wrt.scene.environment import ImageEnvironment
 from wrt.scene.exact.quadrics import disk
@@ -97,7 +97,7 @@ def general_features(features: Any) -> list[Any]:
     """
     from wrt.kernels.core.features import EITHER, OF_EITHER
 
-    if not features.guides and not has_wide(features):
+    if not features.guides and features.integrator != "path":
         return []
     if features.regularized or features.cameras or features.caustics:
         return []

@@ -25,8 +25,8 @@ SCALAR = 1
 
 
 def has_wide(features: Any) -> bool:
-    """Return whether there is a wide kernel for these features: it follows paths."""
-    return bool(features.integrator == "path")
+    """Return whether there may be a wide kernel for these features: it traces rays."""
+    return bool(features.integrator != "aov")
 
 
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h

@@ -1,6 +1,7 @@
 """What statements read, set and change, which variables outlive a loop, and which values all lanes share."""
 
 from collections.abc import Iterable
+from typing import Any
 
 from wrt.spmd import ir
 
@@ -36,6 +37,12 @@ def changes(statements: Iterable[ir.Statement], v: ir.Variable) -> bool:
     return any(set_by(s) is v or v in stores_into(s) for s in ir.walk(statements))
 
 
+def returns_once(function: ir.Function) -> bool:
+    """Return whether a function returns a variable in its last line, and nowhere else."""
+    returns = [s for s in ir.walk(function.body) if isinstance(s, ir.Return)]
+    return bool(returns) and returns == function.body[-1:] and returns[0].value is not None
+
+
 def constant_ranges(body: list[ir.Statement]) -> dict[ir.Variable, list[int]]:
     """Return the ranges of `for` loops with constant ends; such loops stay loops in C++."""
     found = {}
@@ -45,6 +52,11 @@ def constant_ranges(body: list[ir.Statement]) -> dict[ir.Variable, list[int]]:
             if None not in ends:
                 found[s.variable] = ends
     return found
+
+
+def range_of(s: ir.Statement) -> Any:
+    """Return the range that a statement tests to continue a loop, if it does."""
+    return s.condition.arguments[0] if isinstance(s, ir.Leave) and isinstance(s.condition, ir.Builtin) else None
 
 
 def same_for_all(function: ir.Function, v: ir.Variable, before: list[ir.Statement]) -> bool:

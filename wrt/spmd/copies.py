@@ -4,6 +4,7 @@ Inlining and scalar replacement leave copies and dead code: each stage copies ev
 that a scene never uses are passed from round to round.
 """
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
@@ -11,12 +12,15 @@ from wrt.spmd import ir
 from wrt.spmd.analysis import set_by, stores_into, uses
 
 
-def without_copies(function: ir.Function) -> ir.Function:
-    """Return a function with copies replaced by their sources, where both stay the same, and without dead code."""
+def without_copies(function: ir.Function, pure: Collection[str] = ()) -> ir.Function:
+    """Return a function with copies replaced by their sources, where both stay the same, and without dead code.
+
+    Calls of `pure` functions, which do nothing but return a value, may be dead.
+    """
     body = _set_once(_settled(function.body, set()))
     while found := _Order(body).replaceable():
         body = _set_once(_replaced(body, found))
-    return _without_unused(replace(function, body=body))
+    return _without_unused(replace(function, body=body), pure)
 
 
 def _settled(body: list[ir.Statement], false: set[Any]) -> list[ir.Statement]:
@@ -189,33 +193,33 @@ def _replaced(body: list[ir.Statement], found: dict[ir.Variable, ir.Variable]) -
     return ir.rebuilt(body, change)
 
 
-def _without_unused(function: ir.Function) -> ir.Function:
+def _without_unused(function: ir.Function, pure: Collection[str]) -> ir.Function:
     """Return a function without dead statements and unused variables."""
     read: set[ir.Variable] = set()
     count = -1
     while count != len(read):
         count = len(read)
-        body = _live(function.body, read)
+        body = _live(function.body, read, pure)
     used = uses(body)
     variables = [v for v in function.variables if v in used]
     return replace(function, variables=variables, body=body)
 
 
-def _live(body: list[ir.Statement], read: set[ir.Variable]) -> list[ir.Statement]:
+def _live(body: list[ir.Statement], read: set[ir.Variable], pure: Collection[str]) -> list[ir.Statement]:
     """Return the statements with an effect or that set `read` variables, and add the variables that these read."""
     out = []
     for s in reversed(body):
         if isinstance(s, ir.If | ir.Loop):
-            inner = _live(s.body, read)
+            inner = _live(s.body, read, pure)
             if not inner:
                 continue
             s = replace(s, body=inner)
-        elif isinstance(s, ir.Set | ir.Update) and s.variable not in read and not _has_effect(s.value):
+        elif isinstance(s, ir.Set | ir.Update) and s.variable not in read and not _has_effect(s.value, pure):
             continue
         read.update(e for e in ir.own_expressions(s) if isinstance(e, ir.Variable))
         out.append(s)
     return out[::-1]
 
 
-def _has_effect(e: ir.Expression) -> bool:
-    return isinstance(e, ir.Call) or ir.is_builtin(e, "iter_next")
+def _has_effect(e: ir.Expression, pure: Collection[str]) -> bool:
+    return (isinstance(e, ir.Call) and e.function not in pure) or ir.is_builtin(e, "iter_next", "atomic_add")

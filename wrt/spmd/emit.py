@@ -13,7 +13,7 @@ from typing import Any
 from warp._src.codegen import constant_str
 
 from wrt.spmd import ir
-from wrt.spmd.analysis import Liveness, constant_ranges, set_by
+from wrt.spmd.analysis import Liveness, constant_ranges, range_of, set_by
 from wrt.spmd.library import names
 from wrt.spmd.remedies import RANDOM, refusal
 from wrt.spmd.types import NUMBERS, Types
@@ -201,8 +201,9 @@ class Emitter:
         if v in self._ranges or v.is_pointer:
             return ""
         if v in self._counters:
-            is_constant = self._counters[v] in self._ranges
-            return f"const int {v.name} = counter_{self._loops[-1]};" if is_constant else f"{v.name} = {value};"
+            if self._counters[v] in self._ranges:
+                return f"const int {v.name} = counter_{self._loops[-1]};"
+            return f"lanes::set({v.name}, {value}, exec);" if v in self.liveness.outliving else f"{v.name} = {value};"
         moves = isinstance(s.value, ir.Variable) or ir.is_builtin(s.value, "load", "copy", "where", "extract")
         if v.ctype in ("wp::uint8", "wp::uint16") and not moves:
             raise self._unsupported("arithmetic on fewer than 32 bits")
@@ -294,11 +295,6 @@ def _member(base: ir.Variable, fields: tuple[str, ...]) -> str:
     for f in fields:
         text = f"({text}).{f}"
     return text
-
-
-def range_of(s: ir.Statement) -> Any:
-    """Return the range that a statement tests to continue a loop, if it does."""
-    return s.condition.arguments[0] if isinstance(s, ir.Leave) and isinstance(s.condition, ir.Builtin) else None
 
 
 def _has(statements: list[ir.Statement], kinds: Any) -> bool:

@@ -4,6 +4,7 @@
 lanes.
 """
 
+import functools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -157,10 +158,14 @@ class If(Statement):
 
 @dataclass(eq=False, slots=True)
 class Loop(Statement):
-    """An endless loop; a `Leave` in it ends it."""
+    """An endless loop; a `Leave` in it ends it.
+
+    `is_of_stage` tells those of built-in stages from the loops of the function in which they were inlined.
+    """
 
     label: str
     body: "list[Statement]" = field(default_factory=list)
+    is_of_stage: bool = False
 
 
 @dataclass(eq=False, slots=True)
@@ -230,9 +235,23 @@ class Module:
         """Return the names of functions with a mark."""
         return {name for name, f in self.functions.items() if mark in f.marks}
 
+    @functools.cache  # noqa: B019  # a module lives as long as one translation
+    def pure(self) -> frozenset[str]:
+        """Return the names of functions that do nothing but return a value."""
+        found = {name for name, f in self.functions.items() if f.body and not any(map(_has_effect, walk(f.body)))}
+        while impure := {name for name in found if not set(calls(self.functions[name].body)) <= found}:
+            found -= impure
+        return frozenset(found)
+
     def calls(self, s: Statement, mark: str) -> bool:
         """Return whether a statement, or a nested one, calls a function with a mark."""
         return not self.marked(mark).isdisjoint(calls([s]))
+
+
+def _has_effect(s: Statement) -> bool:
+    is_local = isinstance(s, Do) and isinstance(s.call, Builtin) and s.call.name.endswith("_inplace")
+    is_local &= isinstance(s, Do) and isinstance(s.call.arguments[0], Variable)
+    return (isinstance(s, Do) and not is_local) or any(is_builtin(e, "atomic_add") for e in own_expressions(s))
 
 
 def _fields(e: Any) -> Iterable[str]:

@@ -47,9 +47,10 @@ def trees_of(query: str, functions: Collection[str]) -> str | None:
     Returns:
         A type of `kernels/native/lanes/ray_queries.h`; None for queries of other things, and for moving instances.
     """
-    if query in ("closest_hit", "occluded") and "_in_one_tree__locals__traverse" in functions:
+    name = re.fullmatch(r"(?:closest_hit|occluded)(_of_surfaces)?_?(.*)", query)
+    if name and "_in_one_tree__locals__traverse" in functions and (name[1] or not name[2]):
         return "InOneTree"
-    if query.startswith(("closest_hit_still", "occluded_still")) and "_in_instances__locals__traverse" in functions:
+    if name and "_in_instances__locals__traverse" in functions and name[2].startswith("still"):
         return "InInstances"
     return None
 
@@ -71,6 +72,8 @@ def native_function(types: Any, function: Any) -> str:
     if not all(types.is_whole(a.type) for a in arguments):
         raise Unsupported(f"{function.key}: takes arrays that differ between lanes")
     parameters = ", ".join(f"{a.ctype()} {a.label}" for a in arguments)
+    if all(types.is_shared(a.type) for a in arguments):
+        return f"static {types.wide(result.type)} {name}({parameters}, lanes::Mask) {{ {function.native_snippet} }}\n"
     passed = ", ".join(a.label if types.is_shared(a.type) else f"lanes::lane({a.label}, l)" for a in arguments)
     return f"""
 static {result.ctype()} {name}_of_one({parameters}) {{

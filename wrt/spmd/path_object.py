@@ -13,7 +13,7 @@ from wrt.spmd.analysis import Liveness, same_for_all, set_by, uses
 from wrt.spmd.emit import Emitter
 from wrt.spmd.ir import Function, Module, Unsupported, Variable
 from wrt.spmd.library import trees_of
-from wrt.spmd.rounds import RayQuery, Rounds, check_path_function, cut
+from wrt.spmd.rounds import RayQuery, Rounds, check_path_function, cut, uncut
 from wrt.spmd.types import Types
 
 
@@ -64,7 +64,7 @@ def store(function: Function, rounds: Rounds, liveness: Liveness, varying: list[
     if missing := queried.difference(varying, in_rounds, across):
         first = min(v.name for v in missing)
         raise Unsupported(f"{function.key}: asks a ray query for {first}, which is not a variable of the path")
-    shading = next(number for number, part in enumerate(rounds.parts) if part.shades)
+    shading = next((number for number, part in enumerate(rounds.parts) if part.shades), 0)
     moving = set().union(*used[:shading]) & set().union(*used[shading:])
     moved = [v for v in (*varying, *in_rounds) if v in lasting] + [v for v in across if v in moving]
     local = [v for v in in_round if v not in across]
@@ -92,10 +92,15 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
     Raises:
         Unsupported: It does not meet the requirements in `kernels/core/spmd_marks.py`.
     """
-    check_path_function(function, shared, module)
     emitter = Emitter(types, function)
     varying = [a for a in function.arguments if a not in shared]
-    rounds = cut(function, module, emitter.liveness)
+    if "path_function" in function.marks:
+        check_path_function(function, shared, module)
+        rounds = cut(function, module, emitter.liveness)
+    elif (found := uncut(function)) is not None:
+        rounds = found
+    else:
+        return _whole_object(types, function, shared, varying)
     storage = store(function, rounds, emitter.liveness, varying)
     name = f"steps_{function.name}"
     emitter.keep_all = True
@@ -137,19 +142,14 @@ def path_object(types: Types, function: Function, module: Module, shared: list[V
     }}
 """
         )
-    moved = [v.name for v in storage.moved if emitter.declaration(v) and not types.is_shared(v.type)]
-    shared_members = "".join(f"    const {types.wide(a.type)}& {a.name};" for a in shared)
-    varying_members = "".join(f"    {types.wide(a.type)} {a.name};" for a in varying)
+    moved = [v for v in storage.moved if emitter.declaration(v) and not types.is_shared(v.type)]
     answers = "".join(f"    lanes::Ints answer_{k};\n" for k in range(1, len(queries)))
     members_set = ", ".join(f"{a.name}({a.name}_in)" for a in shared)
-    sets = " ".join(f"lanes::set({a.name}, {a.name}_in, exec);" for a in varying)
-    moves = " ".join(f"move(to.{v}, from.{v}, m);" for v in (*moved, "waiting"))
     code = f"""\
 namespace {{
 // A path: the variables that outlive a part of a round.
 struct {name} {{
-{shared_members}
-{varying_members}
+{_members(types, shared, varying)}
 {constants(storage.constants)}
 {emitter.declarations([*storage.rounds, *storage.across])}
     lanes::Mask waiting = false;  // for an answer
@@ -157,7 +157,7 @@ struct {name} {{
     {name}({_parameters(types, shared)}) : {members_set} {{}}
     void begin({_parameters(types, varying)}, const lanes::Mask exec_in) {{
         lanes::Mask exec = exec_in, returned_ = false;
-        {sets}
+        {_sets(varying)}
 {begin}
     }}
     // The parts of a round: each returns the lanes that go on.
@@ -169,12 +169,53 @@ struct {name} {{
         return {rounds.result.name};
     }}
 }};
-LANES_INLINE void move({name}& to, const {name}& from, lanes::Move m) {{
-    using lanes::move; {moves} }}
+{_move(name, moved, "waiting")}
 {"".join(queries)}
 }} // namespace
 """
     return PathObject(name, code, "".join(f"            {line}\n" for line in steps))
+
+
+def _whole_object(types: Types, function: Function, shared: list[Variable], varying: list[Variable]) -> PathObject:
+    """Return a function that cannot be cut as an object without rounds, which calls it at the end."""
+    name, result = f"steps_{function.name}", types.wide(function.result)
+    members_set = ", ".join(f"{a.name}({a.name}_in)" for a in shared)
+    code = f"""\
+namespace {{
+struct {name} {{
+{_members(types, shared, varying)}
+    lanes::Mask waiting = false;  // for an answer, which none does
+    {name}({_parameters(types, shared)}) : {members_set} {{}}
+    void begin({_parameters(types, varying)}, const lanes::Mask exec) {{
+        {_sets(varying)}
+    }}
+    lanes::Mask no_round(lanes::Mask) {{ return false; }}
+    {result} end(const lanes::Mask exec) {{
+        return wide_{function.name}({", ".join(a.name for a in function.arguments)}, exec);
+    }}
+}};
+{_move(name, varying)}
+}} // namespace
+"""
+    return PathObject(name, code, "            run<&Steps::no_round>(groups);\n")
+
+
+def _members(types: Types, shared: list[Variable], varying: list[Variable]) -> str:
+    """Return the declarations of the arguments as members."""
+    all_share = "".join(f"    const {types.wide(a.type)}& {a.name};" for a in shared)
+    return all_share + "\n" + "".join(f"    {types.wide(a.type)} {a.name};" for a in varying)
+
+
+def _sets(varying: list[Variable]) -> str:
+    return " ".join(f"lanes::set({a.name}, {a.name}_in, exec);" for a in varying)
+
+
+def _move(name: str, variables: list[Variable], *others: str) -> str:
+    """Return the function that moves paths with these members to other lanes."""
+    moves = " ".join(f"move(to.{member}, from.{member}, m);" for member in (*(v.name for v in variables), *others))
+    return f"""\
+LANES_INLINE void move({name}& to, const {name}& from, lanes::Move m) {{
+    using lanes::move; {moves} }}"""
 
 
 def _ray_query(types: Types, query: RayQuery, name: str, steps: str, answer: str, functions: dict[str, str]) -> str:
@@ -198,6 +239,14 @@ def _ray_query(types: Types, query: RayQuery, name: str, steps: str, answer: str
         ask = f"{call}, exec)" if nearest else f"lanes::Ints({blocked})"
         declaration = "Answer ask(const Steps& steps, const Ray& ray, lanes::Floats reach, lanes::Mask exec)"
         member = f"static {declaration} {{ return {ask}; }}"
+    elif surface := next((own for key, own in functions.items() if key.startswith("find_surface_of_surfaces")), None):
+        kind = f"SurfacesTogether<{name}, lanes::{trees}, {str(not nearest).lower()}>"
+        entered = f"wide_{functions['_entered' if trees == 'InOneTree' else '_instance_entered']}(found, exec)"
+        any_hit = f"lanes::Mask({str(not nearest).lower()})"
+        found = f"wide_{surface}(steps.{query.scene.name}, ray, {entered}, lanes::Floats(0.0f), {any_hit}, exec)"
+        parameters = "const Steps& steps, const Ray& ray, Found found, lanes::Mask exec"
+        answer_of = "" if nearest else ".triangle"
+        member = f"template<class Found> static Answer surface({parameters}) {{ return {found}{answer_of}; }}"
     elif nearest:
         kind = f"NearestTogether<{name}, lanes::{trees}>"
         hit = f"wide_{functions['_hit' if trees == 'InOneTree' else '_instance_hit']}(found, exec)"

@@ -10,8 +10,8 @@ from itertools import chain
 
 from wrt.kernels.native import text_of
 from wrt.spmd import ir
-from wrt.spmd.analysis import changes, uses
-from wrt.spmd.emit import Emitter, range_of
+from wrt.spmd.analysis import changes, range_of, uses
+from wrt.spmd.emit import Emitter
 from wrt.spmd.path_object import constants, path_object
 from wrt.spmd.rounds import the_loop
 from wrt.spmd.types import Types

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from wrt.spmd import ir
-from wrt.spmd.analysis import Liveness, changes, through_pointer, uses
+from wrt.spmd.analysis import Liveness, changes, constant_ranges, range_of, returns_once, through_pointer, uses
 
 
 class RayQuery(NamedTuple):
@@ -92,9 +92,7 @@ def check_path_function(function: ir.Function, shared: list[ir.Variable], module
             raise ir.Unsupported(f"{function.key}: {text}")
 
     loop = the_loop(function)
-    returns = [s for s in ir.walk(function.body) if isinstance(s, ir.Return)]
-    returns_once = returns == function.body[-1:] and returns[0].value is not None
-    require(returns_once, "must return once, a variable, in its last line; leave the loop by `break` instead")
+    require(returns_once(function), "must return once, a variable, in its last line; leave the loop by `break` instead")
     for s in ir.walk(function.body):
         if not isinstance(s, (ir.If, ir.Loop)) and module.calls(s, "ray_query"):
             place = "within an `if` or an inner loop, or outside the loop"
@@ -148,6 +146,23 @@ def cut(function: ir.Function, module: ir.Module, liveness: Liveness) -> Rounds:
     place = max((i + 1 for i in range(shading) if isinstance(second[i], ir.If | ir.Loop)), default=0)
     parts = [Part(None, False, first), Part(queries[0], False, second[:place]), Part(None, True, second[place:])]
     parts += [Part(q, False, span) for q, span in zip(queries[1:], spans[2:], strict=True)]
+    return _around(function, loop, parts)
+
+
+def uncut(function: ir.Function) -> Rounds | None:
+    """Return a function that is no `@path_function` with its loop as a round of one part, so that paths can be moved.
+
+    Return None if it must be called as a whole: it has no such loop, or several, or returns before its end.
+    """
+    ranges = constant_ranges(function.body)
+    loops = [s for s in function.body if isinstance(s, ir.Loop) and not s.is_of_stage]
+    loops = [s for s in loops if range_of(s.body[0]) not in ranges]
+    if len(loops) != 1 or not returns_once(function):
+        return None
+    return _around(function, loops[0], [Part(None, False, loops[0].body)])
+
+
+def _around(function: ir.Function, loop: ir.Loop, parts: list[Part]) -> Rounds:
     at, end = function.body.index(loop), function.body[-1]
     assert isinstance(end, ir.Return)
     assert end.value is not None

@@ -14,7 +14,7 @@ from typing import Any
 from warp._src.codegen import Struct, strip_reference
 
 from wrt.spmd import ir
-from wrt.spmd.analysis import changes
+from wrt.spmd.analysis import changes, returns_once
 from wrt.spmd.copies import without_copies
 from wrt.spmd.types import name_of
 
@@ -22,48 +22,60 @@ Split = dict[ir.Variable, dict[str, ir.Variable]]
 """The variables that are replaced, with the variables of their members."""
 
 
-def without_stages(function: ir.Function, module: ir.Module) -> ir.Function:
+def without_stages(function: ir.Function, module: ir.Module, *, splits_all: bool = True) -> ir.Function:
     """Return a function with the stages that it calls, directly or through stages, inlined.
 
     The state, a struct that stages take and return, is replaced by a variable for each member, as is any other struct
     that a stage returns if it is used member by member.
 
+    Args:
+        function: The function.
+        module: The functions that it may call.
+        splits_all: Whether the state must be replaced, as for a path function. Otherwise it is where that is possible,
+            and calls whose results nothing uses are left out.
+
     Raises:
-        Unsupported: A stage returns before its end, or the state is used as a whole.
+        Unsupported: A stage returns before its end, or the state is used as a whole although it must not be.
     """
     stages = module.marked("inline_stage")
     if stages.isdisjoint(ir.calls(function.body)):
         return function
     variables = list(function.variables)
     numbers = count(1)
+    is_from_outside = function.is_from_outside
 
     def inlined(s: ir.Statement) -> Iterator[ir.Statement]:
+        nonlocal is_from_outside
         call = s.value if isinstance(s, ir.Set) else None
         if isinstance(s, ir.Set) and isinstance(call, ir.Call) and call.function in stages:
-            for copied in _copied(module.functions[call.function], s, call, variables, next(numbers)):
+            stage = module.functions[call.function]
+            is_from_outside |= stage.is_from_outside
+            for copied in _copied(stage, s, call, variables, next(numbers)):
                 yield from inlined(copied)
         else:
             yield s
 
-    function = replace(function, body=ir.rebuilt(function.body, inlined), variables=variables)
+    body = ir.rebuilt(function.body, inlined)
+    function = replace(function, body=body, variables=variables, is_from_outside=is_from_outside)
     states: set[str] = set()
     results: set[str] = set()
     for stage in map(module.functions.__getitem__, stages):
         arguments = {name_of(a.type) for a in stage.arguments}
         (states if name_of(stage.result) in arguments else results).add(name_of(stage.result))
-    function = split_structs(function, states)
-    for result in sorted(results - states):
+    if splits_all:
+        function = split_structs(function, states)
+        results -= states
+    for result in sorted(results | (set() if splits_all else states)):
         with suppress(ir.Unsupported):
             function = split_structs(function, {result})
-    return without_copies(function)
+    return without_copies(function, pure=() if splits_all else module.pure())
 
 
 def _copied(
     stage: ir.Function, s: ir.Set, call: ir.Call, variables: list[ir.Variable], number: int
 ) -> list[ir.Statement]:
     """Return the statements of a stage with variables of its own, which end with the assignment of its result."""
-    returns = [inner for inner in ir.walk(stage.body) if isinstance(inner, ir.Return)]
-    if returns != stage.body[-1:] or returns[0].value is None:
+    if not returns_once(stage):
         raise ir.Unsupported(f"{stage.key}: must return once, its state, in its last line, as an @inline_stage")
 
     def renamed(v: ir.Variable) -> ir.Variable:
@@ -83,7 +95,7 @@ def _copied(
     def copy(inner: ir.Statement) -> ir.Statement:
         inner = ir.substituted(inner, lambda e: into.get(e, e) if isinstance(e, ir.Variable) else e)
         if isinstance(inner, ir.Loop):
-            inner.label = labels[inner.label]
+            inner.label, inner.is_of_stage = labels[inner.label], inner.is_of_stage or not stage.is_from_outside
         if isinstance(inner, ir.Leave | ir.Jump):
             inner.loop = labels[inner.loop]
         if isinstance(inner, ir.If):
@@ -92,7 +104,10 @@ def _copied(
             inner.body = list(map(copy, inner.body))
         return inner
 
-    result = ir.Set(s.variable, ir.Builtin("copy", (into[returns[0].value],)), line=s.line)
+    end = stage.body[-1]
+    assert isinstance(end, ir.Return)
+    assert end.value is not None
+    result = ir.Set(s.variable, ir.Builtin("copy", (into[end.value],)), line=s.line)
     return [*first, *map(copy, stage.body[:-1]), result]
 
 
@@ -110,6 +125,8 @@ def split_structs(function: ir.Function, structs: set[str]) -> ir.Function:
     variables = [member for v in function.variables for member in (split[v].values() if v in split else [v])]
 
     def by_members(s: ir.Statement) -> Iterator[ir.Statement]:
+        if isinstance(s, ir.Set) and s.variable.is_pointer:
+            return  # its uses have its target
         for new in _of_members(s, split):
             new = ir.substituted(new, lambda e: _member_of(e, split))
             if state := next((e for e in ir.own_expressions(new) if e in split), None):
@@ -124,6 +141,8 @@ def split_structs(function: ir.Function, structs: set[str]) -> ir.Function:
 
 def _of_members(s: ir.Statement, split: Split) -> list[ir.Statement]:
     """Return the assignments of members for a statement that sets a struct."""
+    if isinstance(s, ir.Update) and s.fields and s.variable not in split and s.value in split:
+        return [ir.Update(s.variable, (*s.fields, label), v, line=s.line) for label, v in split[s.value].items()]
     if not isinstance(s, ir.Set | ir.Update) or s.variable not in split:
         return [s]
     members, value = split[s.variable], s.value
@@ -148,8 +167,10 @@ def _of_members(s: ir.Statement, split: Split) -> list[ir.Statement]:
 
 def _member_of(e: Any, split: Split) -> Any:
     """Return the replacement of an expression that leads to a member."""
-    if isinstance(e, ir.Address) and e.base in split:
+    if isinstance(e, ir.Address) and e.base in split and e.fields:
         return ir.Address(split[e.base][e.fields[0]], e.fields[1:])
+    if isinstance(e, ir.MemberAddress) and isinstance(e.base, ir.Address) and not e.base.fields:
+        e = ir.MemberAddress(e.base.base, e.field)
     if isinstance(e, ir.MemberAddress) and e.base in split:
         return ir.Address(split[e.base][e.field], ())
     if isinstance(e, ir.Builtin) and e.name == "load":

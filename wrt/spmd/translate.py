@@ -7,13 +7,14 @@ fraction of a register. So Warp's C++ of a render kernel is parsed (`parse.py`),
 
 import re
 from collections import Counter
+from dataclasses import replace
 
 import warp as wp
 from warp._src.context import ModuleBuilder
 
 from wrt.kernels.native import headers_of, included_by
 from wrt.spmd.adjoints import Adjoints
-from wrt.spmd.analysis import changes
+from wrt.spmd.analysis import changes, returns_once
 from wrt.spmd.emit import Emitter
 from wrt.spmd.ir import Function, Module, Unsupported, Variable, calls
 from wrt.spmd.library import library, native_function
@@ -36,7 +37,7 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
     builder = ModuleBuilder(module, module.resolve_options(wp.config), target=None)
     if len(builder.kernels) != 1:
         raise Unsupported(f"{module.name}: {len(builder.kernels)} kernels")
-    if not any("path_function" in getattr(f.func, "spmd_marks", ()) for f in builder.functions):
+    if not any({"path_function", "traces_alone"} & set(getattr(f.func, "spmd_marks", ())) for f in builder.functions):
         raise Unsupported(f"{module.name}: follows no path")
     # Adjoints written by hand are part of every module, and nothing here calls them.
     of_module = [f for f in builder.functions if not f.adj.custom_reverse_mode]
@@ -47,10 +48,15 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
     if "pixel_kernel" not in pixels.marks:
         raise Unsupported(f"{pixels.key}: is not marked with @pixel_kernel")
     code = Module(functions)
-    paths = code.marked("path_function") & set(calls(pixels.body))
+    called = set(calls(pixels.body))
+    paths = code.marked("path_function") & called or code.marked("traces_alone") & called
     if len(paths) != 1:
         raise Unsupported(f"{module.name}: follows no path")
     (path,) = paths
+    in_rounds = "path_function" in code.functions[path].marks
+    if not in_rounds:  # stages that return early are called
+        functions = [f if returns_once(f) else replace(f, marks=f.marks - {"inline_stage"}) for f in functions]
+        code = Module(functions)
     types = Types([*functions, pixels], structs, elements)
     headers = {n for f in builder.functions for header in included_by(f) for n in headers_of(header)}
     kinds = ("exact/with_boxes.h", "exact/with_quadrics.h", "exact/with_spheres.h")
@@ -60,10 +66,14 @@ def wide_code(kernel: wp.Kernel, lanes: int) -> str:
     out.append(types.declarations([a.type for a in pixels.arguments]))
     adjoints = Adjoints(types, builder.functions, by_name)
     out += [f"{adjoints.declaration(name)};\n" for name in sorted(gradients)]
-    code.functions[path] = without_stages(code.functions[path], code)
+    code.functions |= {
+        f.name: without_stages(f, code, splits_all=in_rounds)
+        for f in functions
+        if f.name == path or not (in_rounds or _is_stage(f))
+    }
     called = {name for f in (*code.functions.values(), pixels) if not _is_stage(f) for name in calls(f.body)}
-    for f, of_warp in zip(functions, of_module, strict=True):
-        if f.name == path or (_is_stage(f) and f.name not in called):
+    for of_warp, f in zip(of_module, code.functions.values(), strict=True):
+        if (f.name == path and in_rounds) or (_is_stage(f) and f.name not in called):
             continue
         native = getattr(of_warp, "native_snippet", None)
         out.append(native_function(types, of_warp) if native else _function(types, f))

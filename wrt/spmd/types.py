@@ -150,6 +150,7 @@ class Types:
             return " ".join(pattern.format(f=label, type=name_of(type_)) for label, type_ in of)
 
         members = " ".join(f"{self.wide(of)} {label};" for label, of in fields)
+        members_set = f": {', '.join(f'{label}(a.{label})' for label, _ in fields)} " if fields else ""
         gathered = "r.{f} = gather<OFFSET + (int)__builtin_offsetof(%s, {f}), SIZE>(base, record, ({type}*)0, exec);"
         return f"""
 struct {wide};
@@ -157,7 +158,7 @@ template<> struct lanes::WideOf<{name}> {{ typedef {wide} type; }};
 struct {wide} {{
     {members}
     {wide}() {{}}
-    {wide}(const {name}& a) : {", ".join(f"{label}(a.{label})" for label, _ in fields)} {{}}
+    {wide}(const {name}& a) {members_set}{{}}
     static {wide} zero() {{ {wide} r; {" ".join(zero(*field) for field in fields)} return r; }}
     {name} lane(int l) const {{ {name} r; {each("r.{f} = lanes::lane(this->{f}, l);", fields)} return r; }}
 }};

@@ -16,6 +16,7 @@ from wrt.rendering.passes import Progress
 from wrt.rendering.reading import PLAIN
 from wrt.rendering.renderer import Renderer
 from wrt.scene.camera import Camera
+from wrt.scene.integrators import INTEGRATORS
 from wrt.values import number
 from wrt.view.controls import Look, Settings, camera_values, changed, moved_camera
 from wrt.view.frames import Encoder, Frame, Source
@@ -124,6 +125,7 @@ class Session:
             "bounds": None if pictures is None else pictures.base.scene.bounds.tolist(),
             "settings": dataclasses.asdict(self.settings),
             "integrator": None if pictures is None else pictures.base.integrator,
+            "own_integrators": [name for name, cls in INTEGRATORS.items() if cls is not None],
             **dataclasses.asdict(self._encoder.look),
             **size,
         }

@@ -8,7 +8,7 @@
 // axis from end to end. These are read from the arrays of the scene. Modules that define WRT_QUADRICS test them.
 //
 // A box whose corners are in the same order along x and y, and in the opposite one along z, is that of a distance
-// function. Modules that define WRT_BOXES report where a ray enters it, and `kernels/accel/distances.py` goes on.
+// function. Modules that define WRT_BOXES report where a ray enters it (`entries.h`).
 #include "exact/shape_axes.h"
 #include "exact/spheres.h"
 
@@ -101,11 +101,9 @@ WRT_INLINE Roots<V> roots_of_quadric(
     return {(one < other) ? one : other, (one < other) ? other : one};
 }
 #if defined(WRT_BOXES)
-// Where a ray enters a box. One that begins within it does so just after its origin, since hits at 0 do not count.
-template<class V> WRT_INLINE Roots<V> roots_of_box(const Span<V>& span) {
-    const V t = most(span.begin, (V)1e-30f), none = -1.0f;
-    const V met = (span.begin <= span.end * (V)(float)BOX_PAD) ? t : none;
-    return {met, met};
+// Where a ray enters a box, LONGEST if it does not.
+template<class V> WRT_INLINE V entry_of(const Span<V>& span) {
+    return (span.begin <= span.end * (V)(float)BOX_PAD) ? span.begin : (V)(float)LONGEST;
 }
 #endif
 } // namespace wrt

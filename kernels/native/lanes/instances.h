@@ -61,14 +61,17 @@ template<bool any_hit, class Placed> struct LoneRaysInInstances {
         r.id_before = r.best_instance < number    ? -1
                       : r.best_instance == number ? r.best.id
                                                   : wrt::NOTHING_HIT;
-        r.nearest = {r.best.t, 0.0f, 0.0f, r.id_before};
+        r.nearest = wrt::nothing_before(r.best.t, r.id_before);
         return true;
     }
     WRT_MEMBER bool branch(LoneInInstances& r) {
         if (r.nearest.id != r.id_before) {
-            r.best = r.nearest;
+            r.best.set(r.nearest.t, r.nearest.u, r.nearest.v, r.nearest.id);
             r.best_instance = r.instance;
         }
+#if defined(WRT_BOXES)
+        r.best.boxes.add(r.nearest.boxes.first, r.nearest.boxes.second, r.instance, r.nearest.boxes.id);
+#endif
         if (any_hit && r.best_instance != wrt::NOTHING_HIT) return false;
         const wrt::Tree upper = upper_tree(placed);
         const wrt::Stack stack = {r.upper_begins, r.upper_waiting, r.upper_top};
@@ -93,6 +96,7 @@ template<bool any_hit, class Placed> struct LoneRaysInInstances {
             r.best = r.nearest;
             r.best_instance = r.group->instances[r.number];
             r.id_before = r.nearest.id;
+            r.nearest.boxes.clear();
             r.upper_top = 0;
             r.world = r.group->rays.one(r.number);
             if (r.best.t >= 0.0f && branch(r)) return;
@@ -159,6 +163,10 @@ LANES_CALLED void visit_instance(
     wrt::row(group.rays.vs) = better ? wrt::row(rays.vs) : wrt::row(group.rays.vs);
     wrt::row(group.rays.ids) = better ? ids : wrt::row(group.rays.ids);
     wrt::row(group.instances) = better ? (ints)number : instances;
+#if defined(WRT_BOXES)
+    const auto& boxes = rays.boxes.all;
+    group.rays.boxes.all.add(boxes.first, boxes.second, (ints)number, boxes.id);
+#endif
 }
 template<bool any_hit, bool octants, class Placed>
 LANES_CALLED void follow_together(const Placed& placed, const wrt::Axes& axes, InstanceJourneys& group) {
@@ -194,18 +202,34 @@ LANES_CALLED void set_out(
 }
 
 // The hits of rays that are done, as of `wrt::closest_instance_hit`.
+#if defined(WRT_BOXES)
+typedef Vector<9, Floats> InstanceFound;
+#else
+typedef Vector<5, Floats> InstanceFound;
+#endif
 template<class Placed>
-LANES_CALLED Vector<5, Floats> found(const Placed& placed, const InstanceJourneys& group, const Floats t_max) {
+LANES_CALLED InstanceFound found(const Placed& placed, const InstanceJourneys& group, const Floats t_max) {
     const ints instances = wrt::row(group.instances), none = instances == wrt::NOTHING_HIT;
     ints triangles = -1;
     for (int n = 0; n < WIDTH; ++n)
         if (!none[n]) triangles[n] = group.rays.ids[n] + placed.instances.data[instances[n]].first_triangle;
-    Vector<5, Floats> found;
+    InstanceFound found;
     found.c[0].v = __builtin_bit_cast(floats, none ? (ints)-1 : instances);
     found.c[1].v = __builtin_bit_cast(floats, triangles);
     found.c[2].v = none ? t_max.v : wrt::row(group.rays.reach);
     found.c[3].v = wrt::row(group.rays.us);
     found.c[4].v = wrt::row(group.rays.vs);
+#if defined(WRT_BOXES)
+    const auto& boxes = group.rays.boxes.all;
+    const ints no_box = boxes.id == wrt::NOTHING_HIT;
+    ints numbers = -1;
+    for (int n = 0; n < WIDTH; ++n)
+        if (!no_box[n]) numbers[n] = boxes.id[n] + placed.instances.data[boxes.instance[n]].first_triangle;
+    found.c[5].v = __builtin_bit_cast(floats, no_box ? (ints)-1 : boxes.instance);
+    found.c[6].v = __builtin_bit_cast(floats, numbers);
+    found.c[7].v = boxes.first;
+    found.c[8].v = boxes.second;
+#endif
     return found;
 }
 } // namespace lanes

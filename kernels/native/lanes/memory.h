@@ -307,6 +307,11 @@ template<class E, class V> LANES_INLINE void move(Number<E, V>& to, const Number
     }
     for (; m.from; m.from &= m.from - 1, m.to &= m.to - 1) to.v[__builtin_ctz(m.to)] = x.v[__builtin_ctz(m.from)];
 }
+LANES_INLINE void move(Range& to, const Range& x, Move m) {
+    move(to.i, x.i, m);
+    move(to.end, x.end, m);
+    move(to.step, x.step, m);
+}
 LANES_INLINE void move(Mask& to, const Mask& x, Move m) {
     Ints numbers = to_int32(to);
     move(numbers, to_int32(x), m);

@@ -202,11 +202,15 @@ struct Pool {
                 ends[k] += __builtin_popcount(some);
             }
         }
+        const auto sorted_ray = [&](const int first) __attribute__((always_inline)) {
+            alignas(64) Ray ray;
+            for (int row = 0; row < RAY_ROWS; ++row)
+                ((lanes::ints*)&ray)[row] = *(const lanes::ints*)(sorted[row] + first);
+            return ray;
+        };
         for (int k = 0; k < 8; ++k) {
             for (int first = starts[k]; first < ends[k]; first += lanes::WIDTH) {
-                alignas(64) Ray ray;
-                for (int row = 0; row < RAY_ROWS; ++row)
-                    ((lanes::ints*)&ray)[row] = *(const lanes::ints*)(sorted[row] + first);
+                const Ray ray = sorted_ray(first);
                 Batch& batch = batches[count];
                 batch.group = -1;
                 batch.first = first;
@@ -219,7 +223,10 @@ struct Pool {
         RayQuery::follow(steps, traced, count);
         for (int i = 0; i < count; ++i) {
             const Batch& batch = batches[i];
-            const Answer answer = RayQuery::found(steps, traced[i], batch.reach, batch.exec);
+            const auto ray_of = [&]() __attribute__((always_inline)) {
+                return batch.group >= 0 ? RayQuery::ray(path(batch.group).steps) : sorted_ray(batch.first);
+            };
+            const Answer answer = RayQuery::found(steps, traced[i], ray_of, batch.reach, batch.exec);
             if (batch.group >= 0) {
                 RayQuery::answer(path(batch.group).steps) = answer;
                 continue;

@@ -50,8 +50,8 @@ template<class RayQuery, class Trees, bool any_hit> struct AskedTogether {
 
 // The nearest hit. The data of the triangles that were hit are prefetched.
 template<class RayQuery, class Trees> struct NearestTogether : AskedTogether<RayQuery, Trees, false> {
-    template<class Steps>
-    static auto found(const Steps& steps, const typename Trees::Traced& t, Floats reach, Mask exec) {
+    template<class Steps, class RayOf>
+    static auto found(const Steps& steps, const typename Trees::Traced& t, RayOf, Floats reach, Mask exec) {
         const auto& scene = RayQuery::scene(steps);
         const auto hits = RayQuery::as_hit(Trees::found(scene, t, reach), exec);
         if (scene.points.shape[0] > wrt::POINTS_IN_CACHE) LANES_EACH(l, exec) {
@@ -74,9 +74,18 @@ template<class RayQuery, class Trees> struct NearestTogether : AskedTogether<Ray
 
 // Whether there is any hit.
 template<class RayQuery, class Trees> struct AnyTogether : AskedTogether<RayQuery, Trees, true> {
-    template<class Steps>
-    static Ints found(const Steps& steps, const typename Trees::Traced& t, Floats reach, Mask) {
+    template<class Steps, class RayOf>
+    static Ints found(const Steps& steps, const typename Trees::Traced& t, RayOf, Floats reach, Mask) {
         return cast_int32(Trees::found(RayQuery::scene(steps), t, reach).c[0]);
+    }
+    template<class Steps> static void prepare(Steps&, Mask) {}
+};
+
+// Either, where the tree has boxes of distance functions.
+template<class RayQuery, class Trees, bool any_hit> struct SurfacesTogether : AskedTogether<RayQuery, Trees, any_hit> {
+    template<class Steps, class RayOf>
+    static auto found(const Steps& steps, const typename Trees::Traced& t, RayOf ray_of, Floats reach, Mask exec) {
+        return RayQuery::surface(steps, ray_of(), Trees::found(RayQuery::scene(steps), t, reach), exec);
     }
     template<class Steps> static void prepare(Steps&, Mask) {}
 };
@@ -89,7 +98,10 @@ template<class RayQuery, class Answer> struct AskedEach {
         t = RayQuery::ask(steps, ray, reach, exec);
     }
     template<class Steps> static void follow(const Steps&, Traced*, int) {}
-    template<class Steps> static Answer found(const Steps&, const Traced& t, Floats, Mask) { return t; }
+    template<class Steps, class RayOf>
+    static Answer found(const Steps&, const Traced& t, RayOf, Floats, Mask) {
+        return t;
+    }
     template<class Steps> static void prepare(Steps&, Mask) {}
 };
 } // namespace lanes

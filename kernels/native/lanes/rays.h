@@ -158,21 +158,32 @@ LANES_CALLED void set_out(
     }
 }
 
-// The hits of rays that are done: number, t, u and v.
-LANES_CALLED Vector<4, Floats> found(const Journeys& journeys, const Floats t_max) {
+// The hits of rays that are done, as of `wrt::found_of`.
+#if defined(WRT_BOXES)
+typedef Vector<7, Floats> Found;
+#else
+typedef Vector<4, Floats> Found;
+#endif
+LANES_CALLED Found found(const Journeys& journeys, const Floats t_max) {
     const Rays& a = journeys.rays;
     const ints id = wrt::row(a.ids);
-    Vector<4, Floats> found;
+    Found found;
     found.c[0].v = __builtin_bit_cast(floats, id == wrt::NOTHING_HIT ? (ints)-1 : id);
     found.c[1].v = id == wrt::NOTHING_HIT ? t_max.v : wrt::row(a.reach);
     found.c[2].v = wrt::row(a.us);
     found.c[3].v = wrt::row(a.vs);
+#if defined(WRT_BOXES)
+    const ints box = a.boxes.all.id;
+    found.c[4].v = __builtin_bit_cast(floats, box == wrt::NOTHING_HIT ? (ints)-1 : box);
+    found.c[5].v = a.boxes.all.first;
+    found.c[6].v = a.boxes.all.second;
+#endif
     return found;
 }
 
 // The lanes' `wrt::closest_hit`. All rays of `exec` have the same any_hit.
 template<class Bvh, class Corners, class Normals>
-LANES_CALLED Vector<4, Floats> closest_hit(
+LANES_CALLED Found closest_hit(
     const Bvh& bvh, const Corners& corners, const Normals& normals, const Vector<3, Floats>& origin,
     const Vector<3, Floats>& direction, Floats t_max, Mask any_hit_, Mask exec) {
     const bool any_hit = lane(any_hit_, __builtin_ctz(bits(exec) | 1u << (WIDTH - 1)));

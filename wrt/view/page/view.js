@@ -289,6 +289,8 @@ export function mount(root, link, { title = true } = {}) {
       if (message.camera && !drag && !due) state.camera = message.camera;
       Object.assign(state, { home: message.home, bounds: message.bounds, width: message.width, height: message.height });
       layer.value = message.settings.layer;
+      const listed = new Set([...integrator.options].map((option) => option.value));
+      for (const name of message.own_integrators) if (!listed.has(name)) integrator.append(...options({ [name]: name }));
       integrator.value = message.settings.integrator ?? "";
       integrator.options[0].textContent = message.integrator ? `Scene's own (${message.integrator})` : "Scene's own";
       if (document.activeElement !== depth) depth.value = message.settings.max_depth ?? "";
