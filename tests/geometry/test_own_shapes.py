@@ -313,6 +313,21 @@ def test_both_kernels_have_the_same_bits(pebble: Any, lanes: int) -> None:
     assert differences(room(*balls), lanes=lanes, layers=layers) == []
 
 
+@needs_lanes
+@pytest.mark.slow
+def test_both_kernels_have_the_same_bits_among_instances() -> None:
+    """Groups of rays go through the boxes and through instances that do not move; lone rays do, too."""
+    triangles = wrt.sphere((0, 0, 0), 0.4, subdivisions=4)
+    parts: list[tuple[Any, dict[str, Any]]] = []
+    for k in range(6):
+        at = np.array((0.9 * (k % 3) - 1.0, 0.7 * (k // 3), 0.3 * (k % 2)))
+        parts.append((OwnBall(0.5), {"material": wrt.Dielectric(), "transform": placed(at=at)}))
+        parts.append((triangles, {"material": wrt.Diffuse(0.7), "transform": placed(at=at + (0.2, 0.4, 0.3))}))
+    scene = room(*parts)
+    assert rendered(scene, 1, width=4, height=4)._kernel.features.instances == "still"
+    assert differences(scene) == []
+
+
 # --- Scenes and files --------------------------------------------------------------------------------
 
 
