@@ -171,7 +171,7 @@ def make_bsdf_at(features: Features) -> wp.Function:
     slot_value = _constant_value
     if features.textured:
         slot_value = make_slot_value(features.uv2_alpha, features.mipmapped, features.procedures)
-    if features.gpu or len(features.models) > MOST_LINKS:
+    if len(features.models) > (0 if features.gpu else MOST_LINKS):
         return _make_load_at_once(features.models, slot_value, in_loop=features.gpu)
     return _make_load(features.models, slot_value)
 
