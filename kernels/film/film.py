@@ -31,8 +31,8 @@ def is_finite_color(c: wp.vec3) -> bool:
 class FilmReading:
     """How a film is read, see `wrt/rendering/reading.py`.
 
-    `width` is that of the film, in pixels. The picture is `picture_width` wide and begins at the column `left` and the
-    row `top` of the film. `share` of a pixel's mean goes to each neighbour.
+    The film is `width` pixels wide. The picture is `picture_width` wide and begins at the column `left` and the row
+    `top` of the film. `share` of a pixel's mean goes to each neighbour.
     """
 
     width: int
@@ -40,6 +40,17 @@ class FilmReading:
     left: int
     top: int
     share: wp.float64
+
+
+@wp.func
+def _kept_share(share: wp.float64, place: int, length: int) -> wp.float64:
+    """Return the share of its mean that a pixel keeps in a row or column of `length` pixels."""
+    kept_share = wp.float64(1.0)
+    if place > 0:
+        kept_share -= share
+    if place < length - 1:
+        kept_share -= share
+    return kept_share
 
 
 @wp.func
@@ -56,15 +67,13 @@ def _mean_down(
     mean = _mean(total, count, pixel)
     if reading.share == wp.float64(0.0):
         return mean
-    own = wp.float64(1.0)
-    others = wp.vec3d()
+    height = count.shape[0] // reading.width
+    neighbours = wp.vec3d()
     if y > 0:
-        others += _mean(total, count, pixel - reading.width)
-        own -= reading.share
-    if y < count.shape[0] // reading.width - 1:
-        others += _mean(total, count, pixel + reading.width)
-        own -= reading.share
-    return others * reading.share + own * mean
+        neighbours += _mean(total, count, pixel - reading.width)
+    if y < height - 1:
+        neighbours += _mean(total, count, pixel + reading.width)
+    return neighbours * reading.share + _kept_share(reading.share, y, height) * mean
 
 
 @wp.func
@@ -86,15 +95,14 @@ def _variance_down(film: FilmData, reading: FilmReading, x: int, y: int) -> wp.v
     variance = _variance(film, pixel)
     if reading.share == wp.float64(0.0):
         return variance
-    own = wp.float64(1.0)
-    others = wp.vec3d()
+    height = film.count.shape[0] // reading.width
+    neighbours = wp.vec3d()
     if y > 0:
-        others += _variance(film, pixel - reading.width)
-        own -= reading.share
-    if y < film.count.shape[0] // reading.width - 1:
-        others += _variance(film, pixel + reading.width)
-        own -= reading.share
-    return others * (reading.share * reading.share) + (own * own) * variance
+        neighbours += _variance(film, pixel - reading.width)
+    if y < height - 1:
+        neighbours += _variance(film, pixel + reading.width)
+    kept_share = _kept_share(reading.share, y, height)
+    return neighbours * (reading.share * reading.share) + (kept_share * kept_share) * variance
 
 
 @wp.kernel(enable_backward=False)
@@ -109,26 +117,23 @@ def film_noise(
     row = first_row + wp.tid()
     mean = wp.float64(0.0)
     error = wp.float64(0.0)
-    before = wp.vec3d()
-    here = _variance_down(film, reading, 0, row)
+    previous = wp.vec3d()
+    current = _variance_down(film, reading, 0, row)
     for x in range(reading.width):
         pixel = row * reading.width + x
         n = wp.float64(film.count[pixel])
-        own = wp.float64(1.0)
-        after = wp.vec3d()
-        if x > 0:
-            own -= reading.share
+        following = wp.vec3d()
         if x < reading.width - 1:
-            own -= reading.share
-            after = _variance_down(film, reading, x + 1, row)
-        variance = (before + after) * (reading.share * reading.share) + (own * own) * here
+            following = _variance_down(film, reading, x + 1, row)
+        kept_share = _kept_share(reading.share, x, reading.width)
+        variance = (previous + following) * (reading.share * reading.share) + (kept_share * kept_share) * current
         if n > wp.float64(1.0):
             total = film.total[pixel]
             for c in range(3):
                 mean += total[c] / n
                 error += wp.sqrt(variance[c])
-        before = here
-        here = after
+        previous = current
+        current = following
     mean_out[row] = mean
     error_out[row] = error
 
@@ -147,15 +152,12 @@ def film_mean(
     y = reading.top + place // reading.picture_width
     mean = _mean_down(total, count, reading, x, y)
     if reading.share > wp.float64(0.0):
-        own = wp.float64(1.0)
-        others = wp.vec3d()
+        neighbours = wp.vec3d()
         if x > 0:
-            others += _mean_down(total, count, reading, x - 1, y)
-            own -= reading.share
+            neighbours += _mean_down(total, count, reading, x - 1, y)
         if x < reading.width - 1:
-            others += _mean_down(total, count, reading, x + 1, y)
-            own -= reading.share
-        mean = others * reading.share + own * mean
+            neighbours += _mean_down(total, count, reading, x + 1, y)
+        mean = neighbours * reading.share + _kept_share(reading.share, x, reading.width) * mean
     mean_out[place] = wp.vec3(float(mean[0]), float(mean[1]), float(mean[2]))
 
 

@@ -51,14 +51,14 @@ _LEAST_COSINE = wp.constant(1.0e-4)
 
 _CAUTION = wp.constant(0.95)
 _MOST_STRETCHED = wp.constant(2.0)
-"""Steps are this share of what would be right for a plane surface, and at most so many times the distance.
+"""Factor on the step that would be right for a plane surface, and the longest step over the distance.
 
 Evaluations are 0.79, 0.95 and 0.73 of those of plain steps for a ball, a rounded box and a Mandelbulb.
 """
 
 _FINE_STEPS = wp.constant(256)
 _STEPS_TO_DOUBLE = wp.constant(32)
-"""After so many steps, and then each time after so many more, the least step doubles: a ray ends after 750 steps."""
+"""The least step doubles after the first number of steps, and again each second number: a ray ends after 750."""
 
 _REFINEMENTS = wp.constant(6)
 

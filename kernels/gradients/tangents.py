@@ -56,7 +56,7 @@ class RayTangent:
 class PointTangent:
     """Derivatives of a point by an index: its place, the weights of two corners, normal and direction to the viewer.
 
-    `length` is that of the way from the point before.
+    `length` is the derivative of the distance to the point before.
     """
 
     position: wp.vec3
@@ -119,7 +119,7 @@ class IndexGradients(NamedTuple):
     Attributes:
         met: (scene, ray tangent, surface, hit, ray) -> PointTangent.
         dimmed: (sums, scene, stack, length, throughput, gradient): by the length of a way through the bodies `stack`,
-            whose derivative is `length`, from the derivatives of the loss by what shines at its end and by the
+            whose derivative is `length`, from the derivatives of the loss by the emission at its end and by the
             logarithm of the light that comes along.
         emitted: (sums, scene, surface, hit, moved, gradient): by what a surface emits, whose derivative is `gradient`.
         escaped: (sums, scene, ray tangent, ray, gradient): by the environment's radiance.

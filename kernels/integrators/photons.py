@@ -238,7 +238,7 @@ def make_depart(features: Features) -> wp.Function:
 
 @specialised()
 def make_follow_photon(features: Features) -> wp.Function:
-    """Return the device function that follows photon i of a set, and the result of which is how often it was stored.
+    """Return the device function that follows photon i of a set and returns how often the photon was stored.
 
     Its arguments are (scene, settings, photons_out, keys_out, departure, sampler, i).
     """

@@ -1,6 +1,6 @@
 """Sets of photons, each for a few samples of the pixels: sample i of any pixel gathers those of set i / `samples`.
 
-Where shapes move, each sample has a smaller set, whose time is that of the sample in all pixels: so light falls where
+Where shapes move, each sample has a smaller set, which shares the sample's time in all pixels: so light falls where
 things are. Times are as even as those of a pixel without photons. Several samples of one time would show a fast thing
 as coarsely as fewer samples do.
 
@@ -48,7 +48,7 @@ glass ball under a small lamp and of `still-life` are 1.43 and 0.52 %; 1.50 and 
 """
 
 PER_THREAD = 16
-"""Photons that a thread of the wide kernel is told to follow; those of the scalar kernel follow one each."""
+"""Photons for each thread of the wide kernel; a thread of the scalar kernel follows one."""
 
 SPEEDUP = 2.5
 """How much faster the wide kernel is than the scalar one: 2.1 to 3.0."""
@@ -113,7 +113,7 @@ class Photons:
         self.forget()
 
     def prepare(self, seconds_left: float, seconds: float) -> None:
-        """Have the wide kernel compiled if that pays, for a render of which `seconds` are over."""
+        """Have the wide kernel compiled if that saves time, `seconds` after the render began."""
         if seconds > 0.0:
             self.wide.prepare(seconds_left * min(self._seconds / seconds, 1.0), SPEEDUP)
 

@@ -75,15 +75,15 @@ class Reading:
         values = np.asarray(means, np.float64)
         for axis in (0, 1):
             rows = np.moveaxis(values, axis, 0)
-            own = np.full((len(rows), *(1,) * (rows.ndim - 1)), 1.0)
-            others = np.zeros_like(rows)
-            others[1:] += rows[:-1]
-            own[1:] -= self.share
-            others[:-1] += rows[1:]
-            own[:-1] -= self.share
-            others *= self.share**2 if squared else self.share
-            others += (own**2 if squared else own) * rows
-            values = np.moveaxis(others, 0, axis)
+            kept_shares = np.full((len(rows), *(1,) * (rows.ndim - 1)), 1.0)
+            blended = np.zeros_like(rows)
+            blended[1:] += rows[:-1]
+            kept_shares[1:] -= self.share
+            blended[:-1] += rows[1:]
+            kept_shares[:-1] -= self.share
+            blended *= self.share**2 if squared else self.share
+            blended += (kept_shares**2 if squared else kept_shares) * rows
+            values = np.moveaxis(blended, 0, axis)
         return values.astype(means.dtype, copy=False)
 
     def spread(self, d_image: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -31,8 +31,8 @@ def without_stages(function: ir.Function, module: ir.Module, *, splits_all: bool
     Args:
         function: The function.
         module: The functions that it may call.
-        splits_all: Whether the state must be replaced, as for a path function. Otherwise it is where that is possible,
-            and calls whose results nothing uses are left out.
+        splits_all: Whether the state must be replaced, as for a path function. Otherwise it is replaced wherever
+            possible, and calls whose results nothing uses are left out.
 
     Raises:
         Unsupported: A stage returns before its end, or the state is used as a whole although it must not be.
