@@ -6,7 +6,7 @@ import pytest
 import wrt
 from wrt.backend.device import Device
 from wrt.gradients.parameters import edited, places_of
-from wrt.gradients.places import Points
+from wrt.gradients.places import BendingIndex, Points
 from wrt.gradients.sums import DeviceSums
 from wrt.scene.materials import MATERIALS
 from wrt.upload.scene_data import SceneUpload
@@ -97,7 +97,14 @@ def assert_transposed(scene):
     # All are positive, or kinks where harmonics are cut off at 0 would count for much.
     sums = {name: rng.uniform(size=array.shape) for name, array in arrays.items()}
     places = {name: place for name, place in places_of(scene).items() if not isinstance(place, Points)}
-    gradients = {name: place.gradient(DeviceSums(built.values, built.data, sums)) for name, place in places.items()}
+    materials = built.values.materials
+    indices = {}
+    for place in places.values():
+        if isinstance(place, BendingIndex):
+            number = materials.number_of(place.material)
+            indices[number] = sums["slots"][materials.first_slots[number] + place.slot].sum()
+    device_sums = DeviceSums(built.values, built.data, sums, indices=indices)
+    gradients = {name: place.gradient(device_sums) for name, place in places.items()}
 
     def loss(name, value):
         built.values.change(edited(scene, {name: value}))

@@ -165,7 +165,7 @@ def test_nothing_is_tried_where_it_cannot_run(lacking, cache, renderer, monkeypa
         kernel = kernel_of(wrt.Renderer(wrt.load("cornell-box"), width=500, height=400))
         monkeypatch.setattr(wide, "MOST_BYTES", 24 * 500 * 400 - 1)
     elif lacking == "integrator":
-        kernel._features = dataclasses.replace(kernel._features, integrator="ao")
+        kernel._features = dataclasses.replace(kernel._features, integrator="aov")
     elif lacking == "switch":
         monkeypatch.setenv(SWITCH, "0")
     elif lacking == "cpu":
